@@ -40,6 +40,10 @@ pub enum BenchError {
     #[cfg(feature = "rapier")]
     #[error("Rapier took no multibody joint for body '{0}'; its tree has a loop or two parents")]
     Joint(String),
+    /// Rapier refused a convex hull.
+    #[cfg(feature = "rapier")]
+    #[error("Rapier takes no convex hull of shape '{0}'; use a box or a capsule in the comparison")]
+    Hull(String),
     /// The script that times MuJoCo or PyTorch does not exist.
     #[error(
         "no oracle script at '{0}'; run from the repository's root, name it with --oracle, or leave the comparison out"

@@ -61,7 +61,7 @@ impl MultibodyWorld {
         add_joints(&mut world, model, targets, &handles, &body_from_rapier)?;
         for shape in model.shapes() {
             let rapier_from_shape = body_from_rapier[shape.body.0].inverse() * shape.body_from_shape;
-            add_shape(&mut world, model, shape, &rapier_from_shape, handles[shape.body.0]);
+            add_shape(&mut world, model, shape, &rapier_from_shape, handles[shape.body.0])?;
         }
         set_state(&mut world, model, state, &handles);
         Ok(Self { world, filter: Filter { excluded: model.excluded().to_vec() }, handles, body_from_rapier })
@@ -189,12 +189,16 @@ fn add_shape(
     shape: &ShapeSpec,
     rapier_from_shape: &Isometry3<f64>,
     parent: RigidBodyHandle,
-) {
+) -> Result<(), BenchError> {
     let geometry = match shape.geometry {
         Geometry::HalfSpace => SharedShape::halfspace(Vector::Z),
         Geometry::Sphere { radius } => SharedShape::ball(radius),
         Geometry::Capsule { radius, half_length } => SharedShape::capsule_z(half_length, radius),
         Geometry::Cuboid { half_extents: half } => SharedShape::cuboid(half.x, half.y, half.z),
+        Geometry::Hull(ref hull) => {
+            let points: Vec<Vector> = hull.vertices().iter().map(vector).collect();
+            SharedShape::convex_hull(&points).ok_or_else(|| BenchError::Hull(shape.name.clone()))?
+        }
     };
     let filtered = model.excluded().iter().any(|(a, b)| *a == shape.body || *b == shape.body);
     let collider = ColliderBuilder::new(geometry)
@@ -205,6 +209,7 @@ fn add_shape(
         .user_data(shape.body.0 as u128)
         .active_hooks(if filtered { ActiveHooks::FILTER_CONTACT_PAIRS } else { ActiveHooks::empty() });
     world.colliders.insert_with_parent(collider, parent, &mut world.bodies);
+    Ok(())
 }
 
 /// Joint angles and speeds, rotor inertias, and none of Rapier's default joint damping.

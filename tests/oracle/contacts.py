@@ -9,14 +9,17 @@ from scene import numbers
 
 KINDS = ["plane", "sphere", "capsule", "box"]
 PER_PAIR = 30
+PER_HULL_PAIR = 15
+VERTICES = 12
 MARGIN = 0.02
 SCENE = """
 <mujoco>
+  <asset>{meshes}</asset>
   <worldbody>
-    <geom name="a" type="{a}" size="{size_a}" pos="{pos_a}" quat="{quat_a}" margin="{margin}" contype="1" conaffinity="1"/>
+    <geom name="a" type="{a}" {size_a} pos="{pos_a}" quat="{quat_a}" margin="{margin}" contype="1" conaffinity="1"/>
     <body pos="{pos_b}" quat="{quat_b}">
       <freejoint/>
-      <geom name="b" type="{b}" size="{size_b}" margin="{margin}" contype="1" conaffinity="1"/>
+      <geom name="b" type="{b}" {size_b} margin="{margin}" contype="1" conaffinity="1"/>
     </body>
   </worldbody>
 </mujoco>
@@ -25,22 +28,34 @@ SCENE = """
 
 def contacts():
     """Poses, and what MuJoCo finds: every contact, deepest first; normals point from a to b."""
-    rng = np.random.default_rng(24)
-    pairs = []
-    for i, a in enumerate(KINDS):
-        for b in KINDS[max(i, 1) :]:
-            found = list(islice((case for case in (try_pair(rng, a, b) for _ in count()) if case), PER_PAIR))
-            overlapping = sum(case["distance"] < 0 for case in found)
-            print(f"contacts: {a}-{b}: {len(found)} cases, {overlapping} overlap")
-            pairs += found
+    kinds = [(a, b) for i, a in enumerate(KINDS) for b in KINDS[max(i, 1) :]]
+    pairs = random_pairs(np.random.default_rng(24), kinds, PER_PAIR)
+    pairs += random_pairs(np.random.default_rng(25), [(a, "mesh") for a in [*KINDS, "mesh"]], PER_HULL_PAIR)
     return {"margin": MARGIN, "pairs": pairs}
+
+
+def random_pairs(rng, kinds, per_pair):
+    pairs = []
+    for a, b in kinds:
+        found = list(islice((case for case in (try_pair(rng, a, b) for _ in count()) if case), per_pair))
+        overlapping = sum(case["distance"] < 0 for case in found)
+        print(f"contacts: {a}-{b}: {len(found)} cases, {overlapping} overlap")
+        pairs += found
+    return pairs
+
+
+def random_size(rng, kind):
+    """The numbers of a geom's size; of a mesh, the hull of its vertices."""
+    if kind == "mesh":
+        return np.round(rng.uniform(-0.12, 0.12, 3 * VERTICES), 3)
+    return np.round(rng.uniform(0.02, 0.15, {"plane": 3, "sphere": 1, "capsule": 2, "box": 3}[kind]), 3)
 
 
 def try_pair(rng, a, b):
     """One random pair, or None when it does not come near enough."""
     shapes = {}
     for key, kind in (("a", a), ("b", b)):
-        size = np.round(rng.uniform(0.02, 0.15, {"plane": 3, "sphere": 1, "capsule": 2, "box": 3}[kind]), 3)
+        size = random_size(rng, kind)
         pos = np.round(rng.uniform(-0.2, 0.2, 3), 4)
         quat = random_rotation(rng)
         shapes[key] = {
@@ -50,8 +65,14 @@ def try_pair(rng, a, b):
             "quat": numbers(quat),
         }
     text = lambda values: " ".join(repr(v) for v in values)
-    fields = {f"{f}_{key}": text(s[f]) for key, s in shapes.items() for f in ("size", "pos", "quat")}
-    m = mujoco.MjModel.from_xml_string(SCENE.format(a=a, b=b, margin=MARGIN / 2, **fields))
+    fields = {f"{f}_{key}": text(s[f]) for key, s in shapes.items() for f in ("pos", "quat")}
+    meshes = ""
+    for key, shape in shapes.items():
+        fields[f"size_{key}"] = f'size="{text(shape["size"])}"'
+        if shape["kind"] == "mesh":
+            meshes += f'<mesh name="{key}" vertex="{text(shape["size"])}"/>'
+            fields[f"size_{key}"] = f'mesh="{key}"'
+    m = mujoco.MjModel.from_xml_string(SCENE.format(a=a, b=b, meshes=meshes, margin=MARGIN / 2, **fields))
     d = mujoco.MjData(m)
     mujoco.mj_fwdPosition(m, d)
     if d.ncon == 0 or not -0.01 < min(d.contact.dist) < 0.01:

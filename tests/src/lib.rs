@@ -10,7 +10,7 @@ pub mod programs;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Contact, Dynamics, Geometry, Input, ShapeSpec, State, StepReport, Wrench};
+use fiatlux_dynamics::{BodyId, Contact, Dynamics, Input, ShapeSpec, State, StepReport, Wrench};
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, Stream};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -43,13 +43,7 @@ pub fn scene(kind: SceneKind, seed: u64, gains: Gains) -> Arc<Scene> {
 fn lowest_point(shape: &ShapeSpec, world_from_body: &Isometry3<f64>) -> f64 {
     let world_from_shape = world_from_body * shape.body_from_shape;
     let down = world_from_shape.inverse_transform_vector(&-Vector3::z());
-    let reach = match shape.geometry {
-        Geometry::HalfSpace => f64::INFINITY,
-        Geometry::Sphere { radius } => radius,
-        Geometry::Capsule { radius, half_length } => radius + half_length * down.z.abs(),
-        Geometry::Cuboid { half_extents } => half_extents.dot(&down.abs()),
-    };
-    world_from_shape.translation.z - reach
+    world_from_shape.translation.z - shape.geometry.reach(&down)
 }
 
 /// One world with everything in reach.

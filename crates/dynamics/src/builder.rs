@@ -4,10 +4,11 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::check::{check_body, check_finite, check_shape};
 use crate::error::ModelError;
+use crate::geometry::Geometry;
 use crate::inverse_weights::inverse_weights;
 use crate::model::{Body, CullGroupPair, MAX_DOFS, Model, Node};
 use crate::parameters::{Inertial, InverseWeights, Parameters};
-use crate::spec::{BodyId, BodySpec, Geometry, Joint, ShapeId, ShapeSpec};
+use crate::spec::{BodyId, BodySpec, Joint, ShapeId, ShapeSpec};
 
 /// Collects bodies and shapes and checks them.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use nalgebra::SymmetricEigen;
 
 use crate::error::ModelError;
-use crate::spec::{BodySpec, Geometry, Joint, ShapeSpec};
+use crate::spec::{BodySpec, Joint, ShapeSpec};
 
 pub(crate) fn check_value(
     part: &'static str,
@@ -81,18 +81,8 @@ pub(crate) fn check_shape(spec: &ShapeSpec) -> Result<(), ModelError> {
     };
     check_finite("shape", &spec.name, "body_from_shape", spec.body_from_shape.translation.vector.as_slice())?;
     check_finite("shape", &spec.name, "body_from_shape", spec.body_from_shape.rotation.coords.as_slice())?;
-    match spec.geometry {
-        Geometry::HalfSpace => {}
-        Geometry::Sphere { radius } => positive("radius", radius)?,
-        Geometry::Capsule { radius, half_length } => {
-            positive("radius", radius)?;
-            positive("half_length", half_length)?;
-        }
-        Geometry::Cuboid { half_extents } => {
-            for &extent in half_extents.iter() {
-                positive("half_extents", extent)?;
-            }
-        }
+    for (field, size) in spec.geometry.sizes() {
+        positive(field, size)?;
     }
     check_friction(&spec.name, spec.material.friction)
 }

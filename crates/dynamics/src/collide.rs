@@ -2,26 +2,31 @@
 //! restarted from one recorded row.
 
 mod closed_form;
+mod nearest;
+mod polyhedra;
+
+use std::sync::Arc;
 
 use nalgebra::Matrix3;
-use parry3d_f64::math::{Mat3, Pose, Rotation, Vector};
+use parry3d_f64::math::Vector;
 use parry3d_f64::query::ContactManifold;
-use parry3d_f64::query::details::{contact_manifold_cuboid_cuboid, contact_support_map_support_map};
+use parry3d_f64::query::details::contact_manifold_cuboid_cuboid;
 use parry3d_f64::shape::Cuboid;
 
 use crate::contact::Contact;
 use crate::error::{ModelError, check_array};
+use crate::geometry::Geometry;
+use crate::hull::Hull;
 use crate::kinematics::Kinematics;
 use crate::model::{CullGroupPair, Model, State};
 use crate::spatial::V3;
-use crate::spec::{Geometry, Material, ShapeId};
-use closed_form::{Placed, Point};
+use crate::spec::{Material, ShapeId};
+use closed_form::{Placed, Point, box_distance};
+use nearest::{nearest, pose_between, vector};
+use polyhedra::HullScratch;
 
 /// Shapes nearer than this are contact candidates even at rest, m.
 const REST_MARGIN: f64 = 2e-3;
-/// Margin from which two boxes that do not overlap are asked for their nearest points, too, m. Slower ones cannot get deep into
-/// each other in a step.
-const FAST_MARGIN: f64 = 0.01;
 /// Most that speed may add to a pair's margin, m.
 const SPEED_MARGIN_MAX: f64 = 0.1;
 
@@ -62,9 +67,33 @@ pub(crate) struct Collider {
     /// For pairs of one tree: inflated by the speed relative to the root, so that a falling body stays small to itself.
     kin_bounds: Bounds,
     travel: Vec<Travel>,
-    manifold: ContactManifold<(), ()>,
+    scratch: Scratch,
     carriers: Vec<Carrier>,
     moving: Vec<Moving>,
+}
+
+/// What contacts of single pairs are worked out in.
+#[derive(Clone)]
+struct Scratch {
+    manifold: ContactManifold<(), ()>,
+    /// The hull of each shape that has one. Boxes have one only in a model with hulls, to meet them.
+    hulls: Vec<Option<Arc<Hull>>>,
+    hull: HullScratch,
+}
+
+impl Scratch {
+    fn new(model: &Model) -> Self {
+        let any = model.shapes.iter().any(|shape| matches!(shape.geometry, Geometry::Hull(_)));
+        let hull_of = |geometry: &Geometry| match geometry {
+            Geometry::Hull(hull) => Some(Arc::clone(hull)),
+            Geometry::Cuboid { half_extents } if any => Hull::cuboid(half_extents).map(Arc::new),
+            _ => None,
+        };
+        let mut manifold = ContactManifold::new();
+        manifold.points.reserve(64);
+        let hulls = model.shapes.iter().map(|shape| hull_of(&shape.geometry)).collect();
+        Self { manifold, hulls, hull: if any { HullScratch::new() } else { HullScratch::default() } }
+    }
 }
 
 /// Velocity of a shape's centre, and how much faster another of its points may be.
@@ -122,11 +151,10 @@ impl Collider {
             bounds: Bounds::new(model),
             kin_bounds: Bounds::new(model),
             travel: vec![Travel { velocity: V3::zeros(), spin_speed: 0.0 }; shapes],
-            manifold: ContactManifold::new(),
+            scratch: Scratch::new(model),
             carriers: Vec::new(),
             moving: Vec::new(),
         };
-        collider.manifold.points.reserve(64);
         for (index, shape) in model.shapes.iter().enumerate() {
             let rotation = *shape.body_from_shape.rotation.to_rotation_matrix().matrix();
             let position = shape.body_from_shape.translation.vector;
@@ -147,7 +175,7 @@ impl Collider {
                         collider.carriers.push(Carrier { body, root, cull_group, in_tree, shapes: at..at + 1 });
                     }
                 }
-                let (geometry, extent) = (shape.geometry, extent(&shape.geometry));
+                let (geometry, extent) = (shape.geometry.clone(), shape.geometry.radius());
                 collider.moving.push(Moving { shape: index, geometry, rotation, position, extent });
             }
         }
@@ -218,7 +246,7 @@ impl Collider {
                         let (x, y) = (&self.travel[a], &self.travel[b]);
                         let speed = (x.velocity - y.velocity).norm() + x.spin_speed + y.spin_speed;
                         let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
-                        collide_pair(model, materials, &self.placed, &mut self.manifold, a, b, margin, out);
+                        collide_pair(model, materials, &self.placed, &mut self.scratch, a, b, margin, out);
                     }
                 }
             }
@@ -253,8 +281,8 @@ impl Model {
         collider.update(&kin, 0.0);
         let mut found = Vec::new();
         for (a, b) in self.shape_pairs() {
-            let (placed, manifold) = (&collider.placed, &mut collider.manifold);
-            collide_pair(self, &self.nominal.materials, placed, manifold, a.0, b.0, margin, &mut found);
+            let (placed, scratch) = (&collider.placed, &mut collider.scratch);
+            collide_pair(self, &self.nominal.materials, placed, scratch, a.0, b.0, margin, &mut found);
         }
         Ok(found)
     }
@@ -262,17 +290,12 @@ impl Model {
 
 #[inline(always)]
 fn bounds_of(geometry: &Geometry, placed: &Placed, margin: f64) -> Aabb {
-    let half = match *geometry {
-        Geometry::HalfSpace => {
-            let up = placed.rotation[(2, 2)] == 1.0;
-            let top = if up { placed.position.z + margin } else { 1e30 };
-            return Aabb { min: V3::repeat(-1e30), max: V3::new(1e30, 1e30, top) };
-        }
-        Geometry::Sphere { radius } => V3::repeat(radius),
-        Geometry::Capsule { radius, half_length } => (placed.rotation.column(2) * half_length).abs().add_scalar(radius),
-        Geometry::Cuboid { half_extents } => placed.rotation.abs() * half_extents,
+    let Some([low, high]) = geometry.bounds(&placed.rotation) else {
+        let up = placed.rotation[(2, 2)] == 1.0;
+        let top = if up { placed.position.z + margin } else { 1e30 };
+        return Aabb { min: V3::repeat(-1e30), max: V3::new(1e30, 1e30, top) };
     };
-    Aabb { min: placed.position - half, max: placed.position + half }.inflated(margin)
+    Aabb { min: placed.position + low, max: placed.position + high }.inflated(margin)
 }
 
 fn grow(target: &mut Aabb, other: &Aabb) {
@@ -282,82 +305,86 @@ fn grow(target: &mut Aabb, other: &Aabb) {
     }
 }
 
-/// Farthest point of a geometry from its own frame's origin.
-pub(crate) fn extent(geometry: &Geometry) -> f64 {
-    match geometry {
-        Geometry::HalfSpace => 0.0,
-        Geometry::Sphere { radius } => *radius,
-        Geometry::Capsule { radius, half_length } => radius + half_length,
-        Geometry::Cuboid { half_extents } => half_extents.norm(),
-    }
-}
-
 fn collide_pair(
     model: &Model,
     materials: &[Material],
     placed: &[Placed],
-    manifold: &mut ContactManifold<(), ()>,
+    scratch: &mut Scratch,
     a: usize,
     b: usize,
     margin: f64,
     out: &mut Vec<Contact>,
 ) {
-    use Geometry::{Capsule, Cuboid as Box, HalfSpace, Sphere};
+    use Geometry::{Capsule, Cuboid as Box, HalfSpace, Hull, Sphere};
     let friction = materials[a].pair_friction(&materials[b]);
-    let push = |out: &mut Vec<Contact>, p: Point| {
+    let geometry = |shape: usize| &model.shapes[shape].geometry;
+    // Each pair of kinds is written once, in the order of the ranks.
+    let swapped = rank(geometry(a)) > rank(geometry(b));
+    let (first, second) = if swapped { (b, a) } else { (a, b) };
+    let push = &mut |point: Point| {
+        let point = if swapped { point.flipped() } else { point };
         out.push(Contact {
             shape_a: ShapeId(a),
             shape_b: ShapeId(b),
-            position: p.position,
-            normal: p.normal,
-            distance: p.distance,
+            position: point.position,
+            normal: point.normal,
+            distance: point.distance,
             friction,
             force: V3::zeros(),
         });
     };
-    let (pa, pb) = (&placed[a], &placed[b]);
-    let same = &mut |p: Point| push(out, p);
-    match (model.shapes[a].geometry, model.shapes[b].geometry) {
-        (Sphere { radius: ra }, Sphere { radius: rb }) => {
-            closed_form::ball_ball(pa.position, ra, pb.position, rb, margin, same);
+    let (pa, pb) = (&placed[first], &placed[second]);
+    match (geometry(first), geometry(second)) {
+        (HalfSpace, Hull(hull)) => polyhedra::half_space_hull(&mut scratch.hull, pa, (pb, hull), margin, push),
+        (HalfSpace, Box { half_extents }) => closed_form::half_space_box(pa, pb, half_extents, margin, push),
+        (HalfSpace, Sphere { radius }) => closed_form::half_space_ball(pa, pb.position, *radius, margin, push),
+        (HalfSpace, Capsule { radius, half_length }) => {
+            closed_form::half_space_capsule(pa, pb, *radius, *half_length, margin, push);
         }
-        (Sphere { radius: ra }, Capsule { radius, half_length }) => {
-            closed_form::ball_capsule(pa.position, ra, pb, radius, half_length, margin, same);
+        (Hull(_), Hull(_) | Box { .. }) => {
+            if let (Some(ha), Some(hb)) = (&scratch.hulls[first], &scratch.hulls[second]) {
+                polyhedra::hull_hull(&mut scratch.hull, (pa, ha), (pb, hb), margin, push);
+            }
         }
-        (Capsule { radius, half_length }, Sphere { radius: rb }) => {
-            closed_form::ball_capsule(pb.position, rb, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
+        (Hull(hull), Sphere { radius }) => {
+            closed_form::convex_ball(pa, |p| hull.distance(p), pb.position, *radius, margin, push);
         }
-        (Capsule { radius: ra, half_length: ha }, Capsule { radius: rb, half_length: hb }) => {
-            closed_form::capsule_capsule((pa, ra, ha), (pb, rb, hb), margin, same);
+        (Hull(hull), Capsule { radius, half_length }) => {
+            closed_form::convex_capsule(pa, |p| hull.distance(p), pb, *radius, *half_length, margin, push);
+        }
+        (Box { half_extents: ha }, Box { half_extents: hb }) => {
+            box_box(&mut scratch.manifold, (pa, ha), (pb, hb), margin, push);
         }
         (Box { half_extents }, Sphere { radius }) => {
-            closed_form::box_ball(pa, &half_extents, pb.position, radius, margin, same);
-        }
-        (Sphere { radius }, Box { half_extents }) => {
-            closed_form::box_ball(pb, &half_extents, pa.position, radius, margin, &mut |p| same(p.flipped()));
+            closed_form::convex_ball(pa, |p| box_distance(p, half_extents), pb.position, *radius, margin, push);
         }
         (Box { half_extents }, Capsule { radius, half_length }) => {
-            closed_form::box_capsule(pa, &half_extents, pb, radius, half_length, margin, same);
+            let distance = |p: &V3| box_distance(p, half_extents);
+            closed_form::convex_capsule(pa, distance, pb, *radius, *half_length, margin, push);
         }
-        (Capsule { radius, half_length }, Box { half_extents }) => {
-            closed_form::box_capsule(pb, &half_extents, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
+        (Sphere { radius: ra }, Sphere { radius: rb }) => {
+            closed_form::ball_ball(pa.position, *ra, pb.position, *rb, margin, push);
         }
-        (HalfSpace, Sphere { radius }) => closed_form::half_space_ball(pa, pb.position, radius, margin, same),
-        (Sphere { radius }, HalfSpace) => {
-            closed_form::half_space_ball(pb, pa.position, radius, margin, &mut |p| same(p.flipped()));
+        (Sphere { radius: ra }, Capsule { radius, half_length }) => {
+            closed_form::ball_capsule(pa.position, *ra, pb, *radius, *half_length, margin, push);
         }
-        (HalfSpace, Capsule { radius, half_length }) => {
-            closed_form::half_space_capsule(pa, pb, radius, half_length, margin, same);
+        (Capsule { radius: ra, half_length: ha }, Capsule { radius: rb, half_length: hb }) => {
+            closed_form::capsule_capsule((pa, *ra, *ha), (pb, *rb, *hb), margin, push);
         }
-        (Capsule { radius, half_length }, HalfSpace) => {
-            closed_form::half_space_capsule(pb, pa, radius, half_length, margin, &mut |p| same(p.flipped()));
-        }
-        (HalfSpace, Box { half_extents }) => closed_form::half_space_box(pa, pb, &half_extents, margin, same),
-        (Box { half_extents }, HalfSpace) => {
-            closed_form::half_space_box(pb, pa, &half_extents, margin, &mut |p| same(p.flipped()));
-        }
-        (Box { half_extents: ha }, Box { half_extents: hb }) => box_box(manifold, (pa, &ha), (pb, &hb), margin, same),
-        (HalfSpace, HalfSpace) => {}
+        // Half-spaces stand still, and the ranks rule out the rest.
+        _ => {}
+    }
+}
+
+/// Kinds of geometry in the order in which [`collide_pair`] takes them.
+#[inline(always)]
+fn rank(geometry: &Geometry) -> u8 {
+    match geometry {
+        Geometry::HalfSpace => 0,
+        Geometry::Hull(_) => 1,
+        Geometry::Cuboid { .. } => 2,
+        Geometry::Sphere { .. } => 3,
+        Geometry::Capsule { .. } => 4,
     }
 }
 
@@ -369,16 +396,8 @@ fn box_box(
     margin: f64,
     out: &mut impl FnMut(Point),
 ) {
-    let glam = |v: &V3| Vector::new(v.x, v.y, v.z);
-    let rotation = a.rotation.tr_mul(&b.rotation);
-    let translation = a.rotation.tr_mul(&(b.position - a.position));
-    let columns = Mat3::from_cols(
-        glam(&rotation.column(0).into_owned()),
-        glam(&rotation.column(1).into_owned()),
-        glam(&rotation.column(2).into_owned()),
-    );
-    let a_from_b = Pose { rotation: Rotation::from_mat3(&columns), translation: glam(&translation) };
-    let (box_a, box_b) = (Cuboid::new(glam(half_a)), Cuboid::new(glam(half_b)));
+    let (a_from_b, [half_a, half_b]) = (pose_between(a, b), [half_a, half_b].map(vector));
+    let (box_a, box_b) = (Cuboid::new(half_a), Cuboid::new(half_b));
     manifold.points.clear();
     manifold.local_n1 = Vector::ZERO;
     contact_manifold_cuboid_cuboid(&a_from_b, &box_a, &box_b, margin, manifold);
@@ -388,14 +407,8 @@ fn box_box(
         let on_a = a.position + world(point.local_p1);
         out(Point { position: on_a + normal * (0.5 * point.dist), normal, distance: point.dist });
     }
-    // Clipping along the best axis finds no point, or not the one that will meet, where the faces lie past each other: thin
-    // boxes as fast as kicking feet would be 40 mm deep in each other a step later.
     let apart = manifold.points.iter().all(|p| p.dist > 0.0) && manifold.local_n1 != Vector::ZERO;
-    if margin > FAST_MARGIN
-        && apart
-        && let Some(nearest) = contact_support_map_support_map(&a_from_b, &box_a, &box_b, margin)
-    {
-        let (on_a, normal) = (a.position + world(nearest.point1), world(nearest.normal1));
-        out(Point { position: on_a + normal * (0.5 * nearest.dist), normal, distance: nearest.dist });
+    if apart {
+        nearest(a, &a_from_b, &box_a, &box_b, margin, out);
     }
 }

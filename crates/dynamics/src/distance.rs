@@ -8,11 +8,12 @@ use parry3d_f64::query::details::{
 };
 use parry3d_f64::shape::{Cuboid, Segment, SupportMap};
 
-use crate::collide::extent;
+use crate::geometry::Geometry;
+use crate::hull::Hull;
 use crate::mechanics::Mechanics;
 use crate::model::Model;
 use crate::spatial::V3;
-use crate::spec::{Geometry, ShapeId};
+use crate::spec::ShapeId;
 
 /// Where two shapes are nearest to each other; where they overlap, how to part them by the shortest way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,21 +27,33 @@ pub struct Nearest {
 }
 
 /// A shape without its radius.
-enum Core {
+enum Core<'a> {
     Segment(Segment),
     Cuboid(Cuboid),
+    Hull(Corners<'a>),
 }
 
-impl Core {
+/// The corners of a hull, as parry asks for them.
+struct Corners<'a>(&'a Hull);
+
+impl SupportMap for Corners<'_> {
+    fn local_support_point(&self, direction: Vector) -> Vector {
+        let corner = self.0.support(&V3::new(direction.x, direction.y, direction.z));
+        Vector::new(corner.x, corner.y, corner.z)
+    }
+}
+
+impl<'a> Core<'a> {
     /// The core and the radius around it; none for a half-space.
-    fn of(geometry: &Geometry) -> Option<(Self, f64)> {
+    fn of(geometry: &'a Geometry) -> Option<(Self, f64)> {
         let segment =
             |half: f64| Core::Segment(Segment::new(Vector::new(0.0, 0.0, -half), Vector::new(0.0, 0.0, half)));
-        match *geometry {
+        match geometry {
             Geometry::HalfSpace => None,
-            Geometry::Sphere { radius } => Some((segment(0.0), radius)),
-            Geometry::Capsule { radius, half_length } => Some((segment(half_length), radius)),
+            Geometry::Sphere { radius } => Some((segment(0.0), *radius)),
+            Geometry::Capsule { radius, half_length } => Some((segment(*half_length), *radius)),
             Geometry::Cuboid { half_extents: h } => Some((Core::Cuboid(Cuboid::new(Vector::new(h.x, h.y, h.z))), 0.0)),
+            Geometry::Hull(hull) => Some((Core::Hull(Corners(hull)), 0.0)),
         }
     }
 
@@ -48,6 +61,7 @@ impl Core {
         match self {
             Core::Segment(segment) => segment,
             Core::Cuboid(cuboid) => cuboid,
+            Core::Hull(corners) => corners,
         }
     }
 
@@ -88,7 +102,7 @@ impl Mechanics {
                 above_plane(&plane, &core, &other, most).map(Nearest::reversed)
             }
             [Some(core_a), Some(core_b)] => {
-                let extent = |shape: ShapeId| extent(&model.shapes[shape.0].geometry);
+                let extent = |shape: ShapeId| model.shapes[shape.0].geometry.radius();
                 let center = |shape: ShapeId| {
                     let spec = &model.shapes[shape.0];
                     self.world_point(spec.body, &spec.body_from_shape.translation.vector)
@@ -131,7 +145,7 @@ impl Nearest {
 
 fn above_plane(
     plane: &Isometry3<f64>,
-    (core, radius): &(Core, f64),
+    (core, radius): &(Core<'_>, f64),
     other: &Isometry3<f64>,
     most: f64,
 ) -> Option<Nearest> {
@@ -144,8 +158,8 @@ fn above_plane(
 
 fn between(
     [a, b]: [Isometry3<f64>; 2],
-    (core_a, radius_a): (Core, f64),
-    (core_b, radius_b): (Core, f64),
+    (core_a, radius_a): (Core<'_>, f64),
+    (core_b, radius_b): (Core<'_>, f64),
     most: f64,
 ) -> Option<Nearest> {
     let a_from_b = a.inv_mul(&b);

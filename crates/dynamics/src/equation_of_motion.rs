@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 use crate::kinematics::Kinematics;
 use crate::model::Model;
 use crate::parameters::Parameters;
+use crate::row_set::RowSet;
 use crate::spatial::{Force, Inertia, Motion, Sym3, V3, Wrench};
 use crate::spec::{BodyId, Joint};
 
@@ -56,14 +57,14 @@ impl EquationOfMotion {
 
     /// Computes all for a configuration and the velocity that it was given with. Rows of free twigs hold their diagonal
     /// alone.
-    pub fn update(
+    pub fn update<const W: usize>(
         &mut self,
         model: &Model,
         parameters: &Parameters,
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
-        free_twigs: u128,
+        free_twigs: RowSet<W>,
     ) {
         for index in 1..model.bodies.len() {
             let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
@@ -148,7 +149,7 @@ impl EquationOfMotion {
         }
     }
 
-    fn update_mass_matrix(&mut self, model: &Model, kin: &Kinematics, free_twigs: u128) {
+    fn update_mass_matrix<const W: usize>(&mut self, model: &Model, kin: &Kinematics, free_twigs: RowSet<W>) {
         self.inertia.copy_from_slice(&self.own);
         for index in (1..model.bodies.len()).rev() {
             let node = &model.nodes[index];
@@ -160,7 +161,7 @@ impl EquationOfMotion {
             let free_root = model.nodes[node.root].is_free;
             for dof in node.dofs() {
                 let momentum = inertia.apply(&kin.axes[dof]);
-                if free_twigs >> dof & 1 == 1 {
+                if free_twigs.contains(dof) {
                     self.axis_momentum[dof] = momentum;
                     self.mass_matrix[model.diagonal(dof)] = kin.axes[dof].dot(&momentum) + self.armature[dof];
                     continue;

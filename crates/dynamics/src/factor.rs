@@ -2,18 +2,19 @@
 //! roots it fills in only where contact couples two branches.
 
 use crate::model::Model;
+use crate::row_set::RowSet;
 
 /// Lower triangle. A row holds its nonzero columns packed, the diagonal last. Along a branch without couplings the columns of
 /// a row begin with those of each row that it is passed on to, so that elimination runs through memory.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor {
+pub(crate) struct Factor<const W: usize> {
     n: usize,
     values: Vec<f64>,
     inverse_diagonal: Vec<f64>,
     /// Columns below the diagonal that each row holds in a tree without couplings.
-    tree_pattern: Vec<u128>,
+    tree_pattern: Vec<RowSet<W>>,
     /// The same with this step's couplings and their fill-in.
-    pattern: Vec<u128>,
+    pattern: Vec<RowSet<W>>,
     rows: PatternRows,
     /// Rows as they were when they were last kept.
     kept: Vec<f64>,
@@ -63,7 +64,7 @@ impl Rows {
         &self.runs[self.first_run[row] as usize..self.first_run[row + 1] as usize]
     }
 
-    fn rebuild(&mut self, pattern: &[u128]) {
+    fn rebuild<const W: usize>(&mut self, pattern: &[RowSet<W>]) {
         self.start.clear();
         self.columns.clear();
         self.runs.clear();
@@ -71,15 +72,12 @@ impl Rows {
         self.start.push(0);
         self.first_run.push(0);
         for (row, &bits) in pattern.iter().enumerate() {
-            let (mut rest, mut shift) = (bits, 0);
-            while rest != 0 {
-                let zeros = rest.trailing_zeros();
-                let ones = (rest >> zeros).trailing_ones();
-                let run = ((shift + zeros) as u16, (shift + zeros + ones) as u16);
+            let mut from = 0;
+            while let Some(run) = bits.run_from(from) {
+                from = run.end;
+                let run = (run.start as u16, run.end as u16);
                 self.runs.push(run);
                 self.columns.extend(run.0..run.1);
-                shift += zeros + ones;
-                rest = if shift == 128 { 0 } else { bits >> shift };
             }
             self.columns.push(row as u16);
             self.start.push(self.columns.len() as u32);
@@ -88,13 +86,13 @@ impl Rows {
     }
 }
 
-impl Factor {
+impl<const W: usize> Factor<W> {
     pub fn new(model: &Model) -> Self {
         let n = model.nv;
-        let mut tree_pattern = vec![0_u128; n];
+        let mut tree_pattern = vec![RowSet::EMPTY; n];
         for (dof, &body) in model.dof_body.iter().enumerate() {
             for &other in model.chains[body].iter().filter(|&&d| usize::from(d) < dof) {
-                tree_pattern[dof] |= 1 << other;
+                tree_pattern[dof].insert(usize::from(other));
             }
         }
         let (mut tree, coupled) = (Rows::new(n), Rows::new(n));
@@ -119,9 +117,9 @@ impl Factor {
     }
 
     /// Notes that all degrees of freedom in the bit set are coupled with each other.
-    pub fn couple(&mut self, dofs: u128) {
-        for dof in ones(dofs) {
-            self.pattern[dof] |= dofs & ((1 << dof) - 1);
+    pub fn couple(&mut self, dofs: RowSet<W>) {
+        for dof in dofs {
+            self.pattern[dof] |= dofs & RowSet::below(dof);
         }
         self.rows.is_coupled = true;
     }
@@ -133,29 +131,27 @@ impl Factor {
         }
         for row in (0..self.n).rev() {
             let bits = self.pattern[row];
-            if bits != 0 {
-                let top = 127 - bits.leading_zeros();
-                self.pattern[top as usize] |= bits & ((1 << top) - 1);
+            if let Some(top) = bits.last() {
+                self.pattern[top] |= bits & RowSet::below(top);
             }
         }
         self.rows.coupled.rebuild(&self.pattern);
     }
 
     /// The rows that hold a change of any of `rows` after elimination: these, and all that elimination passes it on to.
-    pub fn reached_from(&self, rows: u128) -> u128 {
+    pub fn reached_from(&self, rows: RowSet<W>) -> RowSet<W> {
         let (mut reached, mut rest) = (rows, rows);
-        while rest != 0 {
-            let row = 127 - rest.leading_zeros();
-            reached |= self.pattern[row as usize];
-            rest = reached & ((1 << row) - 1);
+        while let Some(row) = rest.last() {
+            reached |= self.pattern[row];
+            rest = reached & RowSet::below(row);
         }
         reached
     }
 
     /// Starts rows from a matrix in the trees' pattern, packed as [`Model`] says.
-    pub fn load(&mut self, matrix: &[f64], rows: u128) {
+    pub fn load(&mut self, matrix: &[f64], rows: RowSet<W>) {
         let (tree, in_force) = (&self.rows.tree, self.rows.in_force());
-        for row in ones(rows) {
+        for row in rows {
             let (from, to) = (tree.range(row), in_force.range(row));
             let (source, target) = (&matrix[from.clone()], &mut self.values[to.clone()]);
             if from.len() == to.len() {
@@ -171,12 +167,12 @@ impl Factor {
     }
 
     /// Remembers rows as they are.
-    pub fn keep(&mut self, rows: u128) {
+    pub fn keep(&mut self, rows: RowSet<W>) {
         copy_rows(self.rows.in_force(), rows, &self.values, &mut self.kept);
     }
 
     /// Takes rows back to what they were when they were kept.
-    pub fn restore(&mut self, rows: u128) {
+    pub fn restore(&mut self, rows: RowSet<W>) {
         copy_rows(self.rows.in_force(), rows, &self.kept, &mut self.values);
     }
 
@@ -206,13 +202,12 @@ impl Factor {
 
     /// Eliminates rows. Whatever they pass on goes to rows that are eliminated with them or later. False if a pivot is not
     /// positive: the matrix was not positive definite.
-    pub fn eliminate(&mut self, rows: u128) -> bool {
+    pub fn eliminate(&mut self, rows: RowSet<W>) -> bool {
         let mut positive = true;
         let in_force = self.rows.in_force();
         let mut rest = rows;
-        while rest != 0 {
-            let k = 127 - rest.leading_zeros() as usize;
-            rest &= !(1 << k);
+        while let Some(k) = rest.last() {
+            rest.remove(k);
             let range = in_force.range(k);
             let columns = &in_force.columns[range.clone()];
             let below = range.len() - 1;
@@ -220,10 +215,10 @@ impl Factor {
             let parent = k.wrapping_sub(1);
             let two = below > 0
                 && usize::from(columns[below - 1]) == parent
-                && rest >> parent & 1 == 1
+                && rest.contains(parent)
                 && in_force.range(parent).len() == below;
             if two {
-                rest &= !(1 << parent);
+                rest.remove(parent);
                 let (above, both) = self.values.split_at_mut(range.start - below);
                 let (next, row) = both.split_at_mut(below);
                 let row = &mut row[..=below];
@@ -274,9 +269,9 @@ impl Factor {
     }
 
     /// Solves for the rows of `x` in place; no other row is coupled with them.
-    pub fn solve(&self, x: &mut [f64], rows: u128) {
+    pub fn solve(&self, x: &mut [f64], rows: RowSet<W>) {
         let in_force = self.rows.in_force();
-        for k in ones(rows).rev() {
+        for k in rows.into_iter().rev() {
             let (head, tail) = x.split_at_mut(k);
             let value = tail[0];
             let mut entries = &self.values[in_force.range(k)];
@@ -288,7 +283,7 @@ impl Factor {
             }
             tail[0] *= self.inverse_diagonal[k];
         }
-        for k in ones(rows) {
+        for k in rows {
             let mut value = x[k];
             let mut entries = &self.values[in_force.range(k)];
             for &(start, end) in in_force.runs(k) {
@@ -322,38 +317,8 @@ impl<'a> Places<'a> {
     }
 }
 
-/// Indices of the ones of a bit set, ascending.
-pub(crate) fn ones(bits: u128) -> impl DoubleEndedIterator<Item = usize> {
-    Ones(bits)
-}
-
-struct Ones(u128);
-
-impl Iterator for Ones {
-    type Item = usize;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        let first = self.0.trailing_zeros();
-        self.0 &= self.0.wrapping_sub(1);
-        (first < 128).then_some(first as usize)
-    }
-}
-
-impl DoubleEndedIterator for Ones {
-    #[inline(always)]
-    fn next_back(&mut self) -> Option<usize> {
-        let zeros = self.0.leading_zeros();
-        (zeros < 128).then(|| {
-            let last = 127 - zeros;
-            self.0 &= !(1 << last);
-            last as usize
-        })
-    }
-}
-
-fn copy_rows(in_force: &Rows, rows: u128, from: &[f64], to: &mut [f64]) {
-    for row in ones(rows) {
+fn copy_rows<const W: usize>(in_force: &Rows, rows: RowSet<W>, from: &[f64], to: &mut [f64]) {
+    for row in rows {
         let range = in_force.range(row);
         to[range.clone()].copy_from_slice(&from[range]);
     }

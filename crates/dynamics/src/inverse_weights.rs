@@ -5,6 +5,7 @@ use crate::factor::Factor;
 use crate::kinematics::Kinematics;
 use crate::model::Model;
 use crate::parameters::{InverseWeights, Parameters};
+use crate::row_set::{MAX_WORDS, RowSet};
 use crate::spatial::{Force, V3};
 
 /// Step for which the drives' share of the inverse inertia is taken, s.
@@ -17,9 +18,9 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     let mut kin = Kinematics::new(model);
     kin.update(model, &model.reference_state());
     let mut equation = EquationOfMotion::new(model);
-    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], 0);
-    let mut factor = Factor::new(model);
-    let rows = u128::MAX >> (128 - model.nv);
+    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], RowSet::<1>::EMPTY);
+    let mut factor = Factor::<MAX_WORDS>::new(model);
+    let rows = RowSet::below(model.nv);
     factor.load(&equation.mass_matrix, rows);
     for (body, drive) in &parameters.drives {
         let dof = model.bodies[body.0].dof_start;

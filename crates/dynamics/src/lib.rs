@@ -51,7 +51,8 @@
 //! 2. *Dynamics*: bias forces `c` by the recursive Newton-Euler algorithm and the mass matrix `M` by composite rigid bodies
 //!    \[1\], rotor inertias on its diagonal.
 //! 3. *Collision*: bounding boxes of cull groups of shapes, then of shapes, then contact points: closed forms for balls,
-//!    capsules, boxes and half-spaces, parry's face clipping for two boxes. Margins grow with speed, up to 0.1 m,
+//!    capsules, boxes and half-spaces, parry's face clipping for two boxes, separating axes and clipped faces for convex
+//!    hulls. Margins grow with speed, up to 0.1 m,
 //!    so that a fast body meets a surface in the step in which it would pass it.
 //! 4. *Solve*: the next velocity minimises one convex function
 //!
@@ -93,6 +94,8 @@ mod distance;
 mod equation_of_motion;
 mod error;
 mod factor;
+mod geometry;
+mod hull;
 mod input;
 mod inverse_weights;
 mod joint_forces;
@@ -100,6 +103,8 @@ mod kinematics;
 mod mechanics;
 mod model;
 mod parameters;
+mod row_set;
+mod solid;
 mod solve;
 mod spatial;
 mod spec;
@@ -111,11 +116,14 @@ pub use contact::Contact;
 pub use distance::Nearest;
 pub use error::{ModelError, check_array};
 pub use factor::dot;
+pub use geometry::Geometry;
+pub use hull::{Hull, MAX_VERTICES};
 pub use input::Input;
 pub use mechanics::{Mechanics, Site};
 pub use model::{Body, MAX_DOFS, Model, State};
+pub use solid::Solid;
 pub use solve::StepReport;
 pub use spatial::{Velocity, Wrench};
-pub use spec::{BodyId, BodySpec, Drive, Geometry, Hinge, Joint, Material, ShapeId, ShapeSpec};
+pub use spec::{BodyId, BodySpec, Drive, Hinge, Joint, Material, ShapeId, ShapeSpec};
 pub use step::Dynamics;
 pub use variation::{BodyVariation, DriveVariation, PreparedVariation, Variation};

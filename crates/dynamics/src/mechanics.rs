@@ -8,6 +8,7 @@ use crate::equation_of_motion::EquationOfMotion;
 use crate::kinematics::Kinematics;
 use crate::model::{Model, State};
 use crate::parameters::Parameters;
+use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion, V3, Velocity};
 use crate::spec::{BodyId, Drive};
 use crate::variation::PreparedVariation;
@@ -87,7 +88,7 @@ impl Mechanics {
     pub fn update_equation(&mut self, model: &Model, state: &State) {
         self.kin.update(model, state);
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
-        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, 0);
+        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, RowSet::<1>::EMPTY);
     }
 
     /// Pose of a body.

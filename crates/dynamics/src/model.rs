@@ -3,10 +3,11 @@
 use nalgebra::{Isometry3, Vector3};
 
 use crate::parameters::Parameters;
+use crate::row_set::MAX_WORDS;
 use crate::spec::{BodyId, BodySpec, Drive, Joint, ShapeSpec};
 
-/// A state's `nv` may be at most this: rows of the factor are tracked as bits of one `u128`.
-pub const MAX_DOFS: usize = 128;
+/// A state's `nv` may be at most this: enough for a robot and 32 free bodies. Rows of the factor are tracked as bits.
+pub const MAX_DOFS: usize = 128 * MAX_WORDS;
 
 /// A body of a finished model.
 #[derive(Debug, Clone)]

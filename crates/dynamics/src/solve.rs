@@ -15,6 +15,7 @@ use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
 use crate::model::{Model, State};
 use crate::parameters::Parameters;
+use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
 use body_pair::{BodyPair, force_of};
@@ -34,8 +35,9 @@ const MORE_CAUTION: f64 = 30.0;
 const LESS_CAUTION: f64 = 0.1;
 const CAUTION_MIN: f64 = 1e-3;
 
-/// Contact points for which memory is kept from the start.
-const CONTACTS_EXPECTED: usize = 128;
+/// Contact points for which memory is kept from the start: at least the first number, or the second for each body that moves
+/// by itself.
+const CONTACTS_EXPECTED: [usize; 2] = [128, 20];
 /// Gap up to which a contact point without load counts as touching in a report, m.
 const TOUCHING: f64 = 5e-4;
 
@@ -69,11 +71,11 @@ pub struct StepReport {
 }
 
 #[derive(Debug, Clone)]
-pub(crate) struct Solver {
-    factor: Factor,
-    twigs: Twigs,
-    islands: Islands,
-    pairs: Vec<BodyPair>,
+pub(crate) struct Solver<const W: usize> {
+    factor: Factor<W>,
+    twigs: Twigs<W>,
+    islands: Islands<W>,
+    pairs: Vec<BodyPair<W>>,
     points: Vec<Point>,
     /// -1 where the two bodies of the caller's contact are swapped, so that b moves; otherwise 1.
     normal_sign: Vec<f64>,
@@ -97,26 +99,27 @@ pub(crate) struct Solver {
     /// What drives, limits and locks add to the Hessian's diagonal.
     diagonal: Vec<f64>,
     /// Rows for which the Hessian has been factorised.
-    begun: u128,
+    begun: RowSet<W>,
     /// Rows whose stiffness has been the same in every iteration, and all that hangs on them: they are eliminated first,
     /// and once.
-    settled: u128,
+    settled: RowSet<W>,
     /// The diagonal that they were eliminated with.
     settled_diagonal: Vec<f64>,
 }
 
-impl Solver {
+impl<const W: usize> Solver<W> {
     pub fn new(model: &Model) -> Self {
         let zeros = || vec![0.0; model.nv];
+        let contacts = contacts_expected(model);
         Self {
             factor: Factor::new(model),
             twigs: Twigs::new(model),
-            islands: Islands::new(model, CONTACTS_EXPECTED),
-            pairs: Vec::with_capacity(CONTACTS_EXPECTED),
-            points: Vec::with_capacity(CONTACTS_EXPECTED),
-            normal_sign: Vec::with_capacity(CONTACTS_EXPECTED),
-            column_dof: Vec::with_capacity(CONTACTS_EXPECTED * 24),
-            columns: Vec::with_capacity(CONTACTS_EXPECTED * 24),
+            islands: Islands::new(model, contacts),
+            pairs: Vec::with_capacity(contacts),
+            points: Vec::with_capacity(contacts),
+            normal_sign: Vec::with_capacity(contacts),
+            column_dof: Vec::with_capacity(contacts * 24),
+            columns: Vec::with_capacity(contacts * 24),
             drives: Vec::with_capacity(model.nv),
             limits: Vec::with_capacity(model.nv),
             velocity: zeros(),
@@ -129,14 +132,14 @@ impl Solver {
             mass_direction: zeros(),
             caution: 0.0,
             diagonal: zeros(),
-            begun: 0,
-            settled: 0,
+            begun: RowSet::EMPTY,
+            settled: RowSet::EMPTY,
             settled_diagonal: zeros(),
         }
     }
 
     /// Finds the twigs that none of these contacts can load; the mass matrix of the problem may leave their rows out.
-    pub fn find_free_twigs(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
+    pub fn find_free_twigs(&mut self, model: &Model, contacts: &[Contact]) -> RowSet<W> {
         self.twigs.find_free(model, contacts)
     }
 
@@ -153,7 +156,7 @@ impl Solver {
             *weight = 1.0 / equation.mass_matrix[model.diagonal(dof)];
         }
         self.momentum_change.fill(0.0);
-        (self.begun, self.settled) = (0, 0);
+        (self.begun, self.settled) = (RowSet::EMPTY, RowSet::EMPTY);
         self.momentum.copy_from_slice(&equation.momentum);
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
@@ -182,7 +185,7 @@ impl Solver {
     }
 
     /// Whether the minimum is reached, and the iterations that it took.
-    fn minimise_island(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> (bool, u32) {
+    fn minimise_island(&mut self, problem: &Problem<'_>, island: &Island<W>, tolerance: f64) -> (bool, u32) {
         let mut iterations = 0;
         self.caution = 0.0;
         let mut done = self.gradient(problem, island, tolerance);
@@ -300,13 +303,13 @@ impl Solver {
     }
 
     /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom; says which.
-    fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) -> u128 {
+    fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) -> RowSet<W> {
         let (chain_a, chain_b) = (&model.chains[a], &model.chains[b]);
         // What moves both bodies moves neither against the other.
         let shared = chain_a.iter().zip(chain_b).take_while(|(x, y)| x == y).count();
         let (mut rest_a, mut rest_b) = (&chain_a[shared..], &chain_b[shared..]);
         let shift = origin - kin.origin[a];
-        let mut dofs = 0_u128;
+        let mut dofs = RowSet::EMPTY;
         loop {
             let from_a = match (rest_a.first(), rest_b.first()) {
                 (None, None) => break,
@@ -325,7 +328,7 @@ impl Solver {
             };
             self.columns.push(column);
             self.column_dof.push(dof);
-            dofs |= 1 << dof;
+            dofs.insert(dof.into());
         }
         if chain_a.len() > shared && chain_b.len() > shared {
             self.factor.couple(dofs);
@@ -334,7 +337,7 @@ impl Solver {
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.
-    fn gradient(&mut self, problem: &Problem<'_>, island: &Island, tolerance: f64) -> bool {
+    fn gradient(&mut self, problem: &Problem<'_>, island: &Island<W>, tolerance: f64) -> bool {
         let &Problem { equation, input, dt, .. } = problem;
         for run in &island.dofs {
             self.constraint[run.clone()].fill(0.0);
@@ -396,7 +399,7 @@ impl Solver {
     }
 
     /// Newton's direction; false if the Hessian is not positive definite, which only numbers out of range can cause.
-    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+    fn newton_direction(&mut self, problem: &Problem<'_>, island: &Island<W>) -> bool {
         if !self.factorise(problem, island) {
             return false;
         }
@@ -432,7 +435,7 @@ impl Solver {
         true
     }
 
-    fn advance(&mut self, island: &Island, step: f64) {
+    fn advance(&mut self, island: &Island<W>, step: f64) {
         for run in &island.dofs {
             for dof in run.clone() {
                 self.velocity[dof] += step * self.direction[dof];
@@ -445,4 +448,10 @@ impl Solver {
             }
         }
     }
+}
+
+/// Contact points of a step for which memory is kept.
+pub(crate) fn contacts_expected(model: &Model) -> usize {
+    let [least, each] = CONTACTS_EXPECTED;
+    least.max(each * model.nodes.iter().skip(1).filter(|node| node.is_free).count())
 }

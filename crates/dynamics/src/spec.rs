@@ -4,6 +4,8 @@ use std::cmp::Ordering;
 
 use nalgebra::{Isometry3, Matrix3, UnitVector3, Vector3};
 
+use crate::geometry::Geometry;
+
 /// Index of a body; 0 is the world, which never moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct BodyId(pub usize);
@@ -78,30 +80,6 @@ pub struct BodySpec {
     pub com: Vector3<f64>,
     /// Inertia about the centre of mass, body axes, kg m^2.
     pub inertia: Matrix3<f64>,
-}
-
-/// A collision shape's geometry, about its own frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Geometry {
-    /// All points with z below 0; only on the world.
-    HalfSpace,
-    /// A ball about the origin of the shape's frame.
-    Sphere {
-        /// Radius of the ball, m.
-        radius: f64,
-    },
-    /// A segment of length `2 half_length` along z, thickened by `radius`.
-    Capsule {
-        /// Radius of the caps and of the cylinder between them, m.
-        radius: f64,
-        /// Half the length of the segment between the two cap centres, m.
-        half_length: f64,
-    },
-    /// A box that is centred on the origin of the shape's frame.
-    Cuboid {
-        /// Half the length of each edge along x, y and z, m.
-        half_extents: Vector3<f64>,
-    },
 }
 
 /// Coulomb friction of a surface.

@@ -11,7 +11,8 @@ use crate::input::Input;
 use crate::kinematics::integrate;
 use crate::mechanics::Mechanics;
 use crate::model::{Model, State};
-use crate::solve::{Problem, Solver, StepReport, TOLERANCE};
+use crate::row_set::MAX_WORDS;
+use crate::solve::{Problem, Solver, StepReport, TOLERANCE, contacts_expected};
 use crate::spatial::Velocity;
 use crate::spec::BodyId;
 use crate::variation::{PreparedVariation, Variation};
@@ -24,6 +25,8 @@ const SUBSTEPS_MAX: u32 = 32;
 /// Turning rate from which the bias force is taken at the mean velocity of the substep, rad/s. Below, what that changes is
 /// lost in the damping of the drives.
 const MEAN_BIAS_RATE: f64 = 4.0;
+/// Most degrees of freedom whose sets fit in one word.
+const NARROW_DOFS: usize = 128;
 /// Residual at which the first solve gives the velocity that the bias force is taken at.
 const FIRST_TOLERANCE: f64 = 1e-2;
 
@@ -31,28 +34,47 @@ const FIRST_TOLERANCE: f64 = 1e-2;
 /// was stepped before.
 #[derive(Debug, Clone)]
 pub struct Dynamics {
-    mechanics: Mechanics,
-    collider: Collider,
-    solver: Solver,
-    contacts: Vec<Contact>,
-    efforts: Vec<f64>,
-    mean_velocity: Vec<f64>,
+    stepper: Stepper,
+    solver: AnySolver,
     /// Square of each body's turning rate.
     turning: Vec<f64>,
     /// The state at the start of the step, for a second try.
     before: State,
 }
 
+/// All that one substep writes but the solver's memory.
+#[derive(Debug, Clone)]
+struct Stepper {
+    mechanics: Mechanics,
+    collider: Collider,
+    contacts: Vec<Contact>,
+    efforts: Vec<f64>,
+    mean_velocity: Vec<f64>,
+}
+
+/// A solver with sets of rows as wide as the model needs.
+#[derive(Debug, Clone)]
+enum AnySolver {
+    Narrow(Solver<1>),
+    Wide(Solver<MAX_WORDS>),
+}
+
 impl Dynamics {
     /// Memory for that model.
     pub fn new(model: &Model) -> Self {
         Self {
-            mechanics: Mechanics::new(model),
-            collider: Collider::new(model),
-            solver: Solver::new(model),
-            contacts: Vec::with_capacity(512),
-            efforts: vec![0.0; model.drives().len()],
-            mean_velocity: vec![0.0; model.nv],
+            stepper: Stepper {
+                mechanics: Mechanics::new(model),
+                collider: Collider::new(model),
+                contacts: Vec::with_capacity(4 * contacts_expected(model)),
+                efforts: vec![0.0; model.drives().len()],
+                mean_velocity: vec![0.0; model.nv],
+            },
+            solver: if model.nv <= NARROW_DOFS {
+                AnySolver::Narrow(Solver::new(model))
+            } else {
+                AnySolver::Wide(Solver::new(model))
+            },
             turning: vec![0.0; model.bodies.len()],
             before: model.reference_state(),
         }
@@ -67,7 +89,7 @@ impl Dynamics {
     /// A body, shape or drive that the model lacks, or a number that is not finite or out of range. The world then keeps
     /// what it had.
     pub fn set_variation(&mut self, model: &Model, variation: &Variation) -> Result<(), ModelError> {
-        self.mechanics.varied = variation.prepare(model)?.0;
+        self.stepper.mechanics.varied = variation.prepare(model)?.0;
         Ok(())
     }
 
@@ -77,14 +99,14 @@ impl Dynamics {
     /// If it was prepared for a model with other bodies or shapes.
     pub fn vary(&mut self, variation: &PreparedVariation) {
         if let Some(varied) = &variation.0 {
-            assert_eq!(varied.drives.len(), self.efforts.len(), "a variation prepared for this model");
+            assert_eq!(varied.drives.len(), self.stepper.efforts.len(), "a variation prepared for this model");
         }
-        self.mechanics.vary(variation);
+        self.stepper.mechanics.vary(variation);
     }
 
     /// Whether this world differs from its model by just this variation.
     pub fn has_variation(&self, variation: &PreparedVariation) -> bool {
-        match (&self.mechanics.varied, &variation.0) {
+        match (&self.stepper.mechanics.varied, &variation.0) {
             (None, None) => true,
             (Some(ours), Some(other)) => Arc::ptr_eq(ours, other),
             _ => false,
@@ -93,7 +115,7 @@ impl Dynamics {
 
     /// Computes poses and velocities of a state, to read without a step.
     pub fn update(&mut self, model: &Model, state: &State) {
-        self.mechanics.update(model, state);
+        self.stepper.mechanics.update(model, state);
     }
 
     /// Advances `state` by `dt` s and leaves contact forces and efforts to read, both as their mean over the step. Poses and
@@ -155,19 +177,64 @@ impl Dynamics {
     ) -> StepReport {
         let (part, length) = (1.0 / f64::from(substeps), dt / f64::from(substeps));
         let mut report = StepReport { substeps, converged: true, ..StepReport::default() };
-        self.contacts.clear();
-        self.efforts.fill(0.0);
+        self.stepper.contacts.clear();
+        self.stepper.efforts.fill(0.0);
         integrate(model, state, 0.5 * length);
         for substep in 1..=substeps {
-            self.kick(model, state, input, length, part, mean_bias, &mut report);
+            let stepper = &mut self.stepper;
+            match &mut self.solver {
+                AnySolver::Narrow(solver) => {
+                    stepper.kick(solver, model, state, input, length, part, mean_bias, &mut report);
+                }
+                AnySolver::Wide(solver) => {
+                    stepper.kick(solver, model, state, input, length, part, mean_bias, &mut report);
+                }
+            }
             integrate(model, state, if substep < substeps { length } else { 0.5 * length });
         }
         report
     }
 
+    /// Pose of a body at the state last given to [`Dynamics::update`].
+    pub fn world_from_body(&self, body: BodyId) -> Isometry3<f64> {
+        self.stepper.mechanics.world_from_body(body)
+    }
+
+    /// Velocity of a body at the state last given to [`Dynamics::update`].
+    pub fn velocity(&self, body: BodyId) -> Velocity {
+        self.stepper.mechanics.velocity(body)
+    }
+
+    /// Centre of mass of a body in its frame, m, this world's variation included.
+    ///
+    /// # Panics
+    /// If the model has no such body.
+    pub fn center_of_mass(&self, model: &Model, body: BodyId) -> Vector3<f64> {
+        self.stepper.mechanics.body_com(model, body)
+    }
+
+    /// Velocity of the centre of mass of all bodies of one tree at the state last given to [`Dynamics::update`], m/s.
+    pub fn com_velocity(&self, model: &Model, root: BodyId) -> Vector3<f64> {
+        self.stepper.mechanics.com_velocity(model, root)
+    }
+
+    /// Contacts of all substeps of the last step: points where they were in the middle of the substep, each with its part of
+    /// the step's mean force.
+    pub fn contacts(&self) -> &[Contact] {
+        &self.stepper.contacts
+    }
+
+    /// Mean efforts of the drives over the last step, N m, in the order of [`Model::drives`].
+    pub fn efforts(&self) -> &[f64] {
+        &self.stepper.efforts
+    }
+}
+
+impl Stepper {
     /// The velocity after `dt` s of all forces at the configuration at hand.
-    fn kick(
+    fn kick<const W: usize>(
         &mut self,
+        solver: &mut Solver<W>,
         model: &Model,
         state: &mut State,
         input: &Input<'_>,
@@ -183,55 +250,19 @@ impl Dynamics {
         self.collider.update(kin, dt);
         self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
         let contacts = &mut self.contacts[first_contact..];
-        let free_twigs = self.solver.find_free_twigs(model, contacts);
+        let free_twigs = solver.find_free_twigs(model, contacts);
         equation.update(model, parameters, kin, input.wrenches, &state.qvel, free_twigs);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
-        self.solver.start(&problem, state, contacts);
+        solver.start(&problem, state, contacts);
         if mean_bias {
-            self.solver.minimise(&problem, FIRST_TOLERANCE, report);
-            for (mean, (before, after)) in
-                self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(self.solver.velocity()))
-            {
+            solver.minimise(&problem, FIRST_TOLERANCE, report);
+            for (mean, (before, after)) in self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(solver.velocity())) {
                 *mean = 0.5 * (before + after);
             }
             equation.update_bias(model, parameters, kin, input.wrenches, &self.mean_velocity);
             problem = Problem { model, parameters, kin, equation, input, dt };
         }
-        report.converged &= self.solver.minimise(&problem, TOLERANCE, report);
-        self.solver.finish(dt, part, state, contacts, &mut self.efforts, report);
-    }
-
-    /// Pose of a body at the state last given to [`Dynamics::update`].
-    pub fn world_from_body(&self, body: BodyId) -> Isometry3<f64> {
-        self.mechanics.world_from_body(body)
-    }
-
-    /// Velocity of a body at the state last given to [`Dynamics::update`].
-    pub fn velocity(&self, body: BodyId) -> Velocity {
-        self.mechanics.velocity(body)
-    }
-
-    /// Centre of mass of a body in its frame, m, this world's variation included.
-    ///
-    /// # Panics
-    /// If the model has no such body.
-    pub fn center_of_mass(&self, model: &Model, body: BodyId) -> Vector3<f64> {
-        self.mechanics.body_com(model, body)
-    }
-
-    /// Velocity of the centre of mass of all bodies of one tree at the state last given to [`Dynamics::update`], m/s.
-    pub fn com_velocity(&self, model: &Model, root: BodyId) -> Vector3<f64> {
-        self.mechanics.com_velocity(model, root)
-    }
-
-    /// Contacts of all substeps of the last step: points where they were in the middle of the substep, each with its part of
-    /// the step's mean force.
-    pub fn contacts(&self) -> &[Contact] {
-        &self.contacts
-    }
-
-    /// Mean efforts of the drives over the last step, N m, in the order of [`Model::drives`].
-    pub fn efforts(&self) -> &[f64] {
-        &self.efforts
+        report.converged &= solver.minimise(&problem, TOLERANCE, report);
+        solver.finish(dt, part, state, contacts, &mut self.efforts, report);
     }
 }

@@ -1,7 +1,9 @@
-//! A step allocates nothing in a varied world either, contacts and drives included.
+//! A step allocates nothing, in a varied world with contacts and drives or in a heap of 32 bodies. One test, since all threads
+//! share the counter.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::alloc::System;
+use std::sync::Arc;
 
 use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -11,7 +13,12 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
-fn a_step_of_a_varied_world_allocates_nothing() {
+fn a_step_allocates_nothing() {
+    a_varied_world();
+    a_heap();
+}
+
+fn a_varied_world() {
     let mut builder = ModelBuilder::new();
     let body = |name: &str, parent, joint| BodySpec {
         name: name.into(),
@@ -33,6 +40,22 @@ fn a_step_of_a_varied_world_allocates_nothing() {
         let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
         builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
     }
+    // A hull falls on the box and down from it.
+    let corner = |k: usize| Vector3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2 & 1) as f64) * 0.05;
+    let stone = Hull::new("stone", &(0..8).map(corner).collect::<Vec<_>>()).unwrap();
+    let mut spec = body("stone", BodyId::WORLD, Joint::Free);
+    spec.parent_from_body = Isometry3::translation(0.07, 0.0, 0.23);
+    let stone = (builder.add_body(spec).unwrap(), Geometry::Hull(Arc::new(stone)));
+    let shape = ShapeSpec {
+        name: "stone".into(),
+        body: stone.0,
+        body_from_shape: Isometry3::identity(),
+        geometry: stone.1,
+        material: Material { friction: 0.2, priority: 0 },
+        cull_group: 7,
+        label: 0,
+    };
+    builder.add_shape(shape).unwrap();
     let model = builder.build().unwrap();
     let variation = Variation {
         bodies: vec![(base, BodyVariation { mass: 1.2, com_offset: Vector3::new(0.01, 0.0, 0.0) })],
@@ -42,13 +65,60 @@ fn a_step_of_a_varied_world_allocates_nothing() {
     let mut dynamics = Dynamics::new(&model);
     dynamics.set_variation(&model, &variation).unwrap();
     let mut state = model.reference_state();
+    state.set_pose(&model, stone.0, &Isometry3::translation(0.07, 0.0, 0.23));
     let region = Region::new(ALLOCATOR);
-    let mut most_contacts = 0;
+    let (mut most_contacts, mut stone_rested) = (0, false);
     for _ in 0..200 {
         dynamics.step(&model, &mut state, &Input { targets: &[0.9], ..Input::default() }, 0.005);
         most_contacts = most_contacts.max(dynamics.contacts().len());
+        let on_box =
+            dynamics.contacts().iter().any(|c| c.force != Vector3::zeros() && c.shape_a.0 == 1 && c.shape_b.0 == 2);
+        stone_rested |= on_box;
     }
     let change = region.change();
+    assert!(stone_rested, "the stone must touch the box");
     assert!(most_contacts >= 4, "the base must rest on the floor: {most_contacts} contacts");
+    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+}
+
+fn a_heap() {
+    let mut builder = ModelBuilder::new();
+    let shape = |builder: &mut ModelBuilder, body: BodyId, geometry| {
+        let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
+        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
+    };
+    shape(&mut builder, BodyId::WORLD, Geometry::HalfSpace);
+    for k in 0..32 {
+        let spec = BodySpec {
+            name: format!("box {k}"),
+            parent: BodyId::WORLD,
+            parent_from_body: Isometry3::translation(
+                0.02 * f64::from(k % 3),
+                0.015 * f64::from(k % 2),
+                0.06 + 0.11 * f64::from(k),
+            ),
+            joint: Joint::Free,
+            mass: 1.0,
+            com: Vector3::zeros(),
+            inertia: Matrix3::identity() * 0.002,
+        };
+        let body = builder.add_body(spec).unwrap();
+        shape(&mut builder, body, Geometry::Cuboid { half_extents: Vector3::new(0.06, 0.05, 0.05) });
+    }
+    let model = builder.build().unwrap();
+    let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+    for k in 0..32 {
+        let pose = model.bodies()[k + 1].spec.parent_from_body;
+        state.set_pose(&model, BodyId(k + 1), &pose);
+    }
+    let region = Region::new(ALLOCATOR);
+    let mut most_contacts = 0;
+    for _ in 0..100 {
+        dynamics.step(&model, &mut state, &Input::default(), 0.005);
+        most_contacts = most_contacts.max(dynamics.contacts().len());
+    }
+    let change = region.change();
+    assert!(most_contacts >= 128, "the boxes must touch: {most_contacts} contacts");
     assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
 }

@@ -168,6 +168,12 @@ impl Writer<'_> {
         for (name, rgba) in MATERIALS {
             self.xml.leaf("material", &[("name", &name), ("rgba", &rgba)]);
         }
+        for shape in self.model.shapes() {
+            if let Geometry::Hull(hull) = &shape.geometry {
+                let vertices: Vec<f64> = hull.vertices().iter().flatten().copied().collect();
+                self.xml.leaf("mesh", &[("name", &shape.name), ("vertex", &numbers(&vertices))]);
+            }
+        }
         self.xml.close("asset");
     }
 
@@ -235,18 +241,19 @@ impl Writer<'_> {
     }
 
     fn shape(&mut self, shape: &ShapeSpec) {
-        let (kind, size) = match shape.geometry {
+        let (kind, field, size) = match &shape.geometry {
             // The third number is only the spacing of drawn grid lines.
-            Geometry::HalfSpace => ("plane", "0 0 1".to_owned()),
-            Geometry::Sphere { radius } => ("sphere", numbers(&[radius])),
-            Geometry::Capsule { radius, half_length } => ("capsule", numbers(&[radius, half_length])),
-            Geometry::Cuboid { half_extents } => ("box", numbers(half_extents.as_slice())),
+            Geometry::HalfSpace => ("plane", "size", "0 0 1".to_owned()),
+            Geometry::Sphere { radius } => ("sphere", "size", numbers(&[*radius])),
+            Geometry::Capsule { radius, half_length } => ("capsule", "size", numbers(&[*radius, *half_length])),
+            Geometry::Cuboid { half_extents } => ("box", "size", numbers(half_extents.as_slice())),
+            Geometry::Hull(_) => ("mesh", "mesh", shape.name.clone()),
         };
         let (pos, quat) = pose(&shape.body_from_shape);
         let owner = &self.model.bodies()[self.model.bodies()[shape.body.0].root.0].spec.name;
         let material = material(shape, owner);
         let mut attributes: Vec<Attribute> =
-            vec![("name", &shape.name), ("type", &kind), ("size", &size), ("pos", &pos), ("quat", &quat)];
+            vec![("name", &shape.name), ("type", &kind), (field, &size), ("pos", &pos), ("quat", &quat)];
         attributes.extend([("friction", &shape.material.friction as &dyn Display), ("condim", &3)]);
         if shape.material.priority != 0 {
             attributes.push(("priority", &shape.material.priority));

@@ -1,6 +1,8 @@
 #![allow(clippy::unwrap_used)]
 
-use fiatlux_dynamics::{BodySpec, Drive, Material, ModelBuilder, ShapeSpec};
+use std::sync::Arc;
+
+use fiatlux_dynamics::{BodySpec, Drive, Hull, Material, ModelBuilder, ShapeSpec};
 use nalgebra::{Matrix3, Translation3};
 
 use super::*;
@@ -36,7 +38,10 @@ fn small_model() -> Model {
         (trunk, "ball", Geometry::Sphere { radius: 0.05 }, material),
         (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material { friction: 1.2, priority: 1 }),
     ];
-    for (cull_group, (body, name, geometry, material)) in geometries.into_iter().enumerate() {
+    let corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]].map(Vector3::from);
+    let stone = Geometry::Hull(Arc::new(Hull::new("stone", &corners).expect("a solid")));
+    let geometries = geometries.into_iter().chain([(right, "stone", stone, material)]);
+    for (cull_group, (body, name, geometry, material)) in geometries.enumerate() {
         let (name, body_from_shape, cull_group) = (name.into(), Isometry3::identity(), cull_group as u16);
         builder
             .add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 })
@@ -186,6 +191,8 @@ fn shapes() {
             r#"<geom name="bench" type="box" size="0.1 0.2 0.3" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="wood"/>"#,
             r#"<geom name="ball" type="sphere" size="0.05" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
             r#"<geom name="pin" type="capsule" size="0.01 0.02" pos="0 0 0" quat="1 0 0 0" friction="1.2" condim="3" priority="1" material="robot"/>"#,
+            r#"<geom name="stone" type="mesh" mesh="stone" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
+            r#"<mesh name="stone" vertex="0 0 0 0.1 0 0 0 0.2 0 0 0 0.3"/>"#,
         ],
     );
 }

@@ -10,7 +10,7 @@ mod shapes;
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodyId, Geometry};
+use fiatlux_dynamics::BodyId;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::{Scene, ShapeOwner};
@@ -80,32 +80,29 @@ fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc
     meshes
 }
 
-/// A thing by its collision shapes, boxes and balls.
+/// A thing by its collision shapes.
 fn plain(scene: &Scene, thing: usize, detail: Detail) -> Mesh {
     let owner = ShapeOwner::Thing(thing);
     let mut mesh = Mesh::new(frame_of(scene, thing), owner, detail);
     for shape in shapes(scene, owner) {
-        match shape.geometry {
-            Geometry::Cuboid { half_extents } => mesh.cuboid(&shape.body_from_shape, half_extents, Paint::Tray),
-            Geometry::Sphere { radius } => {
-                mesh.egg(&shape.body_from_shape, Vector3::zeros(), Vector3::from_element(radius), 24, Paint::Tray);
-            }
-            Geometry::Capsule { .. } | Geometry::HalfSpace => {}
-        }
+        shapes::add(&mut mesh, &shape.body_from_shape, &shape.geometry, 0.0, 24, Paint::Tray);
     }
     mesh
 }
 
-/// The fixed boxes of bench or crate.
+/// The fixed shapes of bench or crate.
 fn furniture(scene: &Scene, owner: ShapeOwner, detail: Detail) -> Mesh {
     let mut mesh = Mesh::new(Frame::World, owner, detail);
     for shape in shapes(scene, owner).filter(|shape| shape.body == BodyId::WORLD) {
-        let Geometry::Cuboid { half_extents } = shape.geometry else { continue };
         let paint = match shape.name.as_str() {
             "bench_top" => Paint::Wood,
             name if name.starts_with("bench_tray") => Paint::Tray,
             name if name.starts_with("bench") => Paint::Steel,
             _ => Paint::Crate,
+        };
+        let Some(half_extents) = shape.geometry.as_cuboid() else {
+            shapes::add(&mut mesh, &shape.body_from_shape, &shape.geometry, 0.0, 24, paint);
+            continue;
         };
         if shape.name == "bench_top" {
             mesh.block(&shape.body_from_shape, half_extents, 0.006, 1, 0.0, paint);

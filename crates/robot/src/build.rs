@@ -178,7 +178,7 @@ impl Robot {
                 name: shape.name.clone(),
                 body,
                 body_from_shape: body_from_link * shape.link_from_shape,
-                geometry: shape.geometry,
+                geometry: shape.geometry.clone(),
                 material,
                 cull_group: options.first_cull_group + shape.group,
                 label: options.first_label + shape.link as u32,

@@ -34,12 +34,6 @@ impl Shape {
     pub(crate) fn lowest_point(&self, world_from_link: &Isometry3<f64>) -> f64 {
         let world_from_shape = world_from_link * self.link_from_shape;
         let down = world_from_shape.inverse_transform_vector(&-Vector3::z());
-        let reach = match self.geometry {
-            Geometry::HalfSpace => f64::INFINITY,
-            Geometry::Sphere { radius } => radius,
-            Geometry::Capsule { radius, half_length } => radius + half_length * down.z.abs(),
-            Geometry::Cuboid { half_extents } => half_extents.dot(&down.abs()),
-        };
-        world_from_shape.translation.z - reach
+        world_from_shape.translation.z - self.geometry.reach(&down)
     }
 }

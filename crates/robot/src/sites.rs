@@ -1,6 +1,6 @@
 //! Named frames that controllers aim and stand with: palms, soles and fingertips.
 
-use fiatlux_dynamics::{Geometry, Site};
+use fiatlux_dynamics::Site;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::{Robot, RobotIds, Shape};
@@ -42,7 +42,7 @@ impl Robot {
     pub fn soles(&self) -> Vec<Sole> {
         let sole = |(&link, side): (&usize, &str)| {
             self.shapes.iter().filter(|shape| shape.link == link).find_map(|shape| {
-                let Geometry::Cuboid { half_extents: half } = shape.geometry else { return None };
+                let half = shape.geometry.as_cuboid()?;
                 let link_from_site = shape.link_from_shape * Isometry3::translation(0.0, 0.0, -half.z);
                 let site = RobotSite { name: format!("{side}_sole"), link, link_from_site };
                 Some(Sole { site, half_extents: [half.x, half.y] })
@@ -69,7 +69,7 @@ impl Robot {
 
     /// The end of a finger's last link, a capsule from knuckle to tip.
     fn tip(&self, shape: &Shape) -> Option<RobotSite> {
-        let Geometry::Capsule { radius, half_length } = shape.geometry else { return None };
+        let (radius, half_length) = shape.geometry.as_capsule()?;
         let (side, finger) = self.links[shape.link].name.split_once('_')?;
         let side = SIDES.iter().find(|name| name[..1].eq_ignore_ascii_case(side))?;
         let finger = finger.split('_').next()?;

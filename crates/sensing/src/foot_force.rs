@@ -13,7 +13,6 @@
 //! on the sole for one of another size at p: a weight straight below the ankle is not felt at all. What the foot's own
 //! inertia, the ankle's friction and its end stops bear is taken for contact too. `OBSERVATIONS.md` has what comes of it.
 
-use fiatlux_dynamics::Geometry;
 use fiatlux_robot::{Robot, Shape};
 use fiatlux_rules::{GRAVITY, Row};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
@@ -67,9 +66,9 @@ fn estimate(robot: &Robot, foot: usize, row: &Row) -> Option<Vector3<f64>> {
 
 /// Centre of the sole in the foot's frame: of the lower face of the lowest box.
 fn sole_center(robot: &Robot, foot: usize) -> Option<Point3<f64>> {
-    let lower_face = |shape: &Shape| match shape.geometry {
-        Geometry::Cuboid { half_extents } => Some(shape.link_from_shape * Point3::new(0.0, 0.0, -half_extents.z)),
-        _ => None,
+    let lower_face = |shape: &Shape| {
+        let half = shape.geometry.as_cuboid()?;
+        Some(shape.link_from_shape * Point3::new(0.0, 0.0, -half.z))
     };
     let faces = robot.shapes().iter().filter(|shape| shape.link == foot).filter_map(lower_face);
     faces.min_by(|a, b| a.z.total_cmp(&b.z))

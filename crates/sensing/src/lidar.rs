@@ -160,7 +160,7 @@ fn direction(ray: usize) -> Vector3<f64> {
 
 /// First column of those whose rays can hit a shape, and their count: all where the sensor's z axis may pass through its
 /// bounding box, which else spans less than half a turn.
-fn columns(placed: &Placed) -> (usize, usize) {
+fn columns(placed: &Placed<'_>) -> (usize, usize) {
     /// Far more than rounding, far less than a column.
     const SLACK: f64 = 1e-6;
     let middle = libm::atan2(placed.center.y, placed.center.x);

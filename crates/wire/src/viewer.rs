@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use fiatlux_dynamics::{Geometry, ShapeId};
 use fiatlux_proto::foxglove::packed_element_field::NumericType;
 use fiatlux_proto::foxglove::{
-    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, PackedElementField, PointCloud, Pose,
-    Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3 as Vector,
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, PackedElementField, Point3, PointCloud,
+    Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TriangleListPrimitive, Vector3 as Vector,
 };
 use fiatlux_proto::{Duration, Timestamp};
 use fiatlux_robot::Robot;
@@ -100,6 +100,13 @@ fn draw(entity: &mut SceneEntity, pose: &Isometry3<f64>, geometry: &Geometry, [r
         color,
     };
     match *geometry {
+        Geometry::Hull(ref hull) => entity.triangles.push(TriangleListPrimitive {
+            pose: Some(pose_of(pose)),
+            points: hull.vertices().iter().map(point).collect(),
+            color,
+            colors: Vec::new(),
+            indices: hull.triangles().flatten().map(|vertex| vertex as u32).collect(),
+        }),
         Geometry::Sphere { radius } => entity.spheres.push(ball(0.0, radius)),
         Geometry::Capsule { radius, half_length } => {
             entity.spheres.extend([ball(-half_length, radius), ball(half_length, radius)]);
@@ -225,6 +232,11 @@ fn rounded(number: f64) -> f64 {
 
 fn vector(vector: &Vector3<f64>) -> Vector {
     Vector { x: rounded(vector.x), y: rounded(vector.y), z: rounded(vector.z) }
+}
+
+fn point(point: &Vector3<f64>) -> Point3 {
+    let Vector { x, y, z } = vector(point);
+    Point3 { x, y, z }
 }
 
 fn pose_of(pose: &Isometry3<f64>) -> Pose {

@@ -1,6 +1,6 @@
 //! Fixed things seen from above, which is enough to plan a path without the scene's shapes.
 
-use fiatlux_dynamics::{BodyId, Geometry, ShapeSpec};
+use fiatlux_dynamics::{BodyId, ShapeSpec};
 use nalgebra::{Vector2, Vector3};
 
 use crate::owner::ShapeOwner;
@@ -61,15 +61,10 @@ impl Bounds {
         let center = shape.body_from_shape.translation.vector;
         let reach = axes.map(|axis| {
             let local = shape.body_from_shape.inverse_transform_vector(&axis);
-            match shape.geometry {
-                Geometry::HalfSpace => f64::INFINITY,
-                Geometry::Sphere { radius } => radius,
-                Geometry::Capsule { radius, half_length } => radius + half_length * local.z.abs(),
-                Geometry::Cuboid { half_extents } => half_extents.dot(&local.abs()),
-            }
+            [-local, local].map(|along| shape.geometry.reach(&along))
         });
         let at = |k: usize| center.dot(&axes[k]);
-        Self { low: [0, 1, 2].map(|k| at(k) - reach[k]), high: [0, 1, 2].map(|k| at(k) + reach[k]), axes }
+        Self { low: [0, 1, 2].map(|k| at(k) - reach[k][0]), high: [0, 1, 2].map(|k| at(k) + reach[k][1]), axes }
     }
 
     fn grow(&mut self, other: &Self) {

@@ -126,13 +126,5 @@ pub(crate) fn add_parts(
 #[cfg(test)]
 fn support(part: &Part, direction: &Vector3<f64>) -> Vector3<f64> {
     let local = part.prop_from_part.inverse_transform_vector(direction);
-    let point = match part.geometry {
-        Geometry::HalfSpace => Vector3::zeros(),
-        Geometry::Sphere { radius } => radius * local.normalize(),
-        Geometry::Capsule { radius, half_length } => {
-            radius * local.normalize() + Vector3::z() * half_length.copysign(local.z)
-        }
-        Geometry::Cuboid { half_extents } => half_extents.zip_map(&local, f64::copysign),
-    };
-    (part.prop_from_part * nalgebra::Point3::from(point)).coords
+    (part.prop_from_part * nalgebra::Point3::from(part.geometry.support(&local))).coords
 }

@@ -1,6 +1,6 @@
 //! Named frames of a scene, for planners and controllers: those of the robot, and what it steps on, grasps and aims at.
 
-use fiatlux_dynamics::{BodyId, Geometry, Model, Site};
+use fiatlux_dynamics::{BodyId, Model, Site};
 use fiatlux_rules::{errand, manifest};
 use nalgebra::Isometry3;
 
@@ -45,10 +45,7 @@ impl Scene {
 /// Boxes by the middle of their tops, bars by their middles.
 fn shape_sites(model: &Model) -> impl Iterator<Item = (String, Site)> + '_ {
     model.shapes().iter().map(|shape| {
-        let up = match shape.geometry {
-            Geometry::Cuboid { half_extents } => half_extents.z,
-            _ => 0.0,
-        };
+        let up = shape.geometry.as_cuboid().map_or(0.0, |half| half.z);
         let body_from_site = shape.body_from_shape * Isometry3::translation(0.0, 0.0, up);
         (shape.name.clone(), Site { body: shape.body, body_from_site })
     })

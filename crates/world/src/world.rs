@@ -197,7 +197,8 @@ impl World {
     /// [`WorldError`], as of [`World::step`], or a wrench on what the scene lacks; the world is unchanged.
     pub fn step_with(&mut self, input: &ControlInput<'_>) -> Result<&Row, WorldError> {
         self.check_input(input)?;
-        let scene = Arc::clone(&self.scene);
+        // No count of the scene is touched: worlds on other threads would wait for its cache line.
+        let scene = &*self.scene;
         for (joint, ids) in scene.robot_ids.joints.iter().enumerate() {
             let limits = &scene.robot.joints()[joint];
             let target = input.joint_target[joint].clamp(limits.lower, limits.upper);
@@ -205,19 +206,19 @@ impl World {
             self.row.joint_target[joint] = target;
         }
         self.row.action.copy_from_slice(input.action);
-        self.hold_bulbs(&scene);
+        self.hold_bulbs();
         for applied in input.wrenches {
-            let wrench = self.at_center_of_mass(&scene, applied);
+            let wrench = self.at_center_of_mass(applied);
             self.wrenches.push(wrench);
         }
         self.keep_state();
         if let Some(Push { linear, angular }) = &input.push {
-            let root = &mut self.state.qvel[scene.robot_ids.root_dof..];
+            let root = &mut self.state.qvel[self.scene.robot_ids.root_dof..];
             let change = linear.iter().chain(angular.iter());
             root.iter_mut().zip(change).for_each(|(velocity, change)| *velocity += change);
         }
         (self.row.unconverged, self.row.retried) = (0, 0);
-        self.physics(&scene, &[], SUBSTEPS);
+        self.physics(&[], SUBSTEPS);
         self.measure(self.row.step + 1);
         Ok(&self.row)
     }
@@ -257,16 +258,16 @@ impl World {
     }
 
     /// The wrench as the engine takes it: the force through the body's centre of mass, the torque about it.
-    fn at_center_of_mass(&self, scene: &Scene, applied: &AppliedWrench) -> (BodyId, Wrench) {
+    fn at_center_of_mass(&self, applied: &AppliedWrench) -> (BodyId, Wrench) {
         let (body, point) = match applied.target {
             Target::Body(body) => (body, applied.point),
             Target::Link(link) => {
-                let ids = &scene.robot_ids.links[link];
-                let point = applied.point.unwrap_or(scene.robot.links()[link].com);
+                let ids = &self.scene.robot_ids.links[link];
+                let point = applied.point.unwrap_or(self.scene.robot.links()[link].com);
                 (ids.body, Some((ids.body_from_link * Point3::from(point)).coords))
             }
         };
-        let com = self.dynamics.center_of_mass(&scene.model, body);
+        let com = self.dynamics.center_of_mass(&self.scene.model, body);
         let arm = self.dynamics.world_from_body(body).rotation * (point.unwrap_or(com) - com);
         let Wrench { force, torque } = applied.wrench;
         (body, Wrench { force, torque: torque + arm.cross(&force) })
@@ -294,13 +295,12 @@ impl World {
     /// stage a start state. False if the state did not stay finite.
     #[must_use]
     pub(crate) fn stage(&mut self, joint_target: &[f64], locked: &[bool], steps: usize) -> bool {
-        let scene = Arc::clone(&self.scene);
-        for (ids, target) in scene.robot_ids.joints.iter().zip(joint_target) {
+        for (ids, target) in self.scene.robot_ids.joints.iter().zip(joint_target) {
             self.targets[ids.drive] = *target;
         }
         self.wrenches.clear();
         self.keep_state();
-        self.physics(&scene, locked, steps);
+        self.physics(locked, steps);
         self.row.joint_speed_peak.is_finite()
     }
 
@@ -317,7 +317,8 @@ impl World {
     }
 
     /// Advances both attachments from the present state and sets their wrenches.
-    fn hold_bulbs(&mut self, scene: &Scene) {
+    fn hold_bulbs(&mut self) {
+        let scene = &*self.scene;
         let law = &scene.config.attachment;
         self.wrenches.clear();
         let world_from_fixture = scene.world_from(errand::FIXTURE);
@@ -340,13 +341,13 @@ impl World {
     }
 
     /// Runs physics steps from the state kept and notes forces, efforts and peaks. Counts of solves go on.
-    fn physics(&mut self, scene: &Scene, locked: &[bool], steps: usize) {
+    fn physics(&mut self, locked: &[bool], steps: usize) {
         let row = &mut *self.row;
         (row.joint_speed_peak, row.penetration) = (0.0, 0.0);
         row.loads.fill(0.0);
         for _ in 0..steps {
             let input = Input { targets: &self.targets, wrenches: &self.wrenches, locked };
-            let report = self.dynamics.step(&scene.model, &mut self.state, &input, PHYSICS_DT);
+            let report = self.dynamics.step(&self.scene.model, &mut self.state, &input, PHYSICS_DT);
             self.row.unconverged += u32::from(!report.converged);
             self.row.retried += u32::from(report.retried);
             // NaN is within no bound.

@@ -1,7 +1,7 @@
 //! Contact points between balls, capsules, boxes and half-spaces, in closed form.
 //!
 //! These pairs make up nearly all candidates, and closed forms cost a fraction of a general convex query; two boxes go to
-//! parry (see the parent module). Everything here is a pure function of the two poses.
+//! parry (see the parent module), hulls to `polyhedra`. Everything here is a pure function of the two poses.
 
 use nalgebra::Matrix3;
 
@@ -106,7 +106,7 @@ pub(crate) fn capsule_capsule(
 }
 
 /// Signed distance of a point to a box about the origin, and the outward direction of its fastest growth.
-fn box_distance(p: &V3, half: &V3) -> (f64, V3) {
+pub(crate) fn box_distance(p: &V3, half: &V3) -> (f64, V3) {
     let excess = p.abs() - half;
     if excess.x <= 0.0 && excess.y <= 0.0 && excess.z <= 0.0 {
         let k = excess.imax();
@@ -120,15 +120,22 @@ fn box_distance(p: &V3, half: &V3) -> (f64, V3) {
     (distance, V3::new(direction.x.copysign(p.x), direction.y.copysign(p.y), direction.z.copysign(p.z)))
 }
 
-/// A box (first) and a ball.
-pub(crate) fn box_ball(cuboid: &Placed, half: &V3, ball: V3, radius: f64, margin: f64, out: &mut impl FnMut(Point)) {
-    let local = cuboid.rotation.tr_mul(&(ball - cuboid.position));
-    let (distance, normal) = box_distance(&local, half);
-    push_box_point(cuboid, ball, distance, &normal, radius, margin, out);
+/// A convex body (first) by its signed distance in its own frame, and a ball.
+pub(crate) fn convex_ball(
+    convex: &Placed,
+    signed_distance: impl Fn(&V3) -> (f64, V3),
+    ball: V3,
+    radius: f64,
+    margin: f64,
+    out: &mut impl FnMut(Point),
+) {
+    let local = convex.rotation.tr_mul(&(ball - convex.position));
+    let (distance, normal) = signed_distance(&local);
+    push_point(convex, ball, distance, &normal, radius, margin, out);
 }
 
-fn push_box_point(
-    cuboid: &Placed,
+fn push_point(
+    convex: &Placed,
     centre: V3,
     distance: f64,
     local_normal: &V3,
@@ -138,30 +145,30 @@ fn push_box_point(
 ) {
     let gap = distance - radius;
     if gap <= margin {
-        let normal = cuboid.rotation * local_normal;
+        let normal = convex.rotation * local_normal;
         out(Point { position: centre - normal * (radius + 0.5 * gap), normal, distance: gap });
     }
 }
 
-/// A box (first) and a capsule: the ends of the stretch of the capsule that lies within [`FLAT_WITHIN`] of its deepest
-/// point, or that point alone.
-pub(crate) fn box_capsule(
-    cuboid: &Placed,
-    half: &V3,
+/// A convex body (first) by its signed distance, and a capsule: the ends of the stretch of the capsule that lies within
+/// [`FLAT_WITHIN`] of its deepest point, or that point alone.
+pub(crate) fn convex_capsule(
+    convex: &Placed,
+    signed_distance: impl Fn(&V3) -> (f64, V3),
     capsule: &Placed,
     radius: f64,
     half_length: f64,
     margin: f64,
     out: &mut impl FnMut(Point),
 ) {
-    let centre = cuboid.rotation.tr_mul(&(capsule.position - cuboid.position));
-    if box_distance(&centre, half).0 > half_length + radius + margin {
+    let centre = convex.rotation.tr_mul(&(capsule.position - convex.position));
+    if signed_distance(&centre).0 > half_length + radius + margin {
         return;
     }
-    let axis = cuboid.rotation.tr_mul(&capsule.rotation.column(2));
+    let axis = convex.rotation.tr_mul(&capsule.rotation.column(2));
     let at = |t: f64| centre + axis * t;
-    let distance_at = |t: f64| box_distance(&at(t), half).0;
-    let slope_at = |t: f64| box_distance(&at(t), half).1.dot(&axis);
+    let distance_at = |t: f64| signed_distance(&at(t)).0;
+    let slope_at = |t: f64| signed_distance(&at(t)).1.dot(&axis);
     // The distance to a convex set is convex along a line, so its slope changes sign once.
     let deepest = if slope_at(-half_length) >= 0.0 {
         -half_length
@@ -186,16 +193,8 @@ pub(crate) fn box_capsule(
         bisect(deepest, half_length, |t| distance_at(t) > level)
     };
     let mut push = |t: f64| {
-        let (distance, normal) = box_distance(&at(t), half);
-        push_box_point(
-            cuboid,
-            capsule.position + capsule.rotation.column(2) * t,
-            distance,
-            &normal,
-            radius,
-            margin,
-            out,
-        );
+        let (distance, normal) = signed_distance(&at(t));
+        push_point(convex, capsule.position + capsule.rotation.column(2) * t, distance, &normal, radius, margin, out);
     };
     if high - low < 0.5 * radius {
         push(deepest);

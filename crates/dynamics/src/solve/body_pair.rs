@@ -1,23 +1,24 @@
 //! The contacts between two bodies as one term of the objective.
 
 use crate::contact_law::Point;
+use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion, V3};
 
 /// The contacts between two bodies: they share one relative motion, a sum of columns over degrees of freedom.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct BodyPair {
+pub(crate) struct BodyPair<const W: usize> {
     /// The second body, which moves.
     pub body: usize,
     /// Ranges of the solver's points and columns.
     pub points: (usize, usize),
     pub columns: (usize, usize),
-    /// The columns' degrees of freedom as a bit set.
-    pub dofs: u128,
+    /// The columns' degrees of freedom.
+    pub dofs: RowSet<W>,
     /// From relative motion to force; none while no point is loaded.
     pub stiffness: Option<[[f64; 6]; 6]>,
 }
 
-impl BodyPair {
+impl<const W: usize> BodyPair<W> {
     /// Motion of the second body relative to the first when the degrees of freedom move at `velocity`.
     pub fn relative_motion(&self, columns: &[Motion], column_dof: &[u16], velocity: &[f64]) -> Motion {
         let mut motion = Motion::ZERO;

@@ -3,12 +3,12 @@
 use super::body_pair::{force_of, stiffness_of};
 use super::island::Island;
 use super::{LOCK, Problem, Solver};
-use crate::factor::ones;
+use crate::row_set::RowSet;
 
-impl Solver {
+impl<const W: usize> Solver<W> {
     /// Builds and factorises the Hessian. Settled rows (in a humanoid: most of what does not stand on the floor, fingers
     /// above all) are not eliminated again.
-    pub(super) fn factorise(&mut self, problem: &Problem<'_>, island: &Island) -> bool {
+    pub(super) fn factorise(&mut self, problem: &Problem<'_>, island: &Island<W>) -> bool {
         let &Problem { model, equation, input, dt, .. } = problem;
         if self.caution > 0.0 {
             for run in &island.drives {
@@ -18,11 +18,11 @@ impl Solver {
             }
         }
         if !input.locked.is_empty() {
-            for dof in ones(island.rows).filter(|&dof| input.locked[dof]) {
+            for dof in island.rows.into_iter().filter(|&dof| input.locked[dof]) {
                 self.diagonal[dof] += LOCK * equation.mass_matrix[model.diagonal(dof)];
             }
         }
-        let mut changed = 0;
+        let mut changed = RowSet::EMPTY;
         for &pair in &island.pairs {
             let pair = &mut self.pairs[pair];
             let points = &mut self.points[pair.points.0..pair.points.1];
@@ -34,7 +34,7 @@ impl Solver {
                 changed |= pair.dofs;
             }
         }
-        let first = self.begun & island.rows == 0;
+        let first = (self.begun & island.rows).is_empty();
         if first {
             self.begun |= island.rows;
             self.settled |= island.rows;
@@ -42,13 +42,13 @@ impl Solver {
             for run in &island.dofs {
                 let settled = self.settled_diagonal[run.clone()].iter().zip(&self.diagonal[run.clone()]);
                 for (k, _) in settled.enumerate().filter(|(_, (settled, now))| settled != now) {
-                    changed |= 1 << (run.start + k);
+                    changed.insert(run.start + k);
                 }
             }
         }
         let (twigs, factor, diagonal) = (&mut self.twigs, &mut self.factor, &self.diagonal);
         let rows = island.rows & !twigs.free();
-        if first || changed & self.settled != 0 {
+        if first || !(changed & self.settled).is_empty() {
             self.settled &= !factor.reached_from(changed);
             self.settled &= !twigs.in_part(self.settled);
             let settled = self.settled & island.rows;
@@ -56,7 +56,7 @@ impl Solver {
             for run in &island.dofs {
                 self.settled_diagonal[run.clone()].copy_from_slice(&diagonal[run.clone()]);
             }
-            for dof in ones(settled & rows) {
+            for dof in settled & rows {
                 factor.add(dof, diagonal[dof]);
             }
             if !twigs.eliminate(settled, problem, diagonal, factor) || !factor.eliminate(settled & rows) {
@@ -75,8 +75,8 @@ impl Solver {
     }
 
     /// Adds contacts, and what acts on the degrees of freedom of those rows.
-    fn add_stiffness(&mut self, island: &Island, rows: u128) {
-        for dof in ones(rows) {
+    fn add_stiffness(&mut self, island: &Island<W>, rows: RowSet<W>) {
+        for dof in rows {
             self.factor.add(dof, self.diagonal[dof]);
         }
         for &pair in &island.pairs {

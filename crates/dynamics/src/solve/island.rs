@@ -5,44 +5,51 @@ use std::ops::Range;
 
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::model::Model;
+use crate::row_set::RowSet;
 use crate::spec::BodyId;
 
 /// One minimisation: a set of trees.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Island {
+#[derive(Debug, Clone)]
+pub(crate) struct Island<const W: usize> {
     /// Runs of degrees of freedom, ascending.
     pub dofs: Vec<Range<usize>>,
     /// The drives and the joint limits of each run.
     pub drives: Vec<Range<usize>>,
     pub limits: Vec<Range<usize>>,
-    /// Every degree of freedom as a bit set.
-    pub rows: u128,
+    /// Every degree of freedom.
+    pub rows: RowSet<W>,
     /// Indices of the solver's body pairs, ascending.
     pub pairs: Vec<usize>,
 }
 
+impl<const W: usize> Default for Island<W> {
+    fn default() -> Self {
+        Self { dofs: Vec::new(), drives: Vec::new(), limits: Vec::new(), rows: RowSet::EMPTY, pairs: Vec::new() }
+    }
+}
+
 /// The islands of one step; memory stays from step to step.
 #[derive(Debug, Clone)]
-pub(crate) struct Islands {
+pub(crate) struct Islands<const W: usize> {
     /// Tree of each body and runs of each tree's degrees of freedom.
     tree_of_body: Vec<usize>,
     tree_dofs: Vec<Vec<Range<usize>>>,
-    tree_rows: Vec<u128>,
+    tree_rows: Vec<RowSet<W>>,
     /// For each tree one that it is coupled with, lower or itself.
     joined: Vec<usize>,
     /// One for each tree; that of a tree which another one takes in is empty.
-    slots: Vec<Island>,
+    slots: Vec<Island<W>>,
 }
 
-impl Islands {
+impl<const W: usize> Islands<W> {
     pub fn new(model: &Model, pairs: usize) -> Self {
         let roots: Vec<usize> = (1..model.bodies.len()).filter(|&body| model.bodies[body].spec.parent.0 == 0).collect();
         let tree_of = |root: BodyId| roots.iter().position(|&r| r == root.0).unwrap_or(0);
         let tree_of_body = model.bodies.iter().map(|body| tree_of(body.root)).collect::<Vec<_>>();
         let mut tree_dofs = vec![Vec::<Range<usize>>::new(); roots.len()];
-        let mut tree_rows = vec![0; roots.len()];
+        let mut tree_rows = vec![RowSet::EMPTY; roots.len()];
         for (dof, &body) in model.dof_body.iter().enumerate() {
-            tree_rows[tree_of_body[body]] |= 1 << dof;
+            tree_rows[tree_of_body[body]].insert(dof);
             let runs = &mut tree_dofs[tree_of_body[body]];
             match runs.last_mut() {
                 Some(run) if run.end == dof => run.end += 1,
@@ -54,7 +61,7 @@ impl Islands {
             dofs: Vec::with_capacity(runs),
             drives: Vec::with_capacity(runs),
             limits: Vec::with_capacity(runs),
-            rows: 0,
+            rows: RowSet::EMPTY,
             pairs: Vec::with_capacity(pairs),
         };
         let (joined, slots) = ((0..roots.len()).collect(), (0..roots.len()).map(slot).collect());
@@ -84,7 +91,7 @@ impl Islands {
             slot.dofs.clear();
             slot.drives.clear();
             slot.limits.clear();
-            slot.rows = 0;
+            slot.rows = RowSet::EMPTY;
             slot.pairs.clear();
         }
         for tree in 0..self.joined.len() {
@@ -113,11 +120,11 @@ impl Islands {
     }
 
     /// Takes an island out of its slot, to be put back; one without degrees of freedom is part of another.
-    pub fn take(&mut self, slot: usize) -> Island {
+    pub fn take(&mut self, slot: usize) -> Island<W> {
         std::mem::take(&mut self.slots[slot])
     }
 
-    pub fn put_back(&mut self, slot: usize, island: Island) {
+    pub fn put_back(&mut self, slot: usize, island: Island<W>) {
         self.slots[slot] = island;
     }
 

@@ -11,6 +11,7 @@ use crate::contact::Contact;
 use crate::factor::Factor;
 use crate::kinematics::Kinematics;
 use crate::model::Model;
+use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion};
 use crate::spec::Joint;
 
@@ -22,25 +23,25 @@ type Vector = [f64; 6];
 
 /// The unbranched twigs of a model, by base. What branches keeps its rows in the factor.
 #[derive(Debug, Clone)]
-pub(crate) struct Twigs {
-    bases: Vec<Base>,
-    free: u128,
+pub(crate) struct Twigs<const W: usize> {
+    bases: Vec<Base<W>>,
+    free: RowSet<W>,
 }
 
 #[derive(Debug, Clone)]
-struct Base {
+struct Base<const W: usize> {
     /// Degrees of freedom from the root down to the body.
     chain: Vec<u16>,
-    twigs: Vec<Twig>,
+    twigs: Vec<Twig<W>>,
     /// Rows of the twigs that nothing touches in this step.
-    free: u128,
+    free: RowSet<W>,
 }
 
 #[derive(Debug, Clone)]
-struct Twig {
+struct Twig<const W: usize> {
     /// From the base to the tip.
     links: Vec<Link>,
-    rows: u128,
+    rows: RowSet<W>,
     is_free: bool,
 }
 
@@ -55,9 +56,9 @@ struct Link {
     inverse: f64,
 }
 
-impl Twigs {
+impl<const W: usize> Twigs<W> {
     pub fn new(model: &Model) -> Self {
-        let mut bases = Vec::<Base>::new();
+        let mut bases = Vec::<Base<W>>::new();
         for chain in &model.chains {
             let Some((chain, rest)) = chain.split_at_checked(BASE_DOFS) else { continue };
             let root = model.bodies[model.dof_body[usize::from(chain[0])]].spec.joint == Joint::Free;
@@ -65,33 +66,37 @@ impl Twigs {
                 continue;
             }
             let at = bases.iter().position(|base| base.chain == chain).unwrap_or_else(|| {
-                bases.push(Base { chain: chain.to_vec(), twigs: Vec::new(), free: 0 });
+                bases.push(Base { chain: chain.to_vec(), twigs: Vec::new(), free: RowSet::EMPTY });
                 bases.len() - 1
             });
             bases[at].push(rest);
         }
         for base in &mut bases {
-            base.twigs.retain(|twig| twig.rows.count_ones() as usize == twig.links.len());
+            base.twigs.retain(|twig| twig.rows.len() == twig.links.len());
         }
-        Self { bases, free: 0 }
+        Self { bases, free: RowSet::EMPTY }
     }
 
     /// Finds the twigs that none of these contacts can load, and returns their rows: they are eliminated here.
-    pub fn find_free(&mut self, model: &Model, contacts: &[Contact]) -> u128 {
-        self.free = 0;
+    pub fn find_free(&mut self, model: &Model, contacts: &[Contact]) -> RowSet<W> {
+        self.free = RowSet::EMPTY;
         if self.bases.is_empty() {
-            return 0;
+            return RowSet::EMPTY;
         }
-        let mut touched = 0_u128;
+        let mut touched = RowSet::<W>::EMPTY;
         for shape in contacts.iter().flat_map(|contact| [contact.shape_a, contact.shape_b]) {
             let chain = &model.chains[model.shapes[shape.0].body.0];
-            touched |= chain.get(BASE_DOFS).map_or(0, |&dof| 1 << dof);
+            if let Some(&dof) = chain.get(BASE_DOFS) {
+                touched.insert(usize::from(dof));
+            }
         }
         for base in &mut self.bases {
-            base.free = 0;
+            base.free = RowSet::EMPTY;
             for twig in &mut base.twigs {
-                twig.is_free = twig.rows & touched == 0;
-                base.free |= if twig.is_free { twig.rows } else { 0 };
+                twig.is_free = (twig.rows & touched).is_empty();
+                if twig.is_free {
+                    base.free |= twig.rows;
+                }
             }
             self.free |= base.free;
         }
@@ -99,22 +104,28 @@ impl Twigs {
     }
 
     /// Rows that are eliminated here in this step.
-    pub fn free(&self) -> u128 {
+    pub fn free(&self) -> RowSet<W> {
         self.free
     }
 
     /// Free rows of the bases of which some free rows, but not all, are among these.
-    pub fn in_part(&self, rows: u128) -> u128 {
-        let in_part = |base: &&Base| base.free & rows != 0 && base.free & !rows != 0;
-        self.bases.iter().filter(in_part).fold(0, |all, base| all | base.free)
+    pub fn in_part(&self, rows: RowSet<W>) -> RowSet<W> {
+        let in_part = |base: &&Base<W>| !(base.free & rows).is_empty() && !(base.free & !rows).is_empty();
+        self.bases.iter().filter(in_part).fold(RowSet::EMPTY, |all, base| all | base.free)
     }
 
     /// Eliminates the free ones of these rows, with that on their diagonal, and takes from the factor's rows what their bases
     /// are relieved of. False if a pivot is not positive.
-    pub fn eliminate(&mut self, rows: u128, problem: &Problem<'_>, diagonal: &[f64], factor: &mut Factor) -> bool {
+    pub fn eliminate(
+        &mut self,
+        rows: RowSet<W>,
+        problem: &Problem<'_>,
+        diagonal: &[f64],
+        factor: &mut Factor<W>,
+    ) -> bool {
         let mut positive = true;
         let axes = &problem.kin.axes;
-        for base in self.bases.iter_mut().filter(|base| base.free & rows != 0) {
+        for base in self.bases.iter_mut().filter(|base| !(base.free & rows).is_empty()) {
             let mut relief = [[0.0; 6]; 6];
             for twig in base.twigs.iter_mut().filter(|twig| twig.is_free) {
                 positive &= twig.eliminate(problem, diagonal, &mut relief);
@@ -133,8 +144,8 @@ impl Twigs {
     }
 
     /// First half of a solve, before that of the factor: from the tips to the bases.
-    pub fn solve_down(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
-        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+    pub fn solve_down(&self, rows: RowSet<W>, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| !(base.free & rows).is_empty()) {
             let mut sum = [0.0; 6];
             for twig in base.twigs.iter().filter(|twig| twig.is_free) {
                 let mut force = [0.0; 6];
@@ -158,8 +169,8 @@ impl Twigs {
     }
 
     /// Second half of a solve, after that of the factor: from the bases to the tips.
-    pub fn solve_up(&self, rows: u128, kin: &Kinematics, x: &mut [f64]) {
-        for base in self.bases.iter().filter(|base| base.free & rows != 0) {
+    pub fn solve_up(&self, rows: RowSet<W>, kin: &Kinematics, x: &mut [f64]) {
+        for base in self.bases.iter().filter(|base| !(base.free & rows).is_empty()) {
             let root = usize::from(base.chain[0]);
             let root = &x[root..root + 6];
             let mut motion =
@@ -179,22 +190,22 @@ impl Twigs {
     }
 }
 
-impl Base {
+impl<const W: usize> Base<W> {
     /// Takes in a link, given the degrees of freedom from the base down to it.
     fn push(&mut self, path: &[u16]) {
-        let at = self.twigs.iter().position(|twig| twig.rows >> path[0] & 1 == 1).unwrap_or_else(|| {
-            self.twigs.push(Twig { links: Vec::new(), rows: 0, is_free: false });
+        let at = self.twigs.iter().position(|twig| twig.rows.contains(path[0].into())).unwrap_or_else(|| {
+            self.twigs.push(Twig { links: Vec::new(), rows: RowSet::EMPTY, is_free: false });
             self.twigs.len() - 1
         });
         let (twig, dof) = (&mut self.twigs[at], path[path.len() - 1]);
-        twig.rows |= 1 << dof;
+        twig.rows.insert(dof.into());
         if path.len() == twig.links.len() + 1 {
             twig.links.push(Link { dof: dof.into(), axis: [0.0; 6], response: [0.0; 6], inverse: 0.0 });
         }
     }
 }
 
-impl Twig {
+impl<const W: usize> Twig<W> {
     /// Adds what the base is relieved of.
     fn eliminate(&mut self, problem: &Problem<'_>, diagonal: &[f64], sum: &mut [Vector; 6]) -> bool {
         let &Problem { model, kin, equation, .. } = problem;

@@ -19,19 +19,19 @@ const SHAPES: [ShapeId; 2] = [ShapeId(0), ShapeId(1)];
 #[test]
 fn distances_agree_with_a_general_convex_query() {
     let mut counts = [0; 2];
-    for kinds in [(0, 0), (0, 1), (1, 1), (2, 0), (1, 2), (2, 1), (2, 2)] {
+    for kinds in [(0, 0), (0, 1), (1, 1), (2, 0), (1, 2), (2, 1), (2, 2), (3, 0), (1, 3), (3, 2), (3, 3)] {
         let mut random = Random(70 + 10 * kinds.0 as u64 + kinds.1 as u64);
         for case in 0..200 {
             let (a, b) = (random.geometry(kinds.0), random.geometry(kinds.1));
             let (pose_a, pose_b) = (random.pose(0.2), random.pose(0.2));
-            let model = two_shapes(a, b);
+            let model = two_shapes(a.clone(), b.clone());
             let nearest =
                 placed(&model, [&pose_a, &pose_b]).nearest(&model, SHAPES[0], SHAPES[1], f64::INFINITY).unwrap();
             let theirs = parry3d_f64::query::contact(
                 &parry_pose(&pose_a),
-                &*parry_shape(a),
+                &*parry_shape(&a),
                 &parry_pose(&pose_b),
-                &*parry_shape(b),
+                &*parry_shape(&b),
                 10.0,
             );
             let theirs = theirs.unwrap().unwrap().dist;
@@ -57,8 +57,8 @@ fn distances_agree_with_a_general_convex_query() {
 fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
     let mut builder = ModelBuilder::new();
     builder.add_body(free_body("a")).unwrap();
-    let ball = Geometry::Sphere { radius: 0.1 };
-    let shapes = [("floor", Geometry::HalfSpace, 0.0), ("high", ball, 3.0), ("low", ball, 0.25), ("deep", ball, -0.05)];
+    let ball = || Geometry::Sphere { radius: 0.1 };
+    let shapes = [("floor", Geometry::HalfSpace, 0.0), ("high", ball(), 3.0), ("low", ball(), 0.25), ("deep", ball(), -0.05)];
     for (index, (name, geometry, height)) in shapes.into_iter().enumerate() {
         let shape = ShapeSpec {
             name: name.into(),

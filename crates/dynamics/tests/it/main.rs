@@ -5,6 +5,8 @@ mod closed_forms;
 mod contact_points;
 mod dense;
 mod distances;
+mod heap;
+mod hulls;
 mod mechanics;
 mod refused;
 mod variation;

@@ -81,7 +81,7 @@ fn trees() {
     for number in 0..MAX_DOFS - 1 {
         builder.add_body(BodySpec { name: format!("link {number}"), ..body() }).unwrap();
     }
-    refused(builder.add_body(BodySpec { name: "one more".into(), ..body() }), &["one more", "128"]);
+    refused(builder.add_body(BodySpec { name: "one more".into(), ..body() }), &["one more", "256"]);
     refused(ModelBuilder::new().build(), &["no body"]);
 }
 
@@ -99,6 +99,26 @@ fn shapes() {
     refused(add(ShapeSpec { geometry: flat, ..shape() }), &["half_extents", "-0.1"]);
     let rough = Material { friction: -0.5, priority: 0 };
     refused(add(ShapeSpec { material: rough, ..shape() }), &["friction", "-0.5"]);
+}
+
+#[test]
+fn hulls() {
+    let corner = |k: usize| Vector3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2 & 1) as f64);
+    let cube: Vec<_> = (0..8).map(corner).collect();
+    let new = |points: &[Vector3<f64>]| Hull::new("stone", points);
+    assert!(new(&cube).is_ok());
+    refused(new(&cube[..3]), &["stone", "vertices", "3 were given", "4 to 128"]);
+    refused(new(&cube.repeat(17)), &["stone", "136 were given", "4 to 128"]);
+    refused(new(&[cube[0], cube[1], cube[2], Vector3::new(0.0, f64::NAN, 1.0)]), &["stone", "vertices", "finite"]);
+    for flat in [vec![cube[0]; 5], cube.iter().map(|p| p * 1e-5).collect(), cube.iter().map(|p| p * 1e9).collect()] {
+        refused(new(&flat), &["stone", "between 1 mm and 1 km"]);
+    }
+    for height in [0.0, 1e-9, 1e-4] {
+        let flat: Vec<_> = cube.iter().map(|p| Vector3::new(p.x, p.y, p.z * height)).collect();
+        refused(new(&flat), &["stone", "nearly flat", "do not lie in a plane"]);
+    }
+    let line: Vec<_> = (0..6).map(|k| Vector3::new(f64::from(k), 2.0 * f64::from(k), 0.0)).collect();
+    refused(new(&line), &["stone", "nearly flat"]);
 }
 
 #[test]

@@ -1,4 +1,3 @@
-use fiatlux_dynamics::Geometry;
 use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
@@ -38,7 +37,7 @@ pub(crate) fn fixture(scene: &Scene, detail: Detail) -> Mesh {
     mesh.revolve(pose, &bottom, 32, Paint::Tip);
 
     for shape in shapes(scene, ShapeOwner::FIXTURE) {
-        let Geometry::Capsule { radius, half_length } = shape.geometry else { continue };
+        let Some((radius, half_length)) = shape.geometry.as_capsule() else { continue };
         let (rod, z) = (&shape.body_from_shape, Vector3::z() * half_length);
         mesh.bar(rod, [-z, z], [radius; 2], 16, Paint::Steel);
         let ceiling = Vector3::new(pose.translation.x, pose.translation.y, scene.config.room.ceiling_height - 0.012);

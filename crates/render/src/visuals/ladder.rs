@@ -1,9 +1,9 @@
-use fiatlux_dynamics::{BodyId, Geometry};
+use fiatlux_dynamics::BodyId;
 use fiatlux_rules::errand;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::shapes::{frame_of, shapes};
+use super::shapes::{self, frame_of, shapes};
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
@@ -14,26 +14,25 @@ pub(crate) fn ladder(scene: &Scene, detail: Detail) -> Mesh {
     for shape in shapes(scene, ShapeOwner::LADDER) {
         debug_assert!((shape.body == BodyId::WORLD) == (frame == Frame::World));
         let pose = &shape.body_from_shape;
-        match shape.geometry {
-            Geometry::Capsule { radius, half_length } => {
-                let ends = [-Vector3::z() * half_length, Vector3::z() * half_length];
-                mesh.bar(pose, ends, [radius; 2], 16, Paint::Aluminium);
-                if shape.name.contains("rail") || shape.name.contains("leg") {
-                    // They start at the foot.
-                    let shoe = [ends[0], ends[0] + Vector3::z() * 0.05];
-                    mesh.bar(pose, shoe, [radius + 0.0015, radius + 0.005], 16, Paint::Rubber);
-                    let top = [ends[1] - Vector3::z() * 0.03, ends[1]];
-                    mesh.bar(pose, top, [radius + 0.003; 2], 16, Paint::Accent);
-                }
-                if shape.name.contains("guard") {
-                    let grip = half_length - 0.09;
-                    let ends = [-Vector3::z() * grip, Vector3::z() * grip];
-                    mesh.bar(pose, ends, [radius + 0.0015; 2], 16, Paint::Rubber);
-                }
+        if let Some(half_extents) = shape.geometry.as_cuboid() {
+            tread(&mut mesh, pose, half_extents);
+            continue;
+        }
+        shapes::add(&mut mesh, pose, &shape.geometry, 0.0, 16, Paint::Aluminium);
+        if let Some((radius, half_length)) = shape.geometry.as_capsule() {
+            let ends = [-Vector3::z() * half_length, Vector3::z() * half_length];
+            if shape.name.contains("rail") || shape.name.contains("leg") {
+                // They start at the foot.
+                let shoe = [ends[0], ends[0] + Vector3::z() * 0.05];
+                mesh.bar(pose, shoe, [radius + 0.0015, radius + 0.005], 16, Paint::Rubber);
+                let top = [ends[1] - Vector3::z() * 0.03, ends[1]];
+                mesh.bar(pose, top, [radius + 0.003; 2], 16, Paint::Accent);
             }
-            Geometry::Cuboid { half_extents } => tread(&mut mesh, pose, half_extents),
-            Geometry::Sphere { radius } => mesh.bar(pose, [Vector3::zeros(); 2], [radius; 2], 16, Paint::Aluminium),
-            Geometry::HalfSpace => {}
+            if shape.name.contains("guard") {
+                let grip = half_length - 0.09;
+                let ends = [-Vector3::z() * grip, Vector3::z() * grip];
+                mesh.bar(pose, ends, [radius + 0.0015; 2], 16, Paint::Rubber);
+            }
         }
     }
     mesh

@@ -1,11 +1,9 @@
 use std::sync::Arc;
 
-use fiatlux_dynamics::Geometry;
 use fiatlux_robot::{Robot, Shape};
 use fiatlux_world::ShapeOwner;
-use nalgebra::{Isometry3, Vector3};
 
-use super::g1;
+use super::{g1, shapes};
 use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
@@ -35,17 +33,7 @@ fn own(robot: &Robot, link: usize, detail: Detail) -> Mesh {
 }
 
 fn add(mesh: &mut Mesh, shape: &Shape, paint: Paint) {
-    let pose: &Isometry3<f64> = &shape.link_from_shape;
-    match shape.geometry {
-        Geometry::Capsule { radius, half_length } => {
-            let segments = if radius < 0.015 { 10 } else { 20 };
-            let z = Vector3::z() * half_length;
-            mesh.bar(pose, [-z, z], [radius; 2], segments, paint);
-        }
-        Geometry::Sphere { radius } => mesh.bar(pose, [Vector3::zeros(); 2], [radius; 2], 20, paint),
-        Geometry::Cuboid { half_extents } => {
-            mesh.block(pose, half_extents, 0.4 * half_extents.min(), 2, 0.0, paint);
-        }
-        Geometry::HalfSpace => {}
-    }
+    let is_thin = shape.geometry.as_capsule().is_some_and(|(radius, _)| radius < 0.015);
+    let segments = if is_thin { 10 } else { 20 };
+    shapes::add(mesh, &shape.link_from_shape, &shape.geometry, 0.4, segments, paint);
 }

@@ -1,4 +1,3 @@
-use fiatlux_dynamics::Geometry;
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -27,7 +26,7 @@ pub(crate) fn walls(scene: &Scene, detail: Detail) -> Mesh {
     let center = Vector3::new(middle(room.zone_x), middle(room.zone_y), room.wall_top / 2.0);
     let mut mesh = Mesh::new(Frame::World, ShapeOwner::Room, detail);
     for shape in shapes(scene, ShapeOwner::Room) {
-        let Geometry::Cuboid { half_extents } = shape.geometry else { continue };
+        let Some(half_extents) = shape.geometry.as_cuboid() else { continue };
         let pose = &shape.body_from_shape;
         let paint = if shape.name.contains("ceiling") { Paint::Ceiling } else { Paint::Wall };
         for axis in 0..3 {

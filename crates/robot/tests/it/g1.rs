@@ -214,7 +214,7 @@ fn left_mirrors_right() {
 fn size(geometry: &Geometry) -> [i64; 3] {
     let nm = |x: f64| (x * 1e9).round() as i64;
     match *geometry {
-        Geometry::HalfSpace => [0; 3],
+        Geometry::HalfSpace | Geometry::Hull(_) => [0; 3],
         Geometry::Sphere { radius } => [nm(radius), 0, 0],
         Geometry::Capsule { radius, half_length } => [nm(radius), nm(half_length), 0],
         Geometry::Cuboid { half_extents } => [nm(half_extents.x), nm(half_extents.y), nm(half_extents.z)],

@@ -1,4 +1,4 @@
-//! A ray against a box, a ball or a capsule.
+//! Shapes placed before a sensor.
 
 use fiatlux_dynamics::Geometry;
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -7,49 +7,31 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 #[derive(Debug, Clone)]
 pub(super) struct Target {
     prop_from_shape: Isometry3<f64>,
-    form: Form,
-    /// Half extents of its bounding box, in its own frame, m.
+    geometry: Geometry,
+    /// Half extents of a box about its origin that bounds it, in its own frame, m.
     half: Vector3<f64>,
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Form {
-    Box,
-    /// Along z; a ball where its half length is 0.
-    Capsule {
-        radius: f64,
-        half_length: f64,
-    },
 }
 
 impl Target {
     /// `None` for what has no bounds.
     pub fn new(geometry: &Geometry, prop_from_shape: Isometry3<f64>) -> Option<Self> {
-        let capsule = |radius: f64, half_length: f64| {
-            (Form::Capsule { radius, half_length }, Vector3::new(radius, radius, radius + half_length))
-        };
-        let (form, half) = match *geometry {
-            Geometry::Cuboid { half_extents } => (Form::Box, half_extents),
-            Geometry::Capsule { radius, half_length } => capsule(radius, half_length),
-            Geometry::Sphere { radius } => capsule(radius, 0.0),
-            Geometry::HalfSpace => return None,
-        };
-        Some(Self { prop_from_shape, form, half })
+        let [low, high] = geometry.bounds(&Matrix3::identity())?;
+        Some(Self { prop_from_shape, geometry: geometry.clone(), half: high.sup(&-low) })
     }
 
     /// In the frame of a sensor.
-    pub fn place(&self, sensor_from_prop: &Isometry3<f64>) -> Placed {
+    pub fn place(&self, sensor_from_prop: &Isometry3<f64>) -> Placed<'_> {
         let sensor_from_shape = sensor_from_prop * self.prop_from_shape;
         let center = sensor_from_shape.translation.vector;
         let axes = sensor_from_shape.rotation.to_rotation_matrix().into_inner();
-        Placed { form: self.form, half: self.half, center, axes, eye: -axes.tr_mul(&center) }
+        Placed { geometry: &self.geometry, half: self.half, center, axes, eye: -axes.tr_mul(&center) }
     }
 }
 
 /// A shape in the frame of a sensor, whose rays start at the origin.
 #[derive(Debug)]
-pub(super) struct Placed {
-    form: Form,
+pub(super) struct Placed<'a> {
+    geometry: &'a Geometry,
     half: Vector3<f64>,
     pub center: Vector3<f64>,
     /// The shape's axes as columns.
@@ -58,7 +40,7 @@ pub(super) struct Placed {
     eye: Vector3<f64>,
 }
 
-impl Placed {
+impl Placed<'_> {
     /// A distance that the shape surely keeps from the sensor, m.
     pub fn gap(&self) -> f64 {
         self.center.norm() - self.half.norm()
@@ -75,55 +57,41 @@ impl Placed {
 
     /// Distance along a unit vector, m; 0 from inside.
     pub fn cast(&self, direction: &Vector3<f64>) -> Option<f64> {
-        let along = self.axes.tr_mul(direction);
-        match self.form {
-            Form::Box => cast_box(&self.eye, &along, &self.half),
-            Form::Capsule { radius, half_length } => cast_capsule(&self.eye, &along, radius, half_length),
+        self.geometry.cast_ray(&self.eye, &self.axes.tr_mul(direction))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use fiatlux_dynamics::Hull;
+
+    use super::*;
+
+    /// A hull off its shape's origin is seen where the same box is, and lies within its bounding box.
+    #[test]
+    fn a_hull_of_a_box_is_seen_as_the_box() {
+        let (half_extents, center) = (Vector3::new(0.3, 0.2, 0.1), Vector3::new(0.5, -0.1, 0.2));
+        let sign = |k: usize, axis: usize| if k >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let corner = |k| center + half_extents.component_mul(&Vector3::new(sign(k, 0), sign(k, 1), sign(k, 2)));
+        let corners: Vec<_> = (0..8).map(corner).collect();
+        let hull = Geometry::Hull(Arc::new(Hull::new("box", &corners).unwrap()));
+        let pose = Isometry3::new(Vector3::new(2.0, 0.5, 0.1), Vector3::new(0.3, -0.2, 0.7));
+        let hull = Target::new(&hull, Isometry3::identity()).unwrap();
+        let boxed = Target::new(&Geometry::Cuboid { half_extents }, Isometry3::from(center)).unwrap();
+        let (hull, boxed) = (hull.place(&pose), boxed.place(&pose));
+        assert!(hull.gap() <= boxed.cast(&boxed.center.normalize()).unwrap());
+        let mut hits = 0;
+        for k in 0..400 {
+            let along =
+                boxed.center.normalize() + Vector3::new(0.0, f64::from(k % 20) - 9.5, f64::from(k / 20) - 9.5) * 0.02;
+            let (found, expected) = (hull.cast(&along.normalize()), boxed.cast(&along.normalize()));
+            assert_eq!(found.is_some(), expected.is_some());
+            hits += usize::from(found.is_some());
+            assert!((found.unwrap_or(0.0) - expected.unwrap_or(0.0)).abs() < 1e-9, "{found:?} {expected:?}");
         }
+        assert!((50..350).contains(&hits), "{hits}");
     }
-}
-
-/// Where the ray has entered all three slabs, unless it has left one by then.
-fn cast_box(eye: &Vector3<f64>, along: &Vector3<f64>, half: &Vector3<f64>) -> Option<f64> {
-    let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
-    for axis in 0..3 {
-        // Infinite along a face, which the comparisons bear.
-        let inverse = 1.0 / along[axis];
-        let (a, b) = ((-half[axis] - eye[axis]) * inverse, (half[axis] - eye[axis]) * inverse);
-        enter = enter.max(a.min(b));
-        leave = leave.min(a.max(b));
-    }
-    (enter <= leave).then_some(enter)
-}
-
-/// Where the ray first enters the tube between the caps' centres or one of the two balls. From inside, no entry lies
-/// ahead that is not inside as well, so that case is told apart first.
-fn cast_capsule(eye: &Vector3<f64>, along: &Vector3<f64>, radius: f64, half_length: f64) -> Option<f64> {
-    let square = radius * radius;
-    let beside = Vector3::new(eye.x, eye.y, eye.z - eye.z.clamp(-half_length, half_length));
-    if beside.norm_squared() <= square {
-        return Some(0.0);
-    }
-    let tube = {
-        let (a, b) = (along.x * along.x + along.y * along.y, eye.x * along.x + eye.y * along.y);
-        let c = eye.x * eye.x + eye.y * eye.y - square;
-        first_root(a, b, c).filter(|distance| (eye.z + distance * along.z).abs() <= half_length)
-    };
-    if tube.is_some() {
-        return tube;
-    }
-    let ball = |z: f64| {
-        let from = Vector3::new(eye.x, eye.y, eye.z - z);
-        first_root(1.0, from.dot(along), from.norm_squared() - square)
-    };
-    match (ball(-half_length), ball(half_length)) {
-        (Some(a), Some(b)) => Some(a.min(b)),
-        (a, b) => a.or(b),
-    }
-}
-
-/// The smaller root of a x^2 + 2 b x + c, where it is not negative.
-fn first_root(a: f64, b: f64, c: f64) -> Option<f64> {
-    let discriminant = b * b - a * c;
-    (a > 0.0 && discriminant >= 0.0 && b < 0.0 && c >= 0.0).then(|| (-b - libm::sqrt(discriminant)) / a)
 }

@@ -40,7 +40,7 @@ fn ladder(scene: &Scene, row: &Row) -> Vec<(Isometry3<f64>, Geometry)> {
     let shapes = scene.model.shapes().iter().filter(|s| ShapeOwner::from_label(s.label) == ShapeOwner::LADDER);
     let world_from_body =
         if scene.body(errand::LADDER).is_some() { row.things[errand::LADDER].pose } else { Isometry3::identity() };
-    shapes.map(|shape| (world_from_body * shape.body_from_shape, shape.geometry)).collect()
+    shapes.map(|shape| (world_from_body * shape.body_from_shape, shape.geometry.clone())).collect()
 }
 
 /// Pose of the sensor by the robot's own kinematics.
@@ -145,7 +145,10 @@ fn ranges_in_the_room_are_those_of_parry() {
     let everything = |scene: &Scene, row: &Row| {
         let fast = [ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::CRATE, ShapeOwner::FIXTURE];
         let shapes = scene.model.shapes().iter().filter(|s| fast.contains(&ShapeOwner::from_label(s.label)));
-        ladder(scene, row).into_iter().chain(shapes.map(|shape| (shape.body_from_shape, shape.geometry))).collect()
+        ladder(scene, row)
+            .into_iter()
+            .chain(shapes.map(|shape| (shape.body_from_shape, shape.geometry.clone())))
+            .collect()
     };
     compare_with_parry(Sight::Room, everything);
 }

@@ -106,3 +106,15 @@ fn boxes_are_drawn_where_the_model_has_them() {
         }
     }
 }
+
+#[test]
+fn a_hull_is_drawn_by_its_triangles() {
+    let corners = [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3], [0.0, 0.0, 0.0]].map(Vector3::from);
+    let hull = fiatlux_dynamics::Hull::new("stone", &corners).expect("a solid");
+    let mut entity = entity("stone", WORLD);
+    draw(&mut entity, &Isometry3::translation(0.0, 0.0, 1.0), &Geometry::Hull(Arc::new(hull)), TREAD);
+    let [drawn] = &entity.triangles[..] else { panic!("{entity:?}") };
+    assert_eq!((drawn.points.len(), drawn.indices.len()), (4, 12));
+    assert!(drawn.indices.iter().all(|index| *index < 4));
+    assert_eq!(drawn.pose.as_ref().and_then(|pose| pose.position).map(|position| position.z), Some(1.0));
+}

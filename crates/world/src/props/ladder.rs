@@ -1,10 +1,8 @@
 //! A platform step ladder of capsules and boxes: two front rails with treads between them, two rear legs, a platform,
 //! and a guard rail at its back.
 
-use std::f64::consts::PI;
-
-use fiatlux_dynamics::{BodyId, BodySpec, Geometry, Joint};
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use fiatlux_dynamics::{BodyId, BodySpec, Joint};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::Part;
 use crate::SceneError;
@@ -129,14 +127,14 @@ impl Solid {
     fn sum(parts: &[Part]) -> Self {
         let mut sum = Self { volume: 0.0, first_moment: Vector3::zeros(), inertia: Matrix3::zeros() };
         for part in parts {
-            let (volume, moments) = solid_moments(&part.geometry);
-            let center = part.prop_from_part.translation.vector;
+            let solid = part.geometry.solid();
+            let center = (part.prop_from_part * Point3::from(solid.center)).coords;
             let rotation = part.prop_from_part.rotation.to_rotation_matrix();
-            let turned = rotation.matrix() * Matrix3::from_diagonal(&moments) * rotation.matrix().transpose();
-            sum.volume += volume;
-            sum.first_moment += volume * center;
+            let turned = rotation.matrix() * solid.inertia * rotation.matrix().transpose();
+            sum.volume += solid.volume;
+            sum.first_moment += solid.volume * center;
             // The mean with its transpose makes it symmetric to the last bit.
-            sum.inertia += (turned + turned.transpose()) / 2.0 + steiner(volume, &center);
+            sum.inertia += (turned + turned.transpose()) / 2.0 + steiner(solid.volume, &center);
         }
         sum
     }
@@ -144,32 +142,6 @@ impl Solid {
 
 fn steiner(mass: f64, offset: &Vector3<f64>) -> Matrix3<f64> {
     mass * (Matrix3::from_diagonal_element(offset.norm_squared()) - offset * offset.transpose())
-}
-
-/// Volume and principal moments of density 1 about the centre of a ladder's part.
-fn solid_moments(geometry: &Geometry) -> (f64, Vector3<f64>) {
-    match *geometry {
-        Geometry::Cuboid { half_extents: h } => {
-            let volume = 8.0 * h.x * h.y * h.z;
-            let square = h.component_mul(&h);
-            let moments = Vector3::new(square.y + square.z, square.x + square.z, square.x + square.y);
-            (volume, moments * (volume / 3.0))
-        }
-        Geometry::Capsule { radius: r, half_length } => {
-            let length = 2.0 * half_length;
-            let (tube, ball) = (PI * r * r * length, 4.0 / 3.0 * PI * r * r * r);
-            let along = tube * r * r / 2.0 + ball * 0.4 * r * r;
-            let across = tube * (length * length / 12.0 + r * r / 4.0)
-                + ball * (0.4 * r * r + length * length / 4.0 + 0.375 * length * r);
-            (tube + ball, Vector3::new(across, across, along))
-        }
-        Geometry::Sphere { radius: r } => {
-            let ball = 4.0 / 3.0 * PI * r * r * r;
-            (ball, Vector3::from_element(ball * 0.4 * r * r))
-        }
-        // No body has one.
-        Geometry::HalfSpace => (0.0, Vector3::zeros()),
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Sums contact forces into the measures of the manifest.
 
-use fiatlux_dynamics::{Contact, Geometry, ShapeSpec};
+use fiatlux_dynamics::{Contact, ShapeSpec};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Group, Measure, Motion, Partner, Row, Support, errand, manifest};
 use nalgebra::Vector3;
@@ -218,7 +218,7 @@ impl Sensed {
 /// Whether a shape of a thing is a box whose top is at a height or above. Treads and platform are the ladder's boxes; rails, legs
 /// and guard are round. A ladder of another size has its treads elsewhere: what counts is the nominal height.
 fn is_box_from(height: f64, scene: &Scene, thing: usize, shape: &ShapeSpec) -> bool {
-    let Geometry::Cuboid { half_extents } = shape.geometry else { return false };
+    let Some(half_extents) = shape.geometry.as_cuboid() else { return false };
     let thing_from_shape = match scene.body(thing) {
         Some(_) => shape.body_from_shape,
         None => scene.world_from(thing).inverse() * shape.body_from_shape,

@@ -1,9 +1,11 @@
 //! The engine against MuJoCo: fixtures written by `tests/oracle/oracle.py` from our own export.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use fiatlux_dynamics::{
-    BodyId, BodySpec, Dynamics, Geometry, Input, Joint, Material, Mechanics, Model, ModelBuilder, ShapeSpec, State,
+    BodyId, BodySpec, Dynamics, Geometry, Hull, Input, Joint, Material, Mechanics, Model, ModelBuilder, ShapeSpec,
+    State,
 };
 use fiatlux_mjcf::ExportScene;
 use fiatlux_robot::{BuildOptions, Robot};
@@ -377,6 +379,10 @@ impl ContactShape {
             "sphere" => Geometry::Sphere { radius: self.size[0] },
             "capsule" => Geometry::Capsule { radius: self.size[0], half_length: self.size[1] },
             "box" => Geometry::Cuboid { half_extents: Vector3::from_column_slice(&self.size[..3]) },
+            "mesh" => {
+                let vertices: Vec<_> = self.size.chunks_exact(3).map(Vector3::from_column_slice).collect();
+                Geometry::Hull(Arc::new(Hull::new("mesh", &vertices).unwrap()))
+            }
             other => panic!("unknown kind {other}"),
         }
     }
@@ -391,7 +397,7 @@ impl ContactShape {
 #[test]
 fn contact_points_are_those_of_mujoco() {
     let fixture: ContactsFixture = fixture("contacts");
-    let mut compared = 0;
+    let (mut compared, mut hulls) = (0, 0);
     for (number, pair) in fixture.pairs.iter().enumerate() {
         let mut builder = ModelBuilder::new();
         for (name, shape) in [("a", &pair.a), ("b", &pair.b)] {
@@ -427,17 +433,27 @@ fn contact_points_are_those_of_mujoco() {
         let (Some(theirs), Some(direct), Some(normal)) = (pair.distance, pair.direct_distance, &pair.normal) else {
             continue;
         };
-        // Where MuJoCo's two routines disagree, or boxes are apart (a separating axis is not a distance), none judges.
-        let boxes = pair.a.kind == "box" && pair.b.kind == "box";
-        if (theirs - direct).abs() > 1e-5 || theirs > 0.9 * fixture.margin || boxes && theirs > 0.0 {
+        // Where MuJoCo's two routines disagree, or polyhedra are apart (a separating axis is not a distance), none judges.
+        let polyhedra = [&pair.a, &pair.b].iter().all(|shape| ["box", "mesh"].contains(&shape.kind.as_str()));
+        // Of hulls its contacts are found step by step: 7e-6 m off the least overlap, one normal is 5 degrees off its axis.
+        let agreement = if pair.b.kind == "mesh" { 1e-6 } else { 1e-5 };
+        if (theirs - direct).abs() > agreement || theirs > 0.9 * fixture.margin || polyhedra && theirs > 0.0 {
             continue;
         }
         let ours = deepest.unwrap_or_else(|| panic!("pair {number}: MuJoCo sees {theirs}, we see nothing"));
         compared += 1;
+        hulls += usize::from(pair.b.kind == "mesh");
         assert!((ours.distance - theirs).abs() < 6e-4, "pair {number}: {} against {theirs}", ours.distance);
         let aligned = ours.normal.dot(&Vector3::from_column_slice(normal));
-        assert!(aligned > 0.999, "pair {number} ({} {}): normals differ: {aligned}", pair.a.kind, pair.b.kind);
+        // The ends of a capsule's flat stretch lie up to half a millimetre above its deepest point, where an edge turns the normal.
+        let turned = pair.a.kind == "capsule" && pair.b.kind == "mesh";
+        assert!(
+            aligned > if turned { 0.99 } else { 0.999 },
+            "pair {number} ({} {}): normals differ: {aligned}",
+            pair.a.kind,
+            pair.b.kind
+        );
     }
-    println!("{compared} of {} pairs compared", fixture.pairs.len());
-    assert!(compared > 100);
+    println!("{compared} of {} pairs compared, {hulls} with hulls", fixture.pairs.len());
+    assert!(compared > 100 && hulls > 40);
 }

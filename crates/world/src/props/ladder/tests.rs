@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use fiatlux_dynamics::Geometry;
 use parry3d_f64::mass_properties::MassProperties;
 use parry3d_f64::shape::{Capsule, Cuboid, Shape};
 
@@ -50,7 +51,8 @@ fn has_the_published_mass_and_center() {
 fn moments_agree_with_parry() {
     let config = SceneConfig::default();
     for part in ladder(&config.ladder, &config.surfaces) {
-        let (volume, moments) = solid_moments(&part.geometry);
+        let solid = part.geometry.solid();
+        let (volume, moments) = (solid.volume, solid.inertia.diagonal());
         let reference: MassProperties = match part.geometry {
             Geometry::Capsule { radius, half_length } => Capsule::new_z(half_length, radius).mass_properties(1.0),
             Geometry::Cuboid { half_extents: h } => {
