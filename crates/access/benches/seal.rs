@@ -1,5 +1,5 @@
-//! What authentication costs a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time of a step
-//! without it (`fiatlux-bench service`), 250 us by default.
+//! The cost of authentication for a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time
+//! of a step without it (`fiatlux-bench service`), 250 us by default.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 
@@ -62,7 +62,6 @@ fn time(mut call: impl FnMut()) -> f64 {
     (0..BATCHES).map(|_| batch(&mut call)).fold(f64::INFINITY, f64::min)
 }
 
-/// The secrets of both sides after a handshake.
 fn session() -> Result<(Secrets, Secrets), HandshakeError> {
     let identity = Identity::generate()?;
     let greeting = Greeting::new("peer", None)?;

@@ -1,8 +1,8 @@
-//! How a client and a server agree on the keys of a session, while others listen.
+//! Agrees on the keys of a session between a client and a server, while others listen.
 //!
-//! The client sends a [`Hello`] with its request. The server replies with a [`Welcome`], whose signature covers everything that
-//! both sides sent. Each side has an ephemeral X25519 key; only the two know the shared secret, and the signature proves who
-//! replied.
+//! The client sends a [`Hello`] with its request. The server replies with a [`Welcome`], whose signature covers
+//! everything that both sides sent. Each side has an ephemeral X25519 key; only the two know the shared secret, and the
+//! signature proves who replied.
 
 use fiatlux_proto::v3::{Hello, Welcome};
 use ring::agreement::{self, EphemeralPrivateKey, UnparsedPublicKey, X25519};
@@ -18,49 +18,30 @@ const LABEL: &[u8] = b"fiatlux handshake 3.4";
 const TOKEN_LABEL: &[u8] = b"fiatlux token 3.4";
 const RUN_LABEL: &[u8] = b"fiatlux run 3.4";
 
-/// Length of a token's proof, bytes.
 pub const PROOF_BYTES: usize = 32;
 
 /// Longest Zenoh id in a hello, bytes.
 const MAX_PEER: usize = 64;
 
-/// Why client and server could not agree on keys.
 #[derive(Debug, Error)]
 pub enum HandshakeError {
-    /// The hello cannot be used.
     #[error("hello.{field} {problem}")]
-    Hello {
-        /// Name of the field of the hello that cannot be used.
-        field: &'static str,
-        /// What is wrong with it, and what it should be.
-        problem: &'static str,
-    },
-    /// The reply names no key, or that key did not sign what both sides sent.
+    Hello { field: &'static str, problem: &'static str },
     #[error("the reply is not signed by the key that it names; someone else answered, or it was changed on the way")]
     Signature,
-    /// The reply is signed by another key than the one expected.
     #[error(
         "the reply is signed by {found}, but the server's key is {expected}; someone else answered, or the server has a new key"
     )]
-    Server {
-        /// The key that the client knows for this server.
-        expected: PublicKey,
-        found: PublicKey,
-    },
-    /// One of the two ephemeral keys gives no shared secret.
+    Server { expected: PublicKey, found: PublicKey },
     #[error("the two keys of the exchange give no shared secret; draw new ones")]
     Agreement,
-    /// The system's random source failed.
     #[error(transparent)]
     Random(#[from] AccessError),
 }
 
-/// The two ends of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The side that opened the session.
     Client,
-    /// The side that runs the session.
     Server,
 }
 
@@ -103,9 +84,6 @@ pub struct Secrets(Prk);
 
 impl Greeting {
     /// Draws the random parts of a request. `peer` is the client's Zenoh id.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Random`] or [`HandshakeError::Agreement`].
     pub fn new(peer: &str, token: Option<&Token>) -> Result<Self, HandshakeError> {
         let private = private_key()?;
         let hello = Hello {
@@ -145,25 +123,18 @@ impl Greeting {
     }
 
     /// The secrets of the session that the reply opens.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`].
     pub fn agree(self, verified: &Verified) -> Result<Secrets, HandshakeError> {
         agree(self.private, &verified.key, &verified.transcript)
     }
 }
 
 impl Verified {
-    /// Key of the server that signed the reply.
     pub fn server(&self) -> &PublicKey {
         &self.server
     }
 }
 
 /// Checks whether a request's hello can be answered.
-///
-/// # Errors
-/// [`HandshakeError::Hello`], which names the field.
 pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
     let wrong = |field, problem| Err(HandshakeError::Hello { field, problem });
     if hello.key.len() != 32 {
@@ -179,9 +150,6 @@ pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
 }
 
 /// The server's half: the message for its reply, and the secrets of the session.
-///
-/// # Errors
-/// [`HandshakeError`]: a hello that cannot be answered.
 pub fn welcome(identity: &Identity, hello: &Hello, reply: Reply<'_>) -> Result<(Welcome, Secrets), HandshakeError> {
     check_hello(hello)?;
     let private = private_key()?;
@@ -199,7 +167,7 @@ pub fn proof(secret: &[u8; 32], request: &[u8]) -> [u8; PROOF_BYTES] {
     proof
 }
 
-/// Whether the proof was made with this token for this request. Takes as long for a wrong proof as for the right one.
+/// Checks, in constant time, that the proof was made with this token for this request.
 #[must_use]
 pub fn is_proof(secret: &[u8; 32], request: &[u8], proof: &[u8]) -> bool {
     use subtle::ConstantTimeEq as _;
@@ -215,9 +183,6 @@ fn proof_context(secret: &[u8; 32], request: &[u8]) -> hmac::Context {
 }
 
 /// The key pair of a run, derived from the run's secret.
-///
-/// # Errors
-/// [`HandshakeError::Agreement`]: the secret gives no key pair.
 pub fn run_identity(secret: &str) -> Result<Identity, HandshakeError> {
     let mut seed = [0; 32];
     seed.copy_from_slice(hash(&[RUN_LABEL, b" key\0", secret.as_bytes()]).as_ref());
@@ -231,9 +196,6 @@ pub fn registration(server: &str, request: &[u8]) -> Vec<u8> {
 
 impl Secrets {
     /// Key of the authentication codes of all messages that this side sends.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn mac_key(&self, sender: Side) -> Result<hmac::Key, HandshakeError> {
         let info: &[u8] = match sender {
             Side::Client => b"client to server",
@@ -270,7 +232,6 @@ pub(crate) fn expand_aead(secret: &Prk, info: &[u8]) -> Result<aead::LessSafeKey
     Ok(aead::LessSafeKey::new(key.into()))
 }
 
-/// SHA-256 of the concatenated parts.
 pub fn hash(parts: &[&[u8]]) -> digest::Digest {
     let mut context = digest::Context::new(&digest::SHA256);
     parts.iter().for_each(|part| context.update(part));

@@ -50,10 +50,6 @@ pub use result::{Signer, sign_result, signer_of};
 pub use rows::RowsKey;
 pub use tokens::{Grant, MAX_LIMIT, SECRET_BYTES, Token, Tokens};
 
-/// Fills an array from the system's random source.
-///
-/// # Errors
-/// [`AccessError::Random`]: the random source failed.
 pub fn random<const N: usize>() -> Result<[u8; N], AccessError> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(AccessError::Random)?;

@@ -1,4 +1,4 @@
-//! The signature of an episode's result, which says what server vouches for it.
+//! The signature of an episode's result, which shows which server vouches for it.
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeResult, Signature};
@@ -8,7 +8,6 @@ use crate::{Identity, PublicKey, hash};
 /// Prefix of the signed bytes; no other message that an identity signs begins with it.
 const CONTEXT: &[u8] = b"fiatlux episode result\0";
 
-/// What the signature of a result shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signer {
     /// The result carries no signature.

@@ -12,16 +12,14 @@ use crate::stream::{ChunkReader, Messages};
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, metadata, topic};
 
-/// Whether a bag holds all of its episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Completeness {
-    /// All of it is there, its result included.
+    /// The bag has all rows and the result.
     Whole,
-    /// Only a part is there.
+    /// The bag has only a part of the episode.
     Cut {
-        /// Why the rest is missing, in words.
         reason: String,
-        /// The step after the last row that is there.
+        /// The step after the last row in the bag.
         next_step: u64,
     },
 }
@@ -42,12 +40,12 @@ pub struct Bag {
 }
 
 impl Bag {
-    /// Opens a bag, finished or not, whole or cut. What of it cannot be read is told by [`Bag::completeness`]; whether all its
-    /// bytes are as they were written, by [`Bag::check`].
+    /// Opens a bag, finished or not, whole or cut. [`Bag::completeness`] says which part cannot be read, and
+    /// [`Bag::check`] whether all bytes are as they were written.
     ///
     /// # Errors
-    /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged, more to
-    /// unpack than a file of this size can hold, or messages on a topic that the header does not promise.
+    /// No such file, no bag, a header that is missing or of another major version, a damaged first chunk, more
+    /// to unpack than a file of this size can hold, or messages on a topic that the header does not promise.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let mut found = scan(path)?;
@@ -74,33 +72,29 @@ impl Bag {
         Ok(Self { path, header, result, completeness, channels, chunks, sums, unknown_field, patience: None })
     }
 
-    /// Reads no longer than this.
     #[must_use]
     pub fn with_patience(self, patience: Option<Patience>) -> Self {
         Self { patience, ..self }
     }
 
-    /// Path that the bag was opened at.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What was set when the episode began.
     pub fn header(&self) -> &EpisodeHeader {
         &self.header
     }
 
-    /// How the episode ended, where the file goes so far.
+    /// The result; `None` if the episode has not ended in this file.
     pub fn result(&self) -> Option<&EpisodeResult> {
         self.result.as_ref()
     }
 
-    /// Whether all of the episode is there.
     pub fn completeness(&self) -> &Completeness {
         &self.completeness
     }
 
-    /// The state of each row, in order of step.
+    /// The states of the rows, in order of step.
     pub fn states(&self) -> Messages<'_, State> {
         self.messages(topic::STATE)
     }
@@ -110,7 +104,7 @@ impl Bag {
         self.messages(topic::ACTION)
     }
 
-    /// What the policy saw.
+    /// The observations that the policy received.
     pub fn observations(&self) -> Messages<'_, Observation> {
         self.messages(topic::OBSERVATION)
     }
@@ -140,7 +134,7 @@ impl Bag {
         self.messages(topic::CAMERA)
     }
 
-    /// What the LiDAR hit, where the session asked for it.
+    /// The LiDAR's point clouds, where the session asked for them.
     pub fn point_clouds(&self) -> Messages<'_, foxglove::PointCloud> {
         self.messages(topic::LIDAR)
     }

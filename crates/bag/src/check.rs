@@ -1,4 +1,4 @@
-//! Whether a bag's bytes are those that its writer left.
+//! Compares a bag's bytes with its checksums.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -16,9 +16,9 @@ use crate::{Bag, BagError, Completeness, topic};
 const BLOCK: usize = 1 << 20;
 
 impl Bag {
-    /// Reads the whole file and compares it with its checksums, and what stands in it twice with each other: a bit that has
-    /// changed anywhere is found. [`Bag::open`] reads no chunk but the first; whoever reads messages finds what is wrong
-    /// with their chunks.
+    /// Reads the whole file, compares it with its checksums, and compares two copies of the same data with each other:
+    /// a bit that has changed anywhere is found. [`Bag::open`] reads only the first chunk; the others are checked when
+    /// their messages are read.
     ///
     /// Checksums find accidents. They do not find somebody who writes the file anew.
     ///
@@ -30,11 +30,8 @@ impl Bag {
         self.check_rest(&Seen::default())
     }
 
-    /// [`Bag::check`] for somebody who has read messages already: their chunks are not read again. A grade has read two
-    /// thirds of the file.
-    ///
-    /// # Errors
-    /// As [`Bag::check`].
+    /// [`Bag::check`] after messages have been read: their chunks are not read again. Grading reads two thirds of the
+    /// file.
     pub fn check_rest(&self, seen: &Seen) -> Result<(), BagError> {
         let Sums { data, summary, is_ours } = self.sums;
         let whole = *self.completeness() == Completeness::Whole;
@@ -56,13 +53,13 @@ impl Bag {
                 }
             }
             _ if whole => return Err(BagError::damaged(self.path(), 0, "its data section or its summary has no end")),
-            // A bag that was not finished has none of them, and says so.
+            // A bag that was not finished has neither, and says so.
             _ => {}
         }
         if whole { self.check_doubles(seen) } else { Ok(()) }
     }
 
-    /// Over bytes of the file, those of chunks that were seen without reading them.
+    /// Checksum over bytes of the file; of chunks that were seen, without reading them again.
     fn checksum(&self, file: &mut File, from: u64, to: u64, seen: &Seen) -> std::io::Result<u32> {
         let (mut hasher, mut at) = (Hasher::new(), from);
         let mut block = vec![0; BLOCK.min(to.saturating_sub(from) as usize)];
@@ -82,7 +79,7 @@ impl Bag {
         let disagrees = |what: String| BagError::Disagrees { path: self.path().into(), what };
         let is_newer = self.header().protocol.is_some_and(|protocol| protocol.minor > PROTOCOL.minor);
         if let (Some(field), false) = (&self.unknown_field, is_newer) {
-            return Err(disagrees(format!("its header has a field '{field}', which no header has")));
+            return Err(disagrees(format!("its header has a field '{field}', which this protocol does not define")));
         }
         let mut results = self.unseen_results(seen)?;
         results.extend(seen.results.iter().filter(|(chunk, _)| seen.chunks.contains_key(chunk)).cloned());
@@ -110,7 +107,6 @@ impl Bag {
     }
 }
 
-/// Adds bytes of the file.
 fn add(hasher: &mut Hasher, file: &mut File, from: u64, to: u64, block: &mut [u8]) -> std::io::Result<()> {
     file.seek(SeekFrom::Start(from))?;
     let mut left = to.saturating_sub(from);

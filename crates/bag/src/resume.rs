@@ -1,4 +1,4 @@
-//! Goes on with a bag that was left unfinished.
+//! Continues an unfinished bag.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -7,7 +7,6 @@ use fiatlux_proto::v3::EpisodeHeader;
 
 use crate::{Bag, BagError, BagWriter, part_of, topic};
 
-/// A bag taken up again.
 pub struct Resumed {
     /// Appends the rows that follow the last one that was kept.
     pub writer: BagWriter,
@@ -16,12 +15,13 @@ pub struct Resumed {
 }
 
 impl BagWriter {
-    /// Takes up `NAME.mcap.part` of the bag `path`: all its whole rows go into a new file of that name, chunk for chunk as
-    /// if it had never been left. [`BagWriter::next_step`] says which row comes next. The old file stays until the new
-    /// one has all that is in it.
+    /// Continues `NAME.mcap.part` of the bag `path`: its complete rows go into a new file of that name, chunk for chunk
+    /// as if recording had never stopped. [`BagWriter::next_step`] is the next row's step. The old file stays until the
+    /// new one is complete.
     ///
     /// # Errors
-    /// There is none, it cannot be read, it is damaged before its end, or the new one cannot be written.
+    /// There is no such file, it cannot be read, it is damaged before its end, or the new one cannot be
+    /// written.
     pub fn resume(path: &Path) -> Result<Resumed, BagError> {
         let part = part_of(path);
         let bag = Bag::open(&part)?;
@@ -36,10 +36,7 @@ impl BagWriter {
         Ok(Resumed { writer, header: bag.header().clone() })
     }
 
-    /// Throws away `NAME.mcap.part` of the bag `path`, to record it anew.
-    ///
-    /// # Errors
-    /// It cannot be removed.
+    /// Removes `NAME.mcap.part` of the bag `path`, so that it can be recorded anew.
     pub fn discard(path: &Path) -> Result<(), BagError> {
         let part = part_of(path);
         fs::remove_file(&part).map_err(BagError::io("remove", &part))

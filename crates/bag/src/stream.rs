@@ -20,7 +20,6 @@ use crate::take::{take_u16, take_u64};
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, topic};
 
-/// A message in a chunk.
 pub(crate) struct Found<'a> {
     pub channel: u16,
     pub topic: &'a str,
@@ -28,7 +27,8 @@ pub(crate) struct Found<'a> {
     pub bytes: &'a [u8],
 }
 
-/// What has been read of a bag, so that [`Bag::check_rest`](crate::Bag::check_rest) need not read it again.
+/// The parts of a bag that have been read, so that [`Bag::check_rest`](crate::Bag::check_rest) need not read them
+/// again.
 #[derive(Debug, Clone, Default)]
 pub struct Seen {
     /// Checksums of the records of whole chunks, by offset.
@@ -42,12 +42,12 @@ pub(crate) struct ChunkReader {
     path: PathBuf,
     file: File,
     reader: LinearReader,
-    /// The reader stands at the end of a chunk.
+    /// The reader is at the end of a chunk.
     at_end: bool,
     offset: u64,
     /// Bytes of the chunk record that are not read yet.
     remaining: u64,
-    /// Of those that are.
+    /// Of the bytes read so far.
     hasher: Hasher,
     pub seen: Seen,
     pub channels: Channels,
@@ -79,7 +79,7 @@ impl ChunkReader {
         Ok(())
     }
 
-    /// Shows messages to `look` until it takes one; `None` at the chunk's end.
+    /// Passes messages to `look` until it takes one; `None` at the chunk's end.
     pub fn find<T>(
         &mut self,
         mut look: impl FnMut(Found<'_>) -> Result<Option<T>, BagError>,
@@ -120,7 +120,7 @@ impl ChunkReader {
                     if let Some(why) = channels.refusal(channel) {
                         return Err(damaged(&why));
                     }
-                    // Two are one too many already.
+                    // Two are already an error.
                     if topic == topic::RESULT && seen.results.len() < 2 {
                         seen.results.push((*offset, bytes.to_vec()));
                     }
@@ -152,9 +152,8 @@ pub struct Messages<'a, M> {
     topic: &'static str,
     /// `None` at the end.
     reader: Option<ChunkReader>,
-    /// What was read before the end.
     seen: Seen,
-    /// What the next call has to say in place of a message.
+    /// Returned by the next call in place of a message.
     error: Option<BagError>,
     /// The next message is read onto this one.
     empty: M,
@@ -202,7 +201,7 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
 }
 
 impl Messages<'_, State> {
-    /// Takes back a state that has been read: the next one fills its lists, which saves most of the work of reading it.
+    /// Reuses the lists of a state that was read, which saves most of the work of reading the next one.
     pub fn reuse(&mut self, state: State) {
         let list = |mut list: Vec<f64>| {
             list.clear();

@@ -1,4 +1,4 @@
-//! The ledger of a run, and journals as disks, crashes and hands leave them.
+//! The ledger of a run, and journals that were cut, damaged or edited.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn abandoned(episode: u32, attempt: u32, steps: u64, digest: &str) -> Event {
     Event::Abandoned { episode, attempt, session, steps, digest: digest.repeat(32), marks: marks(steps), cause }
 }
 
-/// Of a run in which everything happened.
+/// Writes the journal of a run in which everything happened.
 fn write(folder: &Path) -> (PathBuf, Ledger) {
     let mut writer = LedgerWriter::create(folder, registration()).expect("a journal");
     let events = [opened(0, 1), abandoned(0, 1, 9, "0a"), opened(1, 1), opened(0, 2), Event::Restarted { unix_ms: 3 }];
@@ -163,7 +163,7 @@ fn attempts_have_an_end() {
     assert_eq!(ledger.episodes()[0].state, State::Failed { cause: ABANDONED.into() });
 }
 
-/// However far the last line came, the one before it counts, and the journal goes on.
+/// Guards that a partial last line is ignored, and that the journal continues after the line before it.
 #[test]
 fn a_torn_line_is_left_out() {
     let folder = folder("torn");
@@ -177,7 +177,7 @@ fn a_torn_line_is_left_out() {
         writer.append(Event::Finished { unix_ms: 4 }).expect("it follows");
         assert_eq!(fs::read(&path).expect("a file"), whole);
     }
-    // What a crash leaves of a block that was never written.
+    // After a crash, a block that was never written reads as zeros.
     fs::write(&path, [&whole[..last], &[0; 100]].concat()).expect("a file");
     assert!(!Ledger::read(&path).expect("a ledger").is_finished());
 }
@@ -231,7 +231,7 @@ fn garbage_is_refused() {
     assert!(matches!(Ledger::read(folder.join("none")), Err(LedgerError::Io { .. })));
 }
 
-/// A disk without room: nothing is half there afterwards.
+/// Guards that a journal is not left half made on a full disk.
 #[test]
 fn a_journal_that_cannot_be_made_says_so() {
     let folder = folder("full");
@@ -242,7 +242,7 @@ fn a_journal_that_cannot_be_made_says_so() {
     let _ = fs::remove_file(&folder);
 }
 
-/// Guards what a signature stands for: the whole journal of a finished run, once, and no other lines.
+/// Guards that a signature covers the whole journal of a finished run, once, and no other lines.
 #[test]
 fn a_journal_is_sealed_at_its_end() {
     let folder = folder("sealed");
