@@ -34,7 +34,7 @@ pub use mapping::{Body, Camera, Key, Mapping, Part, WAIST, default_mapping, ship
 pub use mismatch::{Mismatch, MismatchKind};
 pub use net::{MAX_REPLY, Timeouts};
 pub use observe::{Frames, Sensed};
-pub use play::{Play, Played, Player};
+pub use play::{Play, PlayedRow, Player};
 pub use representation::Representation;
 pub use rows::Row;
 pub use tensor::{Dtype, Form, Tensor};

@@ -9,7 +9,7 @@ use crate::mapping::{Camera, Mapping, Part};
 use crate::reach::{nine, wrist};
 use crate::{BridgeError, ModelObservation};
 
-/// What the robot senses about itself.
+/// The robot's proprioception.
 #[derive(Debug, Clone, Copy)]
 pub struct Sensed<'a> {
     /// Angles of all joints, rad.
@@ -70,7 +70,7 @@ impl Frames {
     }
 }
 
-/// How many control steps a frame lies in the past.
+/// Number of control steps from a frame to the present.
 fn steps_back(mapping: &Mapping, delta: i64) -> u64 {
     (delta.unsigned_abs() as f64 * mapping.steps_per_row()).round() as u64
 }
@@ -84,7 +84,8 @@ impl Mapping {
         sensors
     }
 
-    /// How many control steps before a question pictures are needed: 0 for the current one, and those of past frames.
+    /// Number of control steps before a request at which pictures are needed: 0 for the current one, and those of past
+    /// frames.
     pub fn lookbacks(&self) -> Vec<u64> {
         let mut back: Vec<u64> =
             self.cameras.iter().flat_map(|camera| camera.delta.iter().map(|delta| steps_back(self, *delta))).collect();

@@ -4,10 +4,9 @@ use rmpv::Value;
 
 use crate::BridgeError;
 
-/// Deepest nesting that is accepted.
+/// Maximum depth of nesting.
 const MAX_DEPTH: usize = 32;
 
-/// Encodes a value as MessagePack bytes.
 pub(crate) fn encode(value: &Value) -> Vec<u8> {
     let mut bytes = Vec::new();
     // Writing to memory cannot fail.
@@ -59,7 +58,7 @@ pub(crate) fn as_bytes(value: &Value) -> Option<&[u8]> {
     }
 }
 
-/// Says what a value is, for an error: its type, and the first keys of a map.
+/// Describes a value for an error: its type, and the first keys of a map.
 pub(crate) fn described(value: &Value) -> String {
     const MAX_KEYS: usize = 8;
     match value {

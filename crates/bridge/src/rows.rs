@@ -10,7 +10,7 @@ use crate::reach::{pose, reach, wrist};
 use crate::representation::Representation;
 use crate::{BridgeError, ModelChunk};
 
-/// Targets and commands of one row of a chunk; `None` or empty where the model gives none.
+/// Targets and commands of one row of a chunk; `None` or empty if the model gives none.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Row {
     /// Joint index and target, rad, within the joint's limits, sorted by joint.
@@ -40,16 +40,15 @@ impl Row {
     }
 }
 
-/// The posture at the question, to which relative actions add.
+/// The posture at the request, to which relative actions add.
 struct Base<'a> {
     robot: &'a Robot,
-    /// Angles at the question, rad.
     q: &'a [f64],
 }
 
 impl Mapping {
     /// Converts a chunk, after checking it with [`crate::check_chunk`]. `q` are the angles of all joints at the
-    /// question, rad.
+    /// request, rad.
     ///
     /// # Errors
     /// [`BridgeError::Contract`]: the chunk does not match; [`BridgeError::Malformed`]: a wrist's numbers define no
@@ -127,8 +126,8 @@ impl Mapping {
                 (Part::Wrist(side), _) => {
                     let wrong =
                         || BridgeError::malformed(format!("the action '{}'", key.key), "a rotation has no direction");
-                    // Changes of a pose are multiplied, not added: each row is relative to the wrist at the question,
-                    // or to the previous row.
+                    // Changes of a pose are multiplied, not added: each row is relative to the wrist at the request, or
+                    // to the previous row.
                     let said = pose(&numbers[from - width..from]).ok_or_else(wrong)?;
                     let target = match key.representation {
                         Representation::Absolute => said,

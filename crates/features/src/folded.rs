@@ -2,7 +2,7 @@
 
 use crate::weights::Filled;
 
-/// What batch norm adds to the variance; torchvision's default.
+/// Added to the variance by batch norm; torchvision's default.
 const EPSILON: f64 = 1e-5;
 
 /// A convolution with bias: `weight * g / sqrt(v + e)` and `b - m * g / sqrt(v + e)`, computed in f64.

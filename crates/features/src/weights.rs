@@ -1,4 +1,4 @@
-//! The network's numbers: from a file, or drawn from a seed.
+//! The network's weights: from a file, or drawn from a seed.
 
 use std::io::Read;
 use std::path::Path;
@@ -34,8 +34,8 @@ pub struct Weights {
 
 impl Weights {
     /// Reads a safetensors file with torchvision's `resnet18` state dict in f32, of at most 256 MiB. `fc.*` and
-    /// `*.num_batches_tracked` are ignored; any other tensor that the network has not is an error, for then the file is
-    /// another network's.
+    /// `*.num_batches_tracked` are ignored; any other unknown tensor is an error, because the file is another
+    /// network's.
     pub fn from_safetensors(path: impl AsRef<Path>) -> Result<Self, FeatureError> {
         let path = path.as_ref();
         let unreadable = |source| FeatureError::Read { path: path.to_owned(), source };
@@ -84,8 +84,8 @@ impl Weights {
         Self { network, label: format!("{SEEDED_NAME}:{seed}") }
     }
 
-    /// What identifies the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of
-    /// the file in hexadecimal.
+    /// The name of the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of the
+    /// file in hexadecimal.
     pub fn label(&self) -> String {
         self.label.clone()
     }

@@ -59,7 +59,7 @@ impl<T: Tile<IN, OUT>, const IN: usize, const OUT: usize> Winograd<T, IN, OUT> {
         let chunk = CHUNK.min(tiles);
         let tile_pitch = chunk * self.inputs + GAP;
         let product_pitch = chunk * self.outputs + GAP;
-        // Grows only: what stands there is overwritten before it is read.
+        // Only grows: old values are overwritten before they are read.
         grow(&mut scratch.tiles, IN * IN * tile_pitch);
         grow(&mut scratch.products, IN * IN * product_pitch);
         let rows: [usize; CHUNK] = std::array::from_fn(|i| i * self.inputs);

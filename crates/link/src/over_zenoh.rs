@@ -14,7 +14,6 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// Carries messages over a Zenoh session.
 pub struct OverZenoh(pub Session);
 
 fn failed(error: zenoh::Error) -> CarrierError {

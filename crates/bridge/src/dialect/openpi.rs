@@ -152,7 +152,7 @@ pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<Mode
     let value = match dialect {
         Dialect::Roboarena => found.unwrap_or(answer),
         _ => found.ok_or_else(|| {
-            let problem = format!("it has no '{}'; it is {}", keys.join("' or '"), described(answer));
+            let problem = format!("it has no '{}': {}", keys.join("' or '"), described(answer));
             BridgeError::malformed("an answer", problem)
         })?,
     };

@@ -72,7 +72,7 @@ fn chunks_of_all_servers_are_read() {
     }
 }
 
-/// What cannot be read is described in the error, so that its form can be recognised.
+/// Guards that an error describes a form that cannot be read.
 #[test]
 fn the_form_is_in_the_error() {
     let one = |value: Value| Value::Array(vec![map([("left_arm", value)]), map([])]);

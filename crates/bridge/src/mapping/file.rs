@@ -9,8 +9,12 @@ use crate::hands::{Hands, Side};
 use crate::image::Resize;
 use crate::{BridgeError, Dialect};
 
-/// Largest number of rows in a chunk, numbers in a row, and frames of a camera.
-const MOST: (usize, usize, usize) = (400, 512, 8);
+/// Maximum number of rows in a chunk.
+const MAX_ROWS: usize = 400;
+/// Maximum number of values in a row.
+const MAX_VALUES: usize = 512;
+/// Maximum number of frames of a camera.
+const MAX_FRAMES: usize = 8;
 /// Allowed width and height of a picture, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=640;
 
@@ -124,7 +128,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     if file.name.is_empty() || file.name.len() > 64 || !file.name.chars().all(name_fits) {
         return Err(reader.wrong("name", "use 1 to 64 letters, digits, '_', '-' or '.'".into()));
     }
-    reader.range("horizon", file.horizon, MOST.0)?;
+    reader.range("horizon", file.horizon, MAX_ROWS)?;
     reader.range("prefix", file.prefix, file.horizon)?;
     let steps = 1.0 / (file.rate_hz * CONTROL_DT);
     if !(1.0..=50.0).contains(&file.rate_hz) || (steps - steps.round()).abs() > 1e-9 {
@@ -201,8 +205,8 @@ impl Reader<'_> {
             return Err(self.wrong(&field, problem));
         }
         let is_ordered = camera.delta.is_sorted() && camera.delta.iter().all(|delta| (-200..=0).contains(delta));
-        if !is_ordered || !(1..=MOST.2).contains(&camera.delta.len()) {
-            return Err(self.wrong(&field, format!("delta: use 1 to {} rising numbers from -200 to 0", MOST.2)));
+        if !is_ordered || !(1..=MAX_FRAMES).contains(&camera.delta.len()) {
+            return Err(self.wrong(&field, format!("delta: use 1 to {MAX_FRAMES} rising numbers from -200 to 0")));
         }
         Ok(Camera { key: camera.key, sensor, size: camera.size, resize, delta: camera.delta })
     }
@@ -223,7 +227,7 @@ impl Reader<'_> {
         let declared = named(&key.declared, representation)?;
         let parts: Vec<Part> = key.parts.iter().map(|part| self.part(&field, part)).collect::<Result<_, _>>()?;
         let width: usize = parts.iter().map(|part| part.width(self.hands.as_ref())).sum();
-        self.range(&field, width, MOST.1)?;
+        self.range(&field, width, MAX_VALUES)?;
         for part in &parts {
             let fits = match part {
                 Part::Gravity

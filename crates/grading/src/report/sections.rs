@@ -251,7 +251,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
     );
 }
 
-/// Names folders in place of bags where all bags of a folder are graded anyway.
+/// Names folders instead of bags if all bags of a folder are graded anyway.
 fn grade_command(results: &Results, options: &str) -> String {
     if let Some(run) = &results.run {
         return format!("scorer grade {}{options} --html report.html", shell_word(&run.folder));
@@ -265,7 +265,7 @@ fn grade_command(results: &Results, options: &str) -> String {
     };
     let roots = folders.iter().filter(|folder| !folders.iter().any(|other| other != *folder && inside(folder, other)));
     let words: Vec<_> = roots.map(|folder| shell_word(folder)).collect();
-    // A long list of folders says no more than a placeholder.
+    // A long list of folders is no more useful than a placeholder.
     let words = if words.len() > 6 { "BAGS".to_owned() } else { words.join(" ") };
     format!("scorer grade {words}{options} --html report.html")
 }

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
 use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
-use fiatlux_replay::{Packed, Shown};
+use fiatlux_replay::{Packed, PackedReplay};
 use tokio::fs::File;
 
 use super::answer::{Problem, content, page, replay_page, without_path};
@@ -129,7 +129,7 @@ pub(super) async fn shapes(
     asked: HeaderMap,
     Path(digest): Path<String>,
 ) -> Result<Response, Problem> {
-    let block = pages.desk.block(&digest).ok_or(Problem::Nothing)?;
+    let block = pages.replays.block(&digest).ok_or(Problem::Nothing)?;
     Ok(for_ever(block.answer(&asked, BYTES)))
 }
 
@@ -156,15 +156,15 @@ async fn part(
     asked: HeaderMap,
     Path((id, key)): Path<(String, String)>,
     kind: &'static str,
-    part: fn(Shown) -> Packed,
+    part: fn(PackedReplay) -> Packed,
 ) -> Result<Response, Problem> {
     let (id, key) = names(&pages, &id, &key).await?;
     let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
-    let desk = Arc::clone(&pages.desk);
+    let replays = Arc::clone(&pages.replays);
     let name = format!("{key}.mcap");
     let path = bag.clone();
     let shown = pages.heavy.read(&bag, move |patience| {
-        let shown = desk.show(&path, Some(&name), Some(patience));
+        let shown = replays.show(&path, Some(&name), Some(patience));
         shown.map_err(|error| Problem::Unshowable(without_path(&error, &path, &name)))
     });
     Ok(for_an_hour(part(shown.await??).answer(&asked, kind)))

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use fiatlux_grading::Results;
-use fiatlux_replay::Desk;
+use fiatlux_replay::ReplayCache;
 use tokio::sync::OwnedMutexGuard;
 
 use super::answer::Problem;
@@ -30,7 +30,7 @@ const FIGURES: usize = 512;
 #[derive(Debug)]
 pub(super) struct Pages {
     pub service: Arc<Service>,
-    pub desk: Arc<Desk>,
+    pub replays: Arc<ReplayCache>,
     pub heavy: Heavy,
     figures: Mutex<VecDeque<((SubmissionId, String), Bytes)>>,
     shown: Mutex<Option<(Instant, Arc<Board>)>>,
@@ -104,7 +104,7 @@ impl Pages {
     pub fn new(service: Arc<Service>) -> Self {
         Self {
             service,
-            desk: Arc::new(Desk::keeping(REPLAYS)),
+            replays: Arc::new(ReplayCache::keeping(REPLAYS)),
             heavy: Heavy::default(),
             figures: Mutex::default(),
             shown: Mutex::default(),
