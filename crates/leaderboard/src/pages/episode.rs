@@ -24,7 +24,7 @@ const BYTES: &str = "application/octet-stream";
 const FOR_AN_HOUR: HeaderValue = HeaderValue::from_static("public, max-age=3600");
 
 /// A run and one of its episodes.
-pub(super) struct Found {
+pub(super) struct FoundEpisode {
     pub entry: Entry,
     pub results: Arc<Results>,
     pub key: Key,
@@ -32,7 +32,7 @@ pub(super) struct Found {
     index: usize,
 }
 
-impl Found {
+impl FoundEpisode {
     pub fn row(&self) -> &EpisodeRow {
         &self.results.episodes[self.index]
     }
@@ -43,11 +43,11 @@ impl Found {
 }
 
 /// The episode that an address names.
-pub(super) async fn find(pages: &Pages, id: &str, key: &str) -> Result<Found, Problem> {
+pub(super) async fn find(pages: &Pages, id: &str, key: &str) -> Result<FoundEpisode, Problem> {
     let key: Key = key.parse().map_err(|()| Problem::Nothing)?;
     let (entry, results) = pages.run(id).await?;
     let index = results.episodes.iter().position(|row| key.is_of(row)).ok_or(Problem::Nothing)?;
-    Ok(Found { entry, results, key, index })
+    Ok(FoundEpisode { entry, results, key, index })
 }
 
 #[derive(Template)]
@@ -198,7 +198,7 @@ pub(super) async fn bag(
     Ok(answer)
 }
 
-/// When each criterion held, and the force on the hands, as a picture.
+/// The criteria and the force on the hands over time, as a picture.
 pub(super) async fn figure(
     State(pages): State<Arc<Pages>>,
     Path((id, key)): Path<(String, String)>,

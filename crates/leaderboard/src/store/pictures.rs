@@ -14,7 +14,6 @@ const CHANGE: &str = "store pictures";
 /// Pictures of one episode, by the digests of their files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Picture {
-    /// Layout seed of the episode.
     pub seed: u64,
     pub episode: u64,
     /// A PNG file.

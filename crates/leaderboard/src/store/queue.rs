@@ -12,7 +12,7 @@ use crate::{Badge, Division, StoreError, SubmissionId};
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
 
-/// What simulating an episode again has shown.
+/// The result of simulating an episode again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// The second run was equal to the last bit.
@@ -39,9 +39,9 @@ pub(crate) struct EpisodePlan {
     pub task: String,
     pub seed: u64,
     pub episode: u64,
-    /// Place of its bag among the submission's files.
+    /// Index of its bag in the submission's files.
     pub place: i64,
-    /// Whether it can be verified by simulating it again.
+    /// It can be verified by simulating it again.
     pub verify: bool,
 }
 
