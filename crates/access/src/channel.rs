@@ -17,7 +17,7 @@ pub const MAC_BYTES: usize = 16;
 
 const NUMBER_BYTES: usize = 8;
 
-/// How far behind the newest number a message may come: messages of another priority can overtake it.
+/// Maximum distance of a message behind the newest number: messages of another priority can overtake it.
 const WINDOW: u64 = 64;
 
 /// The kind of a message, which its authentication code covers.

@@ -27,7 +27,7 @@ pub enum AccessError {
         path: PathBuf,
         line: usize,
         field: &'static str,
-        /// What is wrong with it; never repeats a secret.
+        /// Never repeats a secret.
         problem: String,
         remedy: &'static str,
     },
@@ -35,7 +35,7 @@ pub enum AccessError {
     Random(#[source] getrandom::Error),
 }
 
-/// What is wrong with a text that should be a key or a token, without the file and line it comes from.
+/// A text is not a key or a token. The caller adds file and line.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("{field}: {problem}; {remedy}")]
 pub struct FormatError {

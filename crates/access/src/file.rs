@@ -10,7 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use crate::{AccessError, FormatError};
 
-/// Largest file of keys, bytes: a path to another kind of file is refused before it fills the memory.
+/// Maximum size of a file of keys, bytes: a path to another kind of file is refused before it fills the memory.
 const MAX_FILE: u64 = 1 << 20;
 
 /// Creates a file with this text and these permission bits (0o600 for a secret). It is on disk when this returns.
@@ -29,7 +29,7 @@ pub fn read_public(path: &Path) -> Result<String, AccessError> {
     text_of(&open(path)?, path)
 }
 
-/// Reads a file that only its owner may read. A file of another kind is refused as such, whatever its mode.
+/// Reads a file that only its owner may read. A file of another kind is refused as such, with any mode.
 pub fn read_secret<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, AccessError>) -> Result<T, AccessError> {
     let file = open(path)?;
     let secret = parse(&text_of(&file, path)?)?;

@@ -20,7 +20,7 @@ const RUN_LABEL: &[u8] = b"fiatlux run 3.4";
 
 pub const PROOF_BYTES: usize = 32;
 
-/// Longest Zenoh id in a hello, bytes.
+/// Maximum length of a Zenoh id in a hello, bytes.
 const MAX_PEER: usize = 64;
 
 #[derive(Debug, Error)]
@@ -189,7 +189,7 @@ pub fn run_identity(secret: &str) -> Result<Identity, HandshakeError> {
     Identity::from_seed(seed).ok_or(HandshakeError::Agreement)
 }
 
-/// The bytes that the key of a run signs to register with a server: the name of the server, and the request as it is sent.
+/// The bytes that the key of a run signs to register with a server: the name of the server, and the request.
 pub fn registration(server: &str, request: &[u8]) -> Vec<u8> {
     [RUN_LABEL, b" register\0", server.as_bytes(), b"\0", request].concat()
 }

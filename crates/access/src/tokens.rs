@@ -14,7 +14,6 @@ use crate::{AccessError, FormatError, random};
 
 pub const SECRET_BYTES: usize = 32;
 
-/// Largest number of sessions that a token can allow at once.
 pub const MAX_LIMIT: u32 = 65_536;
 
 const TOKEN_REMEDY: &str =
@@ -78,7 +77,7 @@ impl FromStr for Token {
     }
 }
 
-/// What a server allows the owner of a token.
+/// The permissions of a token's owner on a server.
 #[derive(Clone)]
 pub struct Grant {
     token: Token,

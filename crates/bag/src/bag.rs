@@ -181,7 +181,7 @@ fn learn_channels(path: &Path, header: &EpisodeHeader, found: &mut Scan) -> Resu
             }
             Ok(None::<()>)
         });
-        // A damaged chunk says so again to whoever reads it.
+        // A damaged chunk gives its error again when it is read.
         last.channels = read.is_ok().then_some(ids);
     }
     found.channels = reader.channels;

@@ -20,7 +20,7 @@ impl Bag {
     /// a bit that has changed anywhere is found. [`Bag::open`] reads only the first chunk; the others are checked when
     /// their messages are read.
     ///
-    /// Checksums find accidents. They do not find somebody who writes the file anew.
+    /// Checksums find accidents. They do not find deliberate changes: anybody can compute them anew.
     ///
     /// # Errors
     /// [`BagError::Damaged`]: a checksum differs, or is missing where our own writer made the file.

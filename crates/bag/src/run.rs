@@ -5,12 +5,12 @@
 //! anybody is told of it. Its first line is the [`Registration`], each other one an [`Event`].
 //!
 //! The last member of a line is its `link`: SHA-256 of the link before (of nothing, in the first line) and of the line
-//! without this member. A line that was changed, left out or moved breaks the chain there. What follows the last line break
+//! without this member. A line that was changed, left out or moved breaks the chain there. Text after the last line break
 //! is a line that was being written when its server died; a reader leaves it out, and [`LedgerWriter::open`] removes it.
-//! Anybody can make such a chain: whose word it is says the server's signature under a finished one ([`Event::Sealed`]).
+//! Anybody can make such a chain; the server's signature under a finished one proves its origin ([`Event::Sealed`]).
 //!
 //! ```
-//! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, Planned, Registration, State, journals};
+//! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, PlannedEpisode, Registration, EpisodeState, journals};
 //! use fiatlux_proto::PROTOCOL;
 //! use fiatlux_proto::v3::RunSpec;
 //!
@@ -23,7 +23,7 @@
 //!     run: "first".into(),
 //!     key_sha256: "0".repeat(64),
 //!     spec: RunSpec::default(),
-//!     episodes: vec![Planned { task: "S05".into(), seed: 0 }, Planned { task: "S05".into(), seed: 1 }],
+//!     episodes: vec![PlannedEpisode { task: "S05".into(), seed: 0 }, PlannedEpisode { task: "S05".into(), seed: 1 }],
 //!     unix_ms: 0,
 //! };
 //! let mut writer = LedgerWriter::create(&folder, registration)?;
@@ -31,8 +31,8 @@
 //! assert!(writer.append(Event::Finished { unix_ms: 2 }).is_err(), "an episode is open");
 //!
 //! let ledger = Ledger::read(&journals(&folder)?[0])?;
-//! assert!(matches!(ledger.episodes()[0].state, State::Open { .. }));
-//! assert_eq!(ledger.episodes()[1].state, State::Waiting);
+//! assert!(matches!(ledger.episodes()[0].state, EpisodeState::Open { .. }));
+//! assert_eq!(ledger.episodes()[1].state, EpisodeState::Waiting);
 //! # std::fs::remove_dir_all(&folder).ok();
 //! # Ok::<(), fiatlux_bag::run::LedgerError>(())
 //! ```
@@ -49,7 +49,7 @@ use serde::{Deserialize, Serialize};
 pub use error::LedgerError;
 pub(crate) use journal::is_journal;
 pub use journal::{is_torn, journal_of, journals};
-pub use ledger::{Episode, Ledger, Played, Prefix, Seal, State};
+pub use ledger::{EpisodeState, Ledger, LedgerEpisode, PlayedEpisode, Prefix, Seal};
 pub use marks::Marks;
 pub use writer::LedgerWriter;
 
@@ -81,14 +81,14 @@ pub struct Registration {
     pub key_sha256: String,
     pub spec: RunSpec,
     /// Every episode of the run, hosted seeds included.
-    pub episodes: Vec<Planned>,
+    pub episodes: Vec<PlannedEpisode>,
     /// When it was registered, ms since 1970.
     pub unix_ms: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Planned {
+pub struct PlannedEpisode {
     pub task: String,
     /// Layout seed.
     pub seed: u64,

@@ -86,7 +86,7 @@ pub(crate) struct Scan {
     pub channels: Channels,
     /// Where and why the scan ended before the file's proper end.
     pub broken: Option<(u64, String)>,
-    /// Why a record was refused; `None` if it cannot be read.
+    /// The reason why a record was refused; `None` if it cannot be read.
     why: Option<String>,
     /// Sum over the chunks, from their heads, bytes.
     unpacked: u64,

@@ -173,7 +173,7 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
         Self { path, chunks: chunks.iter(), topic, reader, seen: Seen::default(), error, empty: M::default() }
     }
 
-    /// What has been read so far.
+    /// The parts that have been read so far.
     pub fn into_seen(self) -> Seen {
         self.reader.map_or(self.seen, |reader| reader.seen)
     }

@@ -178,7 +178,7 @@ fn closure(finger: &Finger, q: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Retargeting there and back is the identity, and every finger joint of ours moves.
+    /// Retargeting there and back is the identity, and each of our finger joints moves.
     #[test]
     fn dex3_and_inspire_are_retargeted_both_ways() {
         let robot = Robot::g1_inspire().unwrap();

@@ -6,9 +6,7 @@ mod npy;
 use crate::BridgeError;
 pub use forms::Form;
 
-/// Largest number of dimensions of an array.
 const MAX_DIMENSIONS: usize = 8;
-/// Largest number of elements of an array.
 const MAX_ELEMENTS: usize = 4 << 20;
 
 /// Element types that can be read and written.

@@ -1,6 +1,6 @@
 //! A ZeroMQ REQ socket: ZMTP 3.0 over TCP without encryption, one question and one answer at a time.
 //!
-//! Written here because the pure Rust crate (`zeromq` 0.7) reserves memory for whatever length a peer announces and
+//! Written here because the pure Rust crate (`zeromq` 0.7) reserves memory for any length that a peer announces and
 //! cannot be given a limit: nine bytes from a hostile server end the process. The protocol is that of ZeroMQ RFC 23.
 
 use std::io::{self, Read, Write};
@@ -27,7 +27,6 @@ pub(crate) struct Req {
     timeouts: Timeouts,
 }
 
-/// Why a frame could not be read.
 enum FrameError {
     Io(io::Error),
     Other(BridgeError),

@@ -45,7 +45,7 @@ pub struct Message {
     pub key: String,
     /// Encoded content.
     pub payload: Bytes,
-    /// What proves its sender; may be empty.
+    /// Proof of its sender; may be empty.
     pub attachment: Bytes,
 }
 
@@ -84,7 +84,7 @@ pub struct Quality {
     pub blocking: bool,
 }
 
-/// A query as it is sent.
+/// A query to be sent.
 #[derive(Debug, Clone, Default)]
 pub struct Question {
     /// Key of the peers that are asked.
@@ -93,7 +93,7 @@ pub struct Question {
     pub message: String,
     /// Encoded content.
     pub payload: Bytes,
-    /// What proves the sender; may be empty.
+    /// Proof of the sender; may be empty.
     pub attachment: Vec<u8>,
     /// Time in which peers may reply.
     pub timeout: Duration,

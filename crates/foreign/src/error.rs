@@ -40,7 +40,7 @@ pub enum ForeignError {
     Sensed {
         controller: &'static str,
         term: &'static str,
-        /// What is wrong with it, to follow "which".
+        /// Follows "which" in the message.
         problem: &'static str,
     },
     #[error("command {field} is {value}; use a finite number")]

@@ -7,7 +7,7 @@ use crate::ForeignError;
 
 /// Number of values of a token.
 pub const TOKEN: usize = 64;
-/// Largest absolute value in a token; the makers' client skips motions beyond it. An encoder gives -1 to 1.
+/// Maximum absolute value in a token; the makers' client skips motions beyond it. An encoder gives -1 to 1.
 pub const TOKEN_LIMIT: f32 = 1.25;
 /// Maximum size of a file, bytes: 20 hours of tokens.
 const FILE_LIMIT: u64 = 1 << 30;

@@ -20,7 +20,7 @@ use crate::{Conditions, GradeOptions, ScoreError, Series};
 pub(crate) struct GradedBag {
     /// Path of the bag, relative to the folder of the results.
     pub bag: String,
-    /// Header and verdicts, or the reason why the bag cannot be read at all.
+    /// Header and verdicts, or the reason why the bag cannot be read.
     pub content: Result<BagContent, (Fault, String)>,
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use fiatlux_access::{PublicKey, Signer, journal_signer};
 use fiatlux_bag::run::{
-    ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, is_torn, journal_of, journals,
+    ABANDONED, EpisodeState, Ledger, LedgerEpisode, NOT_RUN, PlayedEpisode, Registration, is_torn, journal_of, journals,
 };
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket};
 use fiatlux_rules::{Summary, Task};
@@ -50,7 +50,7 @@ pub(crate) struct RunEpisode {
 #[derive(Debug)]
 pub(crate) enum EpisodeOutcome {
     /// The line of the journal, and the number of the attempt.
-    Played(Played, u32),
+    Played(PlayedEpisode, u32),
     /// The cause, and further details.
     Failed(String, String),
 }
@@ -73,7 +73,7 @@ impl RunJournals {
         for (index, planned) in first.episodes.iter().enumerate() {
             let task = planned.task.parse().map_err(|source| ScoreError::Task { path: paths[0].clone(), source })?;
             let on = ledgers.iter().map(|ledger| (&*ledger.registration().server, &ledger.episodes()[index]));
-            let on: Vec<(&str, &Episode)> = on.collect();
+            let on: Vec<(&str, &LedgerEpisode)> = on.collect();
             let name = format!("{task}, seed {}", planned.seed);
             episodes.push(RunEpisode {
                 task,
@@ -264,10 +264,10 @@ fn different(first: &Registration, second: &Registration) -> Option<&'static str
 
 /// The outcome of an episode over all servers. The first attempt counts, so of two plays the one that was begun first
 /// does.
-fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> EpisodeOutcome {
-    let begun = |episode: &Episode| episode.opened_ms.unwrap_or(u64::MAX);
+fn outcome(name: &str, on: Vec<(&str, &LedgerEpisode)>, notes: &mut Vec<String>) -> EpisodeOutcome {
+    let begun = |episode: &LedgerEpisode| episode.opened_ms.unwrap_or(u64::MAX);
     let played = on.iter().filter_map(|(server, episode)| match &episode.state {
-        State::Played(played) => Some((*server, *episode, played)),
+        EpisodeState::Played(played) => Some((*server, *episode, played)),
         _ => None,
     });
     let Some((server, episode, played)) = played.min_by_key(|(server, episode, _)| (begun(episode), *server)) else {
@@ -275,7 +275,7 @@ fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Ep
     };
     for (other, also) in on.iter().filter(|(other, _)| *other != server) {
         match also.state {
-            State::Played(_) => {
+            EpisodeState::Played(_) => {
                 notes.push(format!("{name} was played on {server} and on {other}; {server} began it first and counts"));
             }
             _ if begun(also) < begun(episode) => {
@@ -288,14 +288,14 @@ fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Ep
 }
 
 /// The most informative reason among servers that did not play an episode: `not run` only if all of them say so.
-fn failure(on: &[(&str, &Episode)]) -> EpisodeOutcome {
+fn failure(on: &[(&str, &LedgerEpisode)]) -> EpisodeOutcome {
     let said = on.iter().map(|(_, episode)| match &episode.state {
-        State::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),
-        State::Failed { cause } if cause == ABANDONED => (2, cause.as_str()),
-        State::Failed { cause } => (3, cause.as_str()),
-        State::Waiting if episode.attempts > episode.lost => (2, ABANDONED),
-        State::Open { .. } => (1, OPEN),
-        State::Waiting | State::Played(_) => (0, NOT_RUN),
+        EpisodeState::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),
+        EpisodeState::Failed { cause } if cause == ABANDONED => (2, cause.as_str()),
+        EpisodeState::Failed { cause } => (3, cause.as_str()),
+        EpisodeState::Waiting if episode.attempts > episode.lost => (2, ABANDONED),
+        EpisodeState::Open { .. } => (1, OPEN),
+        EpisodeState::Waiting | EpisodeState::Played(_) => (0, NOT_RUN),
     });
     let (rank, cause) = said.max_by_key(|(rank, _)| *rank).unwrap_or((0, NOT_RUN));
     let why = on.iter().map(|(_, episode)| &episode.abandoned).find(|why| rank == 2 && !why.is_empty());

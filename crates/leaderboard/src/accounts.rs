@@ -145,7 +145,7 @@ impl Store {
         Ok(listed)
     }
 
-    /// All submissions, whatever their state, oldest first.
+    /// All submissions in any state, oldest first.
     pub async fn list_submissions(&self) -> Result<Vec<Entry>, StoreError> {
         self.every(None).await
     }

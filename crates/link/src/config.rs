@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
     }
 
-    /// With one server a client goes through whatever it is connected to; several servers are reached only as a peer.
+    /// With one server a client goes through the peer or router that it is connected to; several servers are reached only as a peer.
     #[test]
     fn the_mode_follows_from_the_endpoints() {
         let mode = |endpoints: &[&str], mode, role| {

@@ -9,14 +9,14 @@ use super::journal::{Chain, Lines};
 use super::{ABANDONED, Event, LedgerError, MAX_ATTEMPTS, MAX_EPISODES, MAX_TEXT, Marks, NOT_RUN, Registration};
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum State {
+pub enum EpisodeState {
     /// Not begun, or to be begun again.
     Waiting,
     /// This session plays it. In a journal without a running server, it was open when the server died.
     Open {
         session: String,
     },
-    Played(Played),
+    Played(PlayedEpisode),
     /// It counts as a failure.
     Failed {
         /// Such as [`NOT_RUN`], [`ABANDONED`] or [`NOT_REPEATED`](super::NOT_REPEATED).
@@ -25,7 +25,7 @@ pub enum State {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Played {
+pub struct PlayedEpisode {
     pub session: String,
     /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,
@@ -60,14 +60,12 @@ pub struct Seal {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Episode {
-    /// Whether it waits, is open, was played, or counts as failed.
-    pub state: State,
-    /// How often it was begun.
+pub struct LedgerEpisode {
+    pub state: EpisodeState,
     pub attempts: u32,
     /// The longest of the attempts that were abandoned.
     pub prefix: Option<Prefix>,
-    /// Why the last one was abandoned; empty where none was.
+    /// Cause of the last abandoned attempt; may be empty.
     pub abandoned: String,
     /// Attempts that ended because the server died. They bind nothing.
     pub lost: u32,
@@ -79,7 +77,7 @@ pub struct Episode {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ledger {
     registration: Registration,
-    episodes: Vec<Episode>,
+    episodes: Vec<LedgerEpisode>,
     finished: bool,
     seal: Option<Seal>,
 }
@@ -88,11 +86,11 @@ impl Ledger {
     /// Starts the ledger of a new run.
     ///
     /// # Errors
-    /// What is wrong with the registration.
+    /// The registration is wrong, for the reason in the text.
     pub fn new(registration: Registration) -> Result<Self, String> {
         check(&registration)?;
-        let waiting = Episode {
-            state: State::Waiting,
+        let waiting = LedgerEpisode {
+            state: EpisodeState::Waiting,
             attempts: 0,
             prefix: None,
             abandoned: String::new(),
@@ -131,7 +129,7 @@ impl Ledger {
         &self.registration
     }
 
-    pub fn episodes(&self) -> &[Episode] {
+    pub fn episodes(&self) -> &[LedgerEpisode] {
         &self.episodes
     }
 
@@ -151,9 +149,9 @@ impl Ledger {
     }
 
     /// Index and state of the open episodes.
-    pub fn open(&self) -> impl Iterator<Item = (u32, &Episode)> {
+    pub fn open(&self) -> impl Iterator<Item = (u32, &LedgerEpisode)> {
         let numbered = (0..).zip(&self.episodes);
-        numbered.filter(|(_, episode)| matches!(episode.state, State::Open { .. }))
+        numbered.filter(|(_, episode)| matches!(episode.state, EpisodeState::Open { .. }))
     }
 
     /// Applies an event.
@@ -174,8 +172,8 @@ impl Ledger {
             | Event::Failed { episode, attempt, .. } => (*episode, *attempt),
             Event::Restarted { .. } => {
                 for episode in &mut self.episodes {
-                    if matches!(episode.state, State::Open { .. }) {
-                        (episode.state, episode.lost) = (State::Waiting, episode.lost + 1);
+                    if matches!(episode.state, EpisodeState::Open { .. }) {
+                        (episode.state, episode.lost) = (EpisodeState::Waiting, episode.lost + 1);
                         episode.opened_ms = episode.opened_ms.filter(|_| episode.attempts > episode.lost);
                     }
                 }
@@ -189,7 +187,7 @@ impl Ledger {
         let episode =
             episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, counted from 0"))?;
         if let Event::Opened { session, unix_ms, .. } = event {
-            if episode.state != State::Waiting {
+            if episode.state != EpisodeState::Waiting {
                 return Err(format!("episode {index} is already open or decided"));
             }
             if attempt != episode.attempts + 1 || attempt > MAX_ATTEMPTS {
@@ -199,11 +197,11 @@ impl Ledger {
                 ));
             }
             short(session)?;
-            (episode.state, episode.attempts) = (State::Open { session: session.clone() }, attempt);
+            (episode.state, episode.attempts) = (EpisodeState::Open { session: session.clone() }, attempt);
             episode.opened_ms.get_or_insert(*unix_ms);
             return Ok(());
         }
-        let State::Open { session: opened } = &episode.state else {
+        let EpisodeState::Open { session: opened } = &episode.state else {
             return Err(format!("episode {index} is not open"));
         };
         if attempt != episode.attempts {
@@ -225,7 +223,7 @@ impl Ledger {
                 }
                 let (session, bag, digest, cause) = (session.clone(), bag.clone(), digest.clone(), cause.clone());
                 let (success, steps) = (*success, *steps);
-                episode.state = State::Played(Played { session, bag, digest, cause, success, steps });
+                episode.state = EpisodeState::Played(PlayedEpisode { session, bag, digest, cause, success, steps });
             }
             Event::Abandoned { session, steps, digest, marks, cause, .. } => {
                 is_same(session)?;
@@ -239,16 +237,16 @@ impl Ledger {
                     episode.prefix = Some(Prefix { steps: *steps, digest: digest.clone(), marks: marks.clone() });
                 }
                 episode.abandoned.clone_from(cause);
-                episode.state = State::Waiting;
+                episode.state = EpisodeState::Waiting;
             }
             Event::Failed { cause, .. } => {
                 short(cause)?;
-                episode.state = State::Failed { cause: cause.clone() };
+                episode.state = EpisodeState::Failed { cause: cause.clone() };
             }
             Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } | Event::Sealed { .. } => {}
         }
-        if episode.state == State::Waiting && episode.attempts >= MAX_ATTEMPTS {
-            episode.state = State::Failed { cause: ABANDONED.into() };
+        if episode.state == EpisodeState::Waiting && episode.attempts >= MAX_ATTEMPTS {
+            episode.state = EpisodeState::Failed { cause: ABANDONED.into() };
         }
         Ok(())
     }
@@ -267,10 +265,10 @@ impl Ledger {
             return Err(format!("episode {index} is open"));
         }
         for episode in &mut self.episodes {
-            if episode.state == State::Waiting {
+            if episode.state == EpisodeState::Waiting {
                 // The server's death alone leaves no trace of the client's.
                 let begun = episode.attempts > episode.lost;
-                episode.state = State::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
+                episode.state = EpisodeState::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
             }
         }
         self.finished = true;

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use fiatlux_bag::run::{
-    ABANDONED, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, NOT_RUN, Planned, Played, Prefix,
-    Registration, State, journals,
+    ABANDONED, EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, NOT_RUN, PlannedEpisode,
+    PlayedEpisode, Prefix, Registration, journals,
 };
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec, Sensor};
@@ -20,7 +20,7 @@ fn registration() -> Registration {
         run: "first".into(),
         key_sha256: "ab".repeat(32),
         spec: RunSpec { policy: "say \"yes\"\n".into(), session: Some(session), ..RunSpec::default() },
-        episodes: ["S01", "S02", "S03"].map(|task| Planned { task: task.into(), seed: (1 << 53) - 1 }).into(),
+        episodes: ["S01", "S02", "S03"].map(|task| PlannedEpisode { task: task.into(), seed: (1 << 53) - 1 }).into(),
         unix_ms: 1,
     }
 }
@@ -84,13 +84,13 @@ fn a_journal_tells_what_became_of_each_episode() {
     assert!(ledger.is_finished() && !ledger.is_hosted() && ledger.open().next().is_none());
     let [first, second, third] = ledger.episodes() else { panic!("three episodes") };
     assert!(
-        matches!(&first.state, State::Played(Played { success: true, steps: 70, bag, .. }) if bag == "S01-e0-a1.mcap")
+        matches!(&first.state, EpisodeState::Played(PlayedEpisode { success: true, steps: 70, bag, .. }) if bag == "S01-e0-a1.mcap")
     );
     // The longest abandoned attempt binds; the one that the server's death ended does not.
     assert_eq!(first.prefix, Some(Prefix { steps: 9, digest: "0a".repeat(32), marks: marks(9) }));
     assert_eq!((first.attempts, first.lost, first.abandoned.as_str()), (4, 1, "the client is gone"));
-    assert_eq!((&second.state, second.lost), (&State::Failed { cause: NOT_RUN.into() }, 1));
-    assert_eq!((&third.state, third.attempts), (&State::Failed { cause: NOT_RUN.into() }, 0));
+    assert_eq!((&second.state, second.lost), (&EpisodeState::Failed { cause: NOT_RUN.into() }, 1));
+    assert_eq!((&third.state, third.attempts), (&EpisodeState::Failed { cause: NOT_RUN.into() }, 0));
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn attempts_have_an_end() {
         ledger.apply(&opened(0, attempt)).expect("it follows");
         ledger.apply(&abandoned(0, attempt, 3, "0a")).expect("it follows");
     }
-    assert_eq!(ledger.episodes()[0].state, State::Failed { cause: ABANDONED.into() });
+    assert_eq!(ledger.episodes()[0].state, EpisodeState::Failed { cause: ABANDONED.into() });
 }
 
 /// Guards that a partial last line is ignored, and that the journal continues after the line before it.

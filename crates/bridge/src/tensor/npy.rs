@@ -8,7 +8,7 @@ const MAGIC: &[u8; 6] = b"\x93NUMPY";
 const ALIGNMENT: usize = 64;
 /// NumPy leaves room for the first dimension to grow to this number of digits.
 const GROWTH: usize = 21;
-/// Longest accepted header, bytes; NumPy has the same limit.
+/// Maximum length of a header, bytes; NumPy has the same limit.
 const MAX_HEADER: usize = 10_000;
 
 impl Tensor {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use crate::common::{Folder, Story, begin, header, result, rows, sealed};
-use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, Planned, Registration, journal_of};
+use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, PlannedEpisode, Registration, journal_of};
 use fiatlux_grading::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, RunSpec, RunTicket};
@@ -20,16 +20,16 @@ struct RunFolder {
     hosted: bool,
 }
 
-fn planned(task: Task, seed: u64) -> Planned {
-    Planned { task: task.to_string(), seed }
+fn planned(task: Task, seed: u64) -> PlannedEpisode {
+    PlannedEpisode { task: task.to_string(), seed }
 }
 
 impl RunFolder {
-    fn new(folder: &Folder, server: &str, episodes: &[Planned]) -> Self {
+    fn new(folder: &Folder, server: &str, episodes: &[PlannedEpisode]) -> Self {
         Self::with(folder, server, episodes, 0)
     }
 
-    fn with(folder: &Folder, server: &str, episodes: &[Planned], hosted_seeds: u32) -> Self {
+    fn with(folder: &Folder, server: &str, episodes: &[PlannedEpisode], hosted_seeds: u32) -> Self {
         let session = OpenRequest { episode_protocol: "published".into(), ..OpenRequest::default() };
         let registration = Registration {
             protocol: PROTOCOL,
@@ -70,7 +70,7 @@ impl RunFolder {
     }
 
     fn header(&self, episode: u32, attempt: u32) -> EpisodeHeader {
-        let Planned { task, seed } = &self.writer.ledger().registration().episodes[episode as usize];
+        let PlannedEpisode { task, seed } = &self.writer.ledger().registration().episodes[episode as usize];
         let ticket = RunTicket {
             run: "first".into(),
             episode,
