@@ -6,7 +6,9 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use fiatlux_access::{Channel, Greeting, HandshakeError, Identity, Label, Reply, RowsKey, Secrets, Side, welcome};
+use fiatlux_access::{
+    Channel, Greeting, HandshakeError, Identity, Label, RowsKey, Secrets, Side, SignedReply, welcome,
+};
 
 /// Sizes of an action of 53 numbers, of an observation with the default sensors, and of a record, bytes.
 const ACTION: usize = 430;
@@ -65,7 +67,7 @@ fn time(mut call: impl FnMut()) -> f64 {
 fn session() -> Result<(Secrets, Secrets), HandshakeError> {
     let identity = Identity::generate()?;
     let greeting = Greeting::new("peer", None)?;
-    let reply = Reply { request: b"request", server: "lab", id: "1", content: b"info" };
+    let reply = SignedReply { request: b"request", server: "lab", id: "1", content: b"info" };
     let (welcome, server) = welcome(&identity, &greeting.hello(), reply)?;
     let verified = greeting.verify(reply, &welcome, Some(&identity.public()))?;
     Ok((greeting.agree(&verified)?, server))

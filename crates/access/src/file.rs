@@ -85,7 +85,6 @@ pub fn only_line<'a>(
     }
 }
 
-/// Writes 32 bytes as `PREFIX:BASE64`.
 pub fn encode(prefix: &str, bytes: &[u8; 32]) -> String {
     format!("{prefix}:{}", STANDARD.encode(bytes))
 }

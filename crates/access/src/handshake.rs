@@ -56,7 +56,7 @@ impl Side {
 
 /// The parts of a reply that its signature covers.
 #[derive(Debug, Clone, Copy)]
-pub struct Reply<'a> {
+pub struct SignedReply<'a> {
     /// The request it answers, byte for byte as it was sent.
     pub request: &'a [u8],
     pub server: &'a str,
@@ -73,7 +73,7 @@ pub struct Greeting {
 }
 
 /// A reply whose signature the client has checked.
-pub struct Verified {
+pub struct VerifiedReply {
     transcript: [u8; 32],
     server: PublicKey,
     key: Vec<u8>,
@@ -106,10 +106,10 @@ impl Greeting {
     /// [`HandshakeError::Signature`]; [`HandshakeError::Server`] if `expected` is another key.
     pub fn verify(
         &self,
-        reply: Reply<'_>,
+        reply: SignedReply<'_>,
         welcome: &Welcome,
         expected: Option<&PublicKey>,
-    ) -> Result<Verified, HandshakeError> {
+    ) -> Result<VerifiedReply, HandshakeError> {
         let identity: [u8; 32] = welcome.identity[..].try_into().map_err(|_| HandshakeError::Signature)?;
         let server = PublicKey::from_bytes(identity);
         let transcript = transcript(&self.hello, &welcome.key, reply);
@@ -118,17 +118,17 @@ impl Greeting {
         }
         match expected {
             Some(expected) if *expected != server => Err(HandshakeError::Server { expected: *expected, found: server }),
-            _ => Ok(Verified { transcript, server, key: welcome.key.clone() }),
+            _ => Ok(VerifiedReply { transcript, server, key: welcome.key.clone() }),
         }
     }
 
     /// The secrets of the session that the reply opens.
-    pub fn agree(self, verified: &Verified) -> Result<Secrets, HandshakeError> {
+    pub fn agree(self, verified: &VerifiedReply) -> Result<Secrets, HandshakeError> {
         agree(self.private, &verified.key, &verified.transcript)
     }
 }
 
-impl Verified {
+impl VerifiedReply {
     pub fn server(&self) -> &PublicKey {
         &self.server
     }
@@ -150,7 +150,11 @@ pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
 }
 
 /// The server's half: the message for its reply, and the secrets of the session.
-pub fn welcome(identity: &Identity, hello: &Hello, reply: Reply<'_>) -> Result<(Welcome, Secrets), HandshakeError> {
+pub fn welcome(
+    identity: &Identity,
+    hello: &Hello,
+    reply: SignedReply<'_>,
+) -> Result<(Welcome, Secrets), HandshakeError> {
     check_hello(hello)?;
     let private = private_key()?;
     let key = public_key(&private)?;
@@ -238,8 +242,8 @@ pub fn hash(parts: &[&[u8]]) -> digest::Digest {
     context.finish()
 }
 
-fn transcript(hello: &Hello, server_key: &[u8], reply: Reply<'_>) -> [u8; 32] {
-    let Reply { request, server, id, content } = reply;
+fn transcript(hello: &Hello, server_key: &[u8], reply: SignedReply<'_>) -> [u8; 32] {
+    let SignedReply { request, server, id, content } = reply;
     let [request, content] = [request, content].map(|bytes| hash(&[bytes]));
     let parts: [&[u8]; 10] = [
         LABEL,
@@ -283,7 +287,7 @@ mod tests {
     use super::*;
     use crate::{Channel, Label};
 
-    const REPLY: Reply<'static> = Reply { request: b"request", server: "lab", id: "7", content: b"info" };
+    const REPLY: SignedReply<'static> = SignedReply { request: b"request", server: "lab", id: "7", content: b"info" };
 
     #[test]
     fn both_sides_have_the_same_keys() {
@@ -306,11 +310,11 @@ mod tests {
         let is_taken = |reply, welcome: &Welcome| greeting.verify(reply, welcome, Some(&identity.public())).is_ok();
         assert!(is_taken(REPLY, &good));
         for other in [
-            Reply { request: b"requesu", ..REPLY },
-            Reply { server: "la", ..REPLY },
-            Reply { id: "8", ..REPLY },
-            Reply { content: b"", ..REPLY },
-            Reply { server: "lab7", id: "", ..REPLY },
+            SignedReply { request: b"requesu", ..REPLY },
+            SignedReply { server: "la", ..REPLY },
+            SignedReply { id: "8", ..REPLY },
+            SignedReply { content: b"", ..REPLY },
+            SignedReply { server: "lab7", id: "", ..REPLY },
         ] {
             assert!(!is_taken(other, &good), "{other:?}");
         }

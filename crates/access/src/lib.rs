@@ -39,8 +39,8 @@ pub use channel::{Channel, Label, MAC_BYTES, Refused, SEAL_BYTES};
 pub use error::{AccessError, FormatError};
 pub use file::{check_private, write_new};
 pub use handshake::{
-    Greeting, HandshakeError, PROOF_BYTES, Reply, Secrets, Side, Verified, check_hello, hash, is_proof, proof,
-    registration, run_identity, welcome,
+    Greeting, HandshakeError, PROOF_BYTES, Secrets, Side, SignedReply, VerifiedReply, check_hello, hash, is_proof,
+    proof, registration, run_identity, welcome,
 };
 pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
 pub use journal::{journal_signer, sign_journal};

@@ -10,7 +10,6 @@ const CONTEXT: &[u8] = b"fiatlux episode result\0";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signer {
-    /// The result carries no signature.
     Nobody,
     /// The owner of this key signed exactly this result.
     Key(PublicKey),

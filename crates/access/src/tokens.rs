@@ -36,7 +36,7 @@ impl Token {
         Ok(Self { id: id.into(), secret: random()? })
     }
 
-    /// Reads the file that [`Token::write`] made.
+    /// Reads the file that [`Token::write`] made; refuses it if others can read it too.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         read_secret(path, |text| {
             let (line, text) = only_line(path, text, "token", TOKEN_REMEDY)?;

@@ -99,17 +99,14 @@ impl Bag {
         self.messages(topic::STATE)
     }
 
-    /// The actions as they were received.
     pub fn actions(&self) -> Messages<'_, ActionRecord> {
         self.messages(topic::ACTION)
     }
 
-    /// The observations that the policy received.
     pub fn observations(&self) -> Messages<'_, Observation> {
         self.messages(topic::OBSERVATION)
     }
 
-    /// The rewards as they were paid.
     pub fn rewards(&self) -> Messages<'_, Reward> {
         self.messages(topic::REWARD)
     }

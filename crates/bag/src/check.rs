@@ -9,10 +9,9 @@ use fiatlux_proto::v3::EpisodeResult;
 use fiatlux_proto::{PROTOCOL, decode};
 
 use crate::scan::{ChunkAt, Sums};
-use crate::stream::Seen;
+use crate::stream::ReadParts;
 use crate::{Bag, BagError, Completeness, topic};
 
-/// Bytes that are read at once.
 const BLOCK: usize = 1 << 20;
 
 impl Bag {
@@ -27,12 +26,12 @@ impl Bag {
     /// [`BagError::Disagrees`]: the result in the metadata is not the one on `/result`, or the header has a field of no
     /// version up to this one.
     pub fn check(&self) -> Result<(), BagError> {
-        self.check_rest(&Seen::default())
+        self.check_rest(&ReadParts::default())
     }
 
     /// [`Bag::check`] after messages have been read: their chunks are not read again. Grading reads two thirds of the
     /// file.
-    pub fn check_rest(&self, seen: &Seen) -> Result<(), BagError> {
+    pub fn check_rest(&self, seen: &ReadParts) -> Result<(), BagError> {
         let Sums { data, summary, is_ours } = self.sums;
         let whole = *self.completeness() == Completeness::Whole;
         let mut file = File::open(self.path()).map_err(BagError::io("open", self.path()))?;
@@ -60,7 +59,7 @@ impl Bag {
     }
 
     /// Checksum over bytes of the file; of chunks that were seen, without reading them again.
-    fn checksum(&self, file: &mut File, from: u64, to: u64, seen: &Seen) -> std::io::Result<u32> {
+    fn checksum(&self, file: &mut File, from: u64, to: u64, seen: &ReadParts) -> std::io::Result<u32> {
         let (mut hasher, mut at) = (Hasher::new(), from);
         let mut block = vec![0; BLOCK.min(to.saturating_sub(from) as usize)];
         for ChunkAt { offset, length, .. } in self.chunks() {
@@ -75,7 +74,7 @@ impl Bag {
         Ok(hasher.finalize())
     }
 
-    fn check_doubles(&self, seen: &Seen) -> Result<(), BagError> {
+    fn check_doubles(&self, seen: &ReadParts) -> Result<(), BagError> {
         let disagrees = |what: String| BagError::Disagrees { path: self.path().into(), what };
         let is_newer = self.header().protocol.is_some_and(|protocol| protocol.minor > PROTOCOL.minor);
         if let (Some(field), false) = (&self.unknown_field, is_newer) {
@@ -95,7 +94,7 @@ impl Bag {
     }
 
     /// Messages on `/result` in chunks that were not seen to their end.
-    fn unseen_results(&self, seen: &Seen) -> Result<Vec<(u64, Vec<u8>)>, BagError> {
+    fn unseen_results(&self, seen: &ReadParts) -> Result<Vec<(u64, Vec<u8>)>, BagError> {
         let mut reader = self.reader()?;
         for chunk in self.chunks().iter().filter(|chunk| !seen.chunks.contains_key(&chunk.offset)) {
             if chunk.may_have(topic::RESULT, self.channels()) {

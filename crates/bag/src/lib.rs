@@ -52,5 +52,5 @@ pub use find::{BagFiles, FindError};
 pub use lock::lock_folder;
 pub use patience::Patience;
 pub use resume::Resumed;
-pub use stream::{Messages, Seen};
+pub use stream::{Messages, ReadParts};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -1,6 +1,6 @@
 //! Continues an unfinished bag.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::path::Path;
 
 use fiatlux_proto::v3::EpisodeHeader;
@@ -10,7 +10,6 @@ use crate::{Bag, BagError, BagWriter, part_of, topic};
 pub struct Resumed {
     /// Appends the rows that follow the last one that was kept.
     pub writer: BagWriter,
-    /// The header as it was recorded.
     pub header: EpisodeHeader,
 }
 
@@ -18,10 +17,6 @@ impl BagWriter {
     /// Continues `NAME.mcap.part` of the bag `path`: its complete rows go into a new file of that name, chunk for chunk
     /// as if recording had never stopped. [`BagWriter::next_step`] is the next row's step. The old file stays until the
     /// new one is complete.
-    ///
-    /// # Errors
-    /// There is no such file, it cannot be read, it is damaged before its end, or the new one cannot be
-    /// written.
     pub fn resume(path: &Path) -> Result<Resumed, BagError> {
         let part = part_of(path);
         let bag = Bag::open(&part)?;
@@ -34,12 +29,6 @@ impl BagWriter {
         writer.forget_row();
         writer.rename_part(part)?;
         Ok(Resumed { writer, header: bag.header().clone() })
-    }
-
-    /// Removes `NAME.mcap.part` of the bag `path`, so that it can be recorded anew.
-    pub fn discard(path: &Path) -> Result<(), BagError> {
-        let part = part_of(path);
-        fs::remove_file(&part).map_err(BagError::io("remove", &part))
     }
 }
 

@@ -90,7 +90,6 @@ pub struct Registration {
 #[serde(deny_unknown_fields)]
 pub struct PlannedEpisode {
     pub task: String,
-    /// Layout seed.
     pub seed: u64,
 }
 
@@ -107,13 +106,11 @@ pub enum Event {
         session: String,
         /// File name of the bag, in the journal's folder.
         bag: String,
-        /// Digest of all rows.
         digest: String,
         /// Name of the cause that ended the episode, such as `success` or `fall`.
         cause: String,
         /// By the protocol of the run.
         success: bool,
-        /// Step of the last row.
         steps: u64,
     },
     /// The session ended before the episode did, or the bag was lost. The episode may be begun again, but must repeat these

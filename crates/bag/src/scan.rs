@@ -45,11 +45,10 @@ const MAX_RATIO: u64 = 32;
 /// ... but never more than this. An errand of 72,000 rows with all sensors takes about 6 GiB.
 const MAX_UNPACKED: u64 = 16 << 30;
 
-/// A whole chunk record.
 #[derive(Debug, Clone)]
 pub(crate) struct ChunkAt {
     pub offset: u64,
-    /// Includes operation code and length, bytes.
+    /// With operation code and length, bytes.
     pub length: u64,
     /// Latest log time in it, ns.
     pub end_time: u64,

@@ -46,7 +46,6 @@ pub(crate) fn is_graded(topic: &str) -> bool {
     [STATE, EVENT, RESULT].contains(&topic)
 }
 
-/// The channel of a topic.
 pub(crate) fn channel(topic: &str) -> Option<u16> {
     TOPICS.iter().position(|(name, _)| *name == topic).map(|index| index as u16 + 1)
 }

@@ -43,7 +43,6 @@ pub struct BagWriter {
     next_step_on_disk: u64,
 }
 
-/// Messages of a chunk, in order.
 #[derive(Default)]
 struct Group {
     bytes: Vec<u8>,
@@ -66,9 +65,6 @@ impl Group {
 impl BagWriter {
     /// Starts the bag `path` (`NAME.mcap`) as `NAME.mcap.part`; makes its folder. A part that ends before the first row
     /// is replaced: its recorder died there.
-    ///
-    /// # Errors
-    /// One of the two exists already, the file cannot be made, or a number of the header is not finite.
     pub fn create(path: &Path, header: &EpisodeHeader) -> Result<Self, BagError> {
         let part = part_of(path);
         if path.exists() {
@@ -101,7 +97,6 @@ impl BagWriter {
         })
     }
 
-    /// Path of the finished bag.
     pub fn path(&self) -> &Path {
         &self.path
     }

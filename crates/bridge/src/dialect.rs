@@ -83,7 +83,6 @@ pub struct Contract {
     pub image_size: Option<[u32; 2]>,
     /// Keys of the state, each with its number of values if the server says so.
     pub states: Option<Vec<(String, Option<usize>)>>,
-    /// Number of frames of the state.
     pub state_frames: Option<usize>,
     /// Keys of the actions in its answers.
     pub actions: Option<Vec<ActionTerms>>,
@@ -103,7 +102,6 @@ pub struct ModelObservation {
     pub images: Vec<(String, Tensor)>,
     /// Key and numbers of a single frame.
     pub states: Vec<(String, Vec<f32>)>,
-    /// Key and text of the instruction.
     pub language: (String, String),
     /// Name of the session, for servers that keep state between requests.
     pub session: String,
@@ -114,7 +112,6 @@ pub struct ModelObservation {
 /// An answer: one table of numbers for each key, all with the same number of rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ModelChunk {
-    /// Number of rows in every table.
     pub rows: usize,
     pub parts: Vec<(String, usize, Vec<f64>)>,
     /// Inference time as reported by the server, s.
@@ -137,9 +134,6 @@ pub trait Model: Send {
     fn infer(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError>;
 
     /// Tells the server that an episode begins, so that it forgets any state.
-    ///
-    /// # Errors
-    /// As [`Model::contract`].
     fn reset(&mut self) -> Result<(), BridgeError>;
 }
 
@@ -158,9 +152,6 @@ pub struct ModelOptions {
 
 impl ModelOptions {
     /// Prepares a connection; the first request opens it.
-    ///
-    /// # Errors
-    /// [`BridgeError::Address`]: `url` lacks the dialect's scheme, or host and port.
     pub fn model(&self) -> Result<Box<dyn Model>, BridgeError> {
         Ok(match self.dialect {
             Dialect::Gr00t | Dialect::Gr00tFlat | Dialect::Gr00tSonic => Box::new(gr00t::Gr00t::new(self)?),

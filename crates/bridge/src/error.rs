@@ -39,7 +39,6 @@ pub enum BridgeError {
     TooLarge { size: u64, most: usize },
     #[error("cannot read {what} from the model server: {problem}")]
     Malformed { what: String, problem: String },
-    /// The server reports an error.
     #[error("the model server refuses '{question}': {text}")]
     Server { question: String, text: String },
     #[error("the mapping {name} cannot be used: {field}: {problem}")]

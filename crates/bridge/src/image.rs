@@ -58,10 +58,6 @@ impl Picture {
         &self.rgb
     }
 
-    /// The picture in another size.
-    ///
-    /// # Errors
-    /// [`BridgeError::Sensed`]: the size differs under [`Resize::Exact`].
     pub fn fitted(&self, [width, height]: [u32; 2], rule: Resize) -> Result<Self, BridgeError> {
         let (width, height) = (width as usize, height as usize);
         if (width, height) == (self.width, self.height) {

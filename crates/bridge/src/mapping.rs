@@ -27,7 +27,7 @@ pub enum Body {
 
 /// Consecutive numbers of a key with one meaning.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Part {
+pub enum KeyPart {
     /// Angles of these joints of our robot, by index, rad.
     Joints(Vec<usize>),
     /// Joints of the model's hand, retargeted to and from ours.
@@ -58,8 +58,8 @@ pub enum Part {
     Skip(usize),
 }
 
-impl Part {
-    /// Number of values of the part; [`Part::Hand`] needs `hands`.
+impl KeyPart {
+    /// Number of values of the part; [`KeyPart::Hand`] needs `hands`.
     pub fn width(&self, hands: Option<&Hands>) -> usize {
         match self {
             Self::Joints(joints) => joints.len(),
@@ -72,7 +72,6 @@ impl Part {
     }
 }
 
-/// A camera that the model expects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     pub key: String,
@@ -91,7 +90,7 @@ pub struct Camera {
 pub struct Key {
     pub key: String,
     /// Meaning of its numbers, in order.
-    pub parts: Vec<Part>,
+    pub parts: Vec<KeyPart>,
     /// Meaning of the numbers when they arrive; used only for actions.
     pub representation: Representation,
     /// Their name in the server's contract, which may differ: GR00T's server decodes relative actions itself.
@@ -114,7 +113,6 @@ pub struct Mapping {
     pub horizon: usize,
     /// Number of rows to play before the next chunk.
     pub prefix: usize,
-    /// Rows per second.
     pub rate_hz: f64,
     /// Key of the instruction; empty if the model gets none.
     pub language: String,
@@ -144,7 +142,6 @@ impl Mapping {
         Self::from_toml(name, &text, robot)
     }
 
-    /// Number of values of a key.
     pub fn width(&self, key: &Key) -> usize {
         key.parts.iter().map(|part| part.width(self.hands.as_ref())).sum()
     }
@@ -156,7 +153,7 @@ impl Mapping {
 
     /// The action key that holds motion tokens, and the size of a token.
     pub fn token(&self) -> Option<(&str, usize)> {
-        let width = |part: &Part| if let Part::Token(width) = part { Some(*width) } else { None };
+        let width = |part: &KeyPart| if let KeyPart::Token(width) = part { Some(*width) } else { None };
         self.actions.iter().find_map(|key| Some((key.key.as_str(), key.parts.iter().find_map(width)?)))
     }
 

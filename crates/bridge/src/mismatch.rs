@@ -6,7 +6,6 @@ use std::fmt;
 pub enum MismatchKind {
     /// A camera that only one side has.
     Camera,
-    /// The size of a picture.
     Size,
     /// Number or age of the frames of a camera or of the state.
     Frames,
@@ -20,12 +19,10 @@ pub enum MismatchKind {
     Horizon,
     /// The representation of actions: absolute, delta or relative.
     Representation,
-    /// The key of the instruction.
     Language,
 }
 
 impl MismatchKind {
-    /// Its text in a message.
     pub fn name(self) -> &'static str {
         match self {
             Self::Camera => "camera",

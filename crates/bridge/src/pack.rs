@@ -4,7 +4,6 @@ use rmpv::Value;
 
 use crate::BridgeError;
 
-/// Maximum depth of nesting.
 const MAX_DEPTH: usize = 32;
 
 pub(crate) fn encode(value: &Value) -> Vec<u8> {
@@ -30,7 +29,6 @@ pub(crate) fn text(text: &str) -> Value {
     Value::from(text)
 }
 
-/// A map with texts as keys.
 pub(crate) fn map<const N: usize>(entries: [(&str, Value); N]) -> Value {
     Value::Map(entries.into_iter().map(|(key, value)| (text(key), value)).collect())
 }

@@ -21,13 +21,11 @@ pub struct Play {
     pub steps_per_row: f64,
 }
 
-/// A chunk in use.
 #[derive(Debug, Clone)]
 struct ActiveChunk {
     rows: Vec<Row>,
     /// Step of the observation on which the chunk is based.
     observed: u64,
-    /// Step at which it arrived.
     arrived: u64,
     index: u64,
 }
@@ -35,7 +33,6 @@ struct ActiveChunk {
 /// The row for a step, and its chunk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlayedRow {
-    /// Targets and commands for the step.
     pub row: Row,
     /// Number of the chunk in the episode, from 0.
     pub chunk: u64,
@@ -47,7 +44,6 @@ pub struct PlayedRow {
     pub is_over: bool,
 }
 
-/// Plays the chunks of one episode.
 #[derive(Debug, Clone)]
 pub struct Player {
     play: Play,
@@ -87,9 +83,6 @@ impl Player {
 
     /// Takes a chunk that answers the observation of step `observed`, at step `present`. In real time the difference is
     /// the latency, and rows of past steps are skipped. Returns the number of the chunk.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the chunk is empty.
     pub fn take(&mut self, rows: Vec<Row>, observed: u64, present: u64) -> Result<u64, BridgeError> {
         if rows.is_empty() {
             return Err(BridgeError::malformed("a chunk", "it has no rows"));

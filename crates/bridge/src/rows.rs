@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use fiatlux_robot::Robot;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::mapping::{Body, Key, Mapping, Part, WAIST};
+use crate::mapping::{Body, Key, KeyPart, Mapping, WAIST};
 use crate::reach::{pose, reach, wrist};
 use crate::representation::Representation;
 use crate::{BridgeError, ModelChunk};
@@ -109,21 +109,21 @@ impl Mapping {
             let values = &changes[from..from + width];
             from += width;
             match (part, &self.hands) {
-                (Part::Joints(joints), _) => {
+                (KeyPart::Joints(joints), _) => {
                     for (joint, value) in joints.iter().zip(values) {
                         let start = if is_change { base.q[*joint] } else { 0.0 };
                         targets.insert(*joint, start + value);
                     }
                 }
-                (Part::Hand(side), Some(hands)) => {
+                (KeyPart::Hand(side), Some(hands)) => {
                     let start = if is_change { hands.theirs(*side, base.q) } else { vec![0.0; width] };
                     let theirs: Vec<f64> = start.iter().zip(values).map(|(start, value)| start + value).collect();
                     targets.extend(hands.ours(*side, &theirs));
                 }
-                (Part::Grip { side, open, closed }, Some(hands)) => {
+                (KeyPart::Grip { side, open, closed }, Some(hands)) => {
                     targets.extend(hands.gripped(*side, (values[0] - open) / (closed - open)));
                 }
-                (Part::Wrist(side), _) => {
+                (KeyPart::Wrist(side), _) => {
                     let wrong =
                         || BridgeError::malformed(format!("the action '{}'", key.key), "a rotation has no direction");
                     // Changes of a pose are multiplied, not added: each row is relative to the wrist at the request, or
@@ -137,10 +137,10 @@ impl Mapping {
                     reach(base.robot, *side, &target, last)?;
                     targets.extend(side.arm().map(|joint| (joint, last[joint])));
                 }
-                (Part::Navigate, _) => row.velocity = values.try_into().ok(),
-                (Part::Height, _) => row.height = values.first().copied(),
-                (Part::Torso, _) => row.torso = values.try_into().ok(),
-                (Part::Token(_), _) => row.token = values.to_vec(),
+                (KeyPart::Navigate, _) => row.velocity = values.try_into().ok(),
+                (KeyPart::Height, _) => row.height = values.first().copied(),
+                (KeyPart::Torso, _) => row.torso = values.try_into().ok(),
+                (KeyPart::Token(_), _) => row.token = values.to_vec(),
                 _ => {}
             }
         }

@@ -12,7 +12,6 @@ const MAX_ELEMENTS: usize = 4 << 20;
 /// Element types that can be read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dtype {
-    /// Boolean of one byte.
     Bool,
     I8,
     U8,
@@ -102,12 +101,10 @@ impl Tensor {
         Self::new(dtype, shape, data)
     }
 
-    /// Makes an array of `<f4` elements.
     pub fn f32(shape: Vec<usize>, numbers: &[f32]) -> Result<Self, BridgeError> {
         Self::new(Dtype::F32, shape, numbers.iter().flat_map(|number| number.to_le_bytes()).collect())
     }
 
-    /// Makes an array of `|u1` elements.
     pub fn u8(shape: Vec<usize>, data: Vec<u8>) -> Result<Self, BridgeError> {
         Self::new(Dtype::U8, shape, data)
     }

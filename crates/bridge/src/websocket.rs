@@ -14,7 +14,6 @@ use crate::net::{Address, DeadlineStream, MAX_REPLY, Timeouts, broken};
 /// Maximum length of a server's text that is repeated in an error, characters.
 pub(crate) const MAX_WORDS: usize = 400;
 
-/// A message from a server.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Frame {
     Binary(Vec<u8>),
@@ -67,7 +66,6 @@ impl Socket {
         Ok(Self { socket, timeouts })
     }
 
-    /// Sends one binary frame.
     pub fn send(&mut self, name: &str, question: Vec<u8>) -> Result<(), BridgeError> {
         self.socket.get_mut().allow(self.timeouts.reply);
         self.socket.send(Message::binary(question)).map_err(|error| self.failed(error, name))

@@ -203,19 +203,19 @@ impl Tokens {
     }
 }
 
-type Known = Arc<[Arc<Entry<OnMessage>>]>;
+type Subscribers = Arc<[Arc<Entry<OnMessage>>]>;
 
 struct MemoryPublisher {
     /// `None` if messages are for other processes, of which there are none.
     hub: Option<Arc<Hub>>,
     key: String,
     /// Its subscribers, and the number of changes at which they were looked up, plus one.
-    known: Mutex<(u64, Known)>,
+    known: Mutex<(u64, Subscribers)>,
 }
 
 impl MemoryPublisher {
-    fn subscribers(&self) -> Known {
-        let Some(hub) = &self.hub else { return Known::default() };
+    fn subscribers(&self) -> Subscribers {
+        let Some(hub) = &self.hub else { return Subscribers::default() };
         let changes = hub.changes.load(Ordering::Acquire) + 1;
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if known.0 != changes {

@@ -9,7 +9,6 @@ use crate::plane::Plane;
 /// Output pixels that are multiplied before the next: their windows stay in the cache for all output channels.
 const CHUNK: usize = 96;
 
-/// A convolution with packed weights.
 #[derive(Debug, Clone)]
 pub(crate) struct Direct {
     panels: Panels,

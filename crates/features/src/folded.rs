@@ -1,6 +1,6 @@
 //! A convolution with its batch norm folded in.
 
-use crate::weights::Filled;
+use crate::weights::LayerWeights;
 
 /// Added to the variance by batch norm; torchvision's default.
 const EPSILON: f64 = 1e-5;
@@ -18,7 +18,7 @@ pub(crate) struct Folded {
 }
 
 impl Folded {
-    pub fn new(Filled { layer, tensors }: &Filled) -> Self {
+    pub fn new(LayerWeights { layer, tensors }: &LayerWeights) -> Self {
         let [conv, gain, shift, mean, variance] = tensors;
         let scales: Vec<f64> =
             gain.iter().zip(variance).map(|(&g, &v)| f64::from(g) / (f64::from(v) + EPSILON).sqrt()).collect();

@@ -56,7 +56,6 @@ pub(crate) struct Block<T> {
     pub shortcut: Option<T>,
 }
 
-/// The architecture of ResNet-18.
 pub(crate) fn network() -> Network<Layer> {
     let mut blocks = Vec::new();
     let mut inputs = STAGES[0];

@@ -13,7 +13,6 @@ use crate::tiles::{F2, F4};
 use crate::winograd::{Scratch, Winograd};
 use crate::{FeatureError, Weights};
 
-/// Numbers that describe one image.
 pub const FEATURES: usize = 512;
 
 /// Both sides of an image must be multiples of it: the network halves them five times.

@@ -20,7 +20,7 @@ const FILE_LIMIT: u64 = 256 << 20;
 
 /// A layer with its tensors, in the order of [`Layer::tensors`].
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Filled {
+pub(crate) struct LayerWeights {
     pub layer: Layer,
     pub tensors: [Vec<f32>; 5],
 }
@@ -28,7 +28,7 @@ pub(crate) struct Filled {
 /// The weights of a ResNet-18 without its classifier, all finite, and where they come from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    network: Network<Filled>,
+    network: Network<LayerWeights>,
     label: String,
 }
 
@@ -92,17 +92,17 @@ impl Weights {
 
     /// The weights as the bytes of a safetensors file, without the classifier.
     pub fn to_safetensors(&self) -> Vec<u8> {
-        fiatlux_safetensors::write(self.network.iter().flat_map(|Filled { layer, tensors }| {
+        fiatlux_safetensors::write(self.network.iter().flat_map(|LayerWeights { layer, tensors }| {
             layer.tensors().into_iter().zip(tensors).map(|((name, shape), numbers)| (name, shape, numbers.as_slice()))
         }))
     }
 
-    pub(crate) fn network(&self) -> &Network<Filled> {
+    pub(crate) fn network(&self) -> &Network<LayerWeights> {
         &self.network
     }
 }
 
-fn read_layer(file: &File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
+fn read_layer(file: &File<'_>, layer: &Layer) -> Result<LayerWeights, FeatureError> {
     let mut tensors = <[Vec<f32>; 5]>::default();
     for ((name, shape), numbers) in layer.tensors().into_iter().zip(&mut tensors) {
         *numbers = file.tensor(&name, &shape)?;
@@ -113,14 +113,14 @@ fn read_layer(file: &File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
             return Err(FeatureError::Number { tensor: name, expected, found: numbers[index], index });
         }
     }
-    Ok(Filled { layer: layer.clone(), tensors })
+    Ok(LayerWeights { layer: layer.clone(), tensors })
 }
 
-fn draw_layer(random: &mut Pcg64Mcg, layer: &Layer) -> Filled {
+fn draw_layer(random: &mut Pcg64Mcg, layer: &Layer) -> LayerWeights {
     const UNIT: f64 = 1.0 / (1_u64 << 53) as f64;
     let bound = (6.0 / layer.fan_in() as f64).sqrt();
     let mut weight = || ((2.0 * ((random.next_u64() >> 11) as f64 * UNIT) - 1.0) * bound) as f32;
     let conv = (0..layer.outputs * layer.fan_in()).map(|_| weight()).collect();
     let all = |value: f32| vec![value; layer.outputs];
-    Filled { layer: layer.clone(), tensors: [conv, all(1.0), all(0.0), all(0.0), all(1.0)] }
+    LayerWeights { layer: layer.clone(), tensors: [conv, all(1.0), all(0.0), all(0.0), all(1.0)] }
 }

@@ -181,7 +181,7 @@ mod tests {
     use crate::direct::Direct;
     use crate::layers::Layer;
     use crate::tiles::{F2, F4};
-    use crate::weights::Filled;
+    use crate::weights::LayerWeights;
 
     const CHANNELS: usize = 16;
 
@@ -213,7 +213,7 @@ mod tests {
         };
         let all = |value| vec![value; CHANNELS];
         let tensors = [numbers(CHANNELS * CHANNELS * 9), all(1.0), numbers(CHANNELS), all(0.0), all(1.0)];
-        let folded = Folded::new(&Filled { layer, tensors });
+        let folded = Folded::new(&LayerWeights { layer, tensors });
         let direct = Direct::new(&folded);
         let small = Winograd::<F2, 4, 2>::new(&folded);
         let large = Winograd::<F4, 6, 4>::new(&folded);

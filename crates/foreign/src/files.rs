@@ -20,7 +20,6 @@ pub const GEAR_FILES: [ModelFile; 2] = [
     },
 ];
 
-/// Network of GEAR-SONIC's decoder.
 pub const DECODER: ModelFile = ModelFile {
     names: &["model_decoder.onnx", "decoder.onnx"],
     inputs: 994,

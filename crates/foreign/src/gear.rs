@@ -17,7 +17,6 @@ pub(crate) const NAME: &str = "gear";
 /// Size of a frame: command 3, height 1, torso 3, angular velocity 3, gravity 3, positions 29, velocities 29, action
 /// 15.
 const FRAME: usize = 86;
-/// Number of frames in an observation.
 const FRAMES: usize = 6;
 /// The standing network runs while the commanded velocity is shorter than this.
 const STANDS_BELOW: f64 = 0.05;

@@ -50,9 +50,6 @@ pub struct RecordedTokens {
 impl RecordedTokens {
     /// Reads a text file with one token on each line: 64 numbers, separated by spaces or commas, as `numpy.savetxt`
     /// writes them. Empty lines and lines that begin with `#` are ignored.
-    ///
-    /// # Errors
-    /// The file cannot be read, is over 1 GiB or has no token; or a line, named by its number, is not a token.
     pub fn read(path: &Path) -> Result<Self, ForeignError> {
         let unreadable = |source| ForeignError::Read { path: path.into(), source };
         let mut text = String::new();

@@ -180,7 +180,6 @@ struct EpisodeSet<'a> {
     strict: Option<&'a [Episode]>,
     /// Those with rows: a failure without rows has no length and no effort.
     with_rows: &'a [Episode],
-    /// Seeds of a run.
     registered: Option<&'a BTreeSet<u64>>,
 }
 

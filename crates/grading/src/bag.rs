@@ -80,7 +80,7 @@ pub(crate) fn read(
         step += 1;
     }
     if damage.is_none() {
-        damage = bag.check_rest(&states.into_seen()).err().as_ref().map(damaged);
+        damage = bag.check_rest(&states.into_read()).err().as_ref().map(damaged);
     }
     Ok(BagContent { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }

@@ -119,7 +119,6 @@ pub struct Comparison {
     pub overall: Option<Pairs>,
 }
 
-/// One of the two runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ComparedRun {
     pub policy: String,
@@ -136,9 +135,7 @@ pub struct Pairs {
     pub pairs: usize,
     pub successes_a: usize,
     pub successes_b: usize,
-    /// Pairs in which A alone succeeded.
     pub only_a: usize,
-    /// Pairs in which B alone succeeded.
     pub only_b: usize,
     /// Exact two-sided p-value of the sign test (McNemar) on `only_a` and `only_b`.
     pub success_p: f64,

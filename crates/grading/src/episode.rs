@@ -48,7 +48,6 @@ pub struct GradedEpisode {
     /// Number of judged steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
     pub series: Series,
-    /// Remarks for a reader.
     pub notes: Vec<String>,
     /// Key of the server that signed the result.
     pub signer: Option<PublicKey>,
@@ -56,7 +55,6 @@ pub struct GradedEpisode {
     pub flaw: Option<Flaw>,
 }
 
-/// Grades one episode, row by row.
 #[derive(Debug)]
 pub struct Grader {
     judges: Judges,

@@ -7,9 +7,6 @@ use fiatlux_bag::BagFiles;
 use crate::ScoreError;
 
 /// All bags, runs and unfinished recordings in these files and folders, to any depth.
-///
-/// # Errors
-/// [`ScoreError`]: a path that does not exist, or nothing found in any of them.
 pub fn find_bags(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     let found = BagFiles::find(paths)?;
     if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {

@@ -12,7 +12,6 @@ const MAX_SHOWN: usize = 80;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Flaw {
     Aborted,
-    /// It has no result.
     Unended,
     /// Rows are missing, or do not reach the end.
     Gap(String),
@@ -48,7 +47,6 @@ pub enum Flaw {
     NotFinite,
 }
 
-/// A field with two values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
     /// Path of the field, with dots between its parts.

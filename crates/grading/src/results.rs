@@ -118,7 +118,6 @@ pub struct SeedRow {
     pub missing: Vec<String>,
 }
 
-/// A task over all its episodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TaskResult {
     pub id: String,

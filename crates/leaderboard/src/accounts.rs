@@ -48,7 +48,6 @@ pub(crate) enum Denied {
     Closed,
 }
 
-/// Limits on an account's submissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quota {
     /// Submissions that it may begin within 24 hours.
@@ -71,7 +70,6 @@ impl Quota {
 }
 
 impl Store {
-    /// Creates an account.
     pub async fn make_account(&self, name: &str, quota: Quota) -> Result<(), AccountError> {
         if !is_name(name) {
             return Err(AccountError::Name { name: name.into() });
@@ -188,7 +186,6 @@ impl Store {
     }
 }
 
-/// The public part of a token.
 fn id_in(token: &str) -> Option<&str> {
     let (id, secret) = token.strip_prefix(PREFIX)?.split_once('_')?;
     let is_hex = |text: &str, length| text.len() == length && text.bytes().all(|byte| byte.is_ascii_hexdigit());

@@ -153,7 +153,6 @@ pub struct Submitted {
     pub state: Stage,
     /// The reason of a refusal; else empty.
     pub reason: String,
-    /// The degree of confirmation.
     pub badge: crate::Badge,
     pub episodes_verified: u64,
     /// Total; 0 until the submission is graded.
@@ -328,7 +327,6 @@ impl<'a> Submit<'a> {
     }
 }
 
-/// Number of failed tries.
 #[derive(Debug, Default)]
 struct FailedTries(u32);
 

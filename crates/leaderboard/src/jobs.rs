@@ -39,7 +39,6 @@ pub struct Verifier {
     pub server: Option<String>,
 }
 
-/// The background work of a service.
 #[derive(Debug)]
 pub struct Jobs {
     stop: Arc<AtomicBool>,
@@ -50,9 +49,6 @@ pub struct Jobs {
 impl Jobs {
     /// Starts to grade, and to verify `parallel` episodes at a time on each of the servers. Without a server, episodes
     /// wait until the service is started with one. Must be called on the Tokio runtime of the service.
-    ///
-    /// # Errors
-    /// The system refuses to start a thread.
     pub fn start(
         service: &Arc<Service>,
         verifiers: Vec<Verifier>,

@@ -32,7 +32,6 @@ impl Drop for OpenCount<'_> {
     }
 }
 
-/// Counts requests and logs them.
 pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
     let metrics = &service.metrics;
     let counted = OpenCount::new(&metrics.open);
@@ -67,7 +66,6 @@ async fn page(State(service): State<Arc<Service>>) -> Result<Response, Problem> 
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
 }
 
-/// All counters, as Prometheus reads them.
 async fn text(service: &Service) -> Result<String, StoreError> {
     let metrics = &service.metrics;
     let mut out = String::new();

@@ -33,7 +33,6 @@ const CSS: &str = "text/css; charset=utf-8";
 const BOARD_STYLE: &str = include_str!("../style/board.css");
 const ICON: &str = include_str!("../style/icon.svg");
 
-/// The pages of a service.
 pub(crate) fn router(service: Arc<Service>) -> Router {
     Router::new()
         .route("/", get(board::board))

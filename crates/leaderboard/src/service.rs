@@ -34,7 +34,6 @@ impl Default for Pace {
     }
 }
 
-/// Settings of a service.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
     pub limits: Limits,
@@ -64,11 +63,9 @@ impl Default for ServiceOptions {
 /// The state that handlers and jobs share.
 #[derive(Debug)]
 pub struct Service {
-    /// Submissions, results and bags.
     pub store: Store,
     pub(crate) options: ServiceOptions,
     pub(crate) metrics: Metrics,
-    /// Notified when a submission is received.
     pub(crate) received: Notify,
     pub(crate) sealers: Semaphore,
     pub(crate) writers: Semaphore,

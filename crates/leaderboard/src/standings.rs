@@ -22,9 +22,7 @@ pub(crate) use subtasks::{RankedTask, SubtaskResults, TaskTable, by_task};
 pub(crate) struct Standing {
     /// Version of the benchmark: scores of different versions never share a table.
     pub version: u32,
-    /// Scores by the strict judge.
     pub strict: Scores,
-    /// Scores by the published judge.
     pub published: Scores,
     /// One cell for each of the twelve subtasks, S01 first.
     pub cells: Vec<Cell>,
@@ -32,10 +30,8 @@ pub(crate) struct Standing {
     pub rooms: Rooms,
 }
 
-/// Rooms of a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Rooms {
-    /// Layout seeds, ascending.
     pub seeds: Vec<u64>,
     /// A server drew them: their numbers mean nothing to a reader.
     pub hosted: bool,
@@ -50,18 +46,15 @@ impl Rooms {
 /// Clean success over all episodes, and S.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Scores {
-    /// Share of clean successes.
     pub clean: f64,
     /// Wilson 95 % interval of `clean`.
     pub interval: [f64; 2],
     pub hits: u64,
-    /// Mean of S over the seeds.
     pub score: f64,
     /// Sample standard deviation of S over the seeds; `None` with one seed.
     pub std: Option<f64>,
 }
 
-/// A subtask of a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cell {
     pub id: &'static str,
@@ -69,7 +62,6 @@ pub(crate) struct Cell {
     pub episodes: u64,
     /// Score s by the strict judge, 0 to 1.
     pub strict: f64,
-    /// Score s by the published judge.
     pub published: f64,
     /// Share of clean successes by the strict judge.
     pub strict_clean: f64,
@@ -172,7 +164,6 @@ impl Cell {
     }
 }
 
-/// A place in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RankedEntry {
     /// 1 for the best; rows with equal scores share a rank, and one at zero has none.
@@ -182,11 +173,9 @@ pub(crate) struct RankedEntry {
     pub standing: Standing,
 }
 
-/// The ranking of a division.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Table {
     pub version: u32,
-    /// Division of all its rows.
     pub division: Division,
     /// Rows of the table, the best first; never empty.
     pub places: Vec<RankedEntry>,
@@ -231,7 +220,6 @@ fn is_equal(a: &Standing, b: &Standing) -> bool {
 pub(crate) enum Neighbours {
     /// Both played some of the same episodes.
     Tested {
-        /// Number of episodes that both played.
         pairs: usize,
         /// Two-sided p-value of the sign test on successes.
         p: f64,
@@ -244,7 +232,6 @@ pub(crate) enum Neighbours {
 pub(crate) const SIGNIFICANT: f64 = 0.05;
 
 impl Neighbours {
-    /// Compares two results, episode by episode.
     pub fn of((id_a, a): (SubmissionId, &Results), (id_b, b): (SubmissionId, &Results)) -> Self {
         match compare_results((&id_a.to_string(), a), (&id_b.to_string(), b), false) {
             Ok(compared) => match compared.overall {

@@ -52,9 +52,6 @@ pub struct Store {
 
 impl Store {
     /// Opens the folder; creates what is missing, and upgrades the database to this version.
-    ///
-    /// # Errors
-    /// [`StoreError`]: permissions, space, a database of a later version.
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
         for folder in [folder.to_path_buf(), folder.join(INCOMING)] {
             std::fs::create_dir_all(&folder).map_err(StoreError::io("make", &folder))?;
@@ -158,9 +155,6 @@ impl Store {
 
     /// Copies database and files into another folder, while the service runs; a service can be started on the copy. Files that
     /// the copy has already are kept; incomplete uploads are left out. Returns the number of new files, and their bytes.
-    ///
-    /// # Errors
-    /// [`StoreError`]: permissions, space, a missing file.
     pub async fn backup(&self, to: &Path) -> Result<(u64, u64), StoreError> {
         std::fs::create_dir_all(to).map_err(StoreError::io("make", to))?;
         let fresh = to.join("leaderboard.sqlite.new");

@@ -139,7 +139,6 @@ pub enum Time {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Observations {
-    /// Only what a robot can sense.
     Standard,
     /// Also the exact state of the world, or the judge's verdict.
     Privileged,
@@ -218,7 +217,6 @@ pub enum Badge {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
-    /// Some files are still missing.
     Uploading,
     /// All files have arrived and wait to be graded.
     Received,

@@ -159,13 +159,13 @@ const PROBE: Duration = Duration::from_secs(1);
 
 /// The endpoints of a config, to explain a failure.
 #[derive(Debug)]
-pub struct Plan {
+pub struct EndpointPlan {
     connect: String,
     listen: String,
     timeout_s: f64,
 }
 
-impl Plan {
+impl EndpointPlan {
     pub fn of(config: &Config) -> Self {
         let timeout_s = get(config, CONNECT_TIMEOUT).as_f64().unwrap_or(0.0) / 1000.0;
         let [connect, listen] = [CONNECT, LISTEN].map(|key| endpoints(&get(config, key)).join(", "));
@@ -309,7 +309,7 @@ mod tests {
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");
         }
-        let plan = Plan { connect: String::new(), listen: "tcp/no.such.invalid:1".into(), timeout_s: 0.0 };
+        let plan = EndpointPlan { connect: String::new(), listen: "tcp/no.such.invalid:1".into(), timeout_s: 0.0 };
         let message = plan.explain("whatever").to_string();
         assert!(
             message.starts_with("--listen tcp/no.such.invalid:1: the host 'no.such.invalid' is not known"),

@@ -24,7 +24,7 @@ pub use args::{LinkArgs, LinkMode, parse_endpoint};
 pub use config::Role;
 pub use error::LinkError;
 pub use ports::choose_port;
-pub use waiting::Waiting;
+pub use waiting::WaitLog;
 
 /// Default endpoint: servers listen on it and clients connect to it.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -34,7 +34,7 @@ pub const CONNECT_TIMEOUT_S: f64 = 5.0;
 
 /// Carries the messages of sessions over a Zenoh session that was opened elsewhere.
 pub fn carrier(session: &Session) -> Carrier {
-    Carrier::new(over_zenoh::OverZenoh(session.clone()))
+    Carrier::new(over_zenoh::ZenohTransport(session.clone()))
 }
 
 /// A Zenoh session, open until it is closed or dropped.

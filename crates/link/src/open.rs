@@ -7,7 +7,7 @@ use std::time::Duration;
 use zenoh::Wait;
 
 use crate::config::{self, Role};
-use crate::{Link, LinkArgs, LinkError, Waiting, exposure};
+use crate::{Link, LinkArgs, LinkError, WaitLog, exposure};
 
 /// Time between two checks for a signal while the session opens.
 const POLL: Duration = Duration::from_millis(20);
@@ -15,9 +15,6 @@ const POLL: Duration = Duration::from_millis(20);
 impl LinkArgs {
     /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] if a client has to connect first, and until
     /// somebody answers if a server has to; a long wait is logged. A connection that is lost later recovers by itself.
-    ///
-    /// # Errors
-    /// [`LinkError`]: a wrong config or endpoint, or nothing answers.
     pub fn open(&self, role: Role) -> Result<Link, LinkError> {
         self.open_unless(role, &AtomicBool::new(false))
     }
@@ -28,13 +25,13 @@ impl LinkArgs {
         for endpoint in exposure::exposed(&config) {
             tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
         }
-        let plan = config::Plan::of(&config);
+        let plan = config::EndpointPlan::of(&config);
         // Zenoh tries without end if a server has to connect, so another thread does it.
         let (opened, session) = mpsc::channel();
         let open = move || opened.send(zenoh::open(config).wait());
         let thread = std::thread::Builder::new().name("open".into()).spawn(open);
         thread.map_err(|source| LinkError::Open { reason: source.to_string() })?;
-        let mut waiting = Waiting::default();
+        let mut waiting = WaitLog::default();
         loop {
             match session.recv_timeout(POLL) {
                 Ok(session) => return session.map(Link).map_err(|source| plan.explain(&source.to_string())),

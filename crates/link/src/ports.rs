@@ -5,9 +5,6 @@ use std::net::{TcpListener, UdpSocket};
 
 /// Replaces port 0 of an endpoint by a port that is free now, so that a program can log the port on which it listens.
 /// Any other endpoint stays unchanged.
-///
-/// # Errors
-/// No port of that host is free, or the host is not this machine.
 pub fn choose_port(endpoint: &str) -> io::Result<String> {
     let end = endpoint.find(['?', '#']).unwrap_or(endpoint.len());
     let (locator, options) = endpoint.split_at(end);

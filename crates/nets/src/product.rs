@@ -41,7 +41,6 @@ pub struct Gathered<'a> {
 /// The last operation on a sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finish {
-    /// Unchanged.
     Keep,
     /// Negative values become zero.
     Relu,

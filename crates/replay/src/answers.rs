@@ -1,7 +1,5 @@
 //! Answers to the requests of a browser.
 
-use std::error::Error;
-use std::fmt::Write;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
@@ -12,6 +10,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
+use fiatlux_cli::in_full;
 use tokio::fs::File;
 
 use crate::Packed;
@@ -119,7 +118,6 @@ async fn part(
     }
 }
 
-/// Sends the bag's file unchanged.
 async fn bag(State(served): State<Arc<ServedBags>>, Path(index): Path<String>) -> Response {
     let Some(path) = index_of(&index).and_then(|index| served.bags.file(index)) else { return no_episode(&served) };
     let Ok(file) = File::open(path).await else {
@@ -164,17 +162,6 @@ fn content(kind: &'static str, body: impl Into<Body>) -> Response {
 
 fn problem(status: StatusCode, what: &str) -> Response {
     (status, content(TEXT, what.to_owned())).into_response()
-}
-
-/// An error followed by its causes.
-fn in_full(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let _ = write!(text, ": {error}");
-        cause = error.source();
-    }
-    text
 }
 
 /// A file's name, reduced to characters that are safe in a header.

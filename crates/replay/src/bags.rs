@@ -20,17 +20,15 @@ pub struct Bags {
     files: Vec<PathBuf>,
 }
 
-/// The recorded verdict of one judge.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordedRuling {
     /// Cause of the end; empty if the rows stop before it.
     pub cause: String,
-    /// Gate progress, 0 to 1.
     pub progress: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Entry {
+pub struct BagEntry {
     /// Index of the bag, from 0, which is part of its address.
     pub index: usize,
     pub name: String,
@@ -56,7 +54,7 @@ pub struct Entry {
 pub struct Listing {
     /// The folder as the user named it.
     pub folder: String,
-    pub entries: Vec<Entry>,
+    pub entries: Vec<BagEntry>,
     /// Number of bags that exceed the limit of the list.
     pub left_out: usize,
 }
@@ -93,9 +91,9 @@ impl Bags {
         }
     }
 
-    fn entry(&self, index: usize, path: &Path) -> Entry {
+    fn entry(&self, index: usize, path: &Path) -> BagEntry {
         let name = path.strip_prefix(&self.folder).unwrap_or(path);
-        let mut entry = Entry {
+        let mut entry = BagEntry {
             index,
             name: short(&name.display().to_string()),
             title: String::new(),

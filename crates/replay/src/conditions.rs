@@ -55,7 +55,6 @@ pub struct Ruling {
     pub success: bool,
     /// Number of control steps up to the end.
     pub steps: u64,
-    /// Gate progress, 0 to 1.
     pub progress: f64,
     pub broken: bool,
     pub dropped: bool,

@@ -5,14 +5,12 @@ use serde::Serialize;
 
 use crate::text::short;
 
-/// Maximum number of events to show.
 const MAX_EVENTS: usize = 1000;
 /// Kind of events to leave out: the flags of each row show how criteria change.
 const CRITERION: &str = "criterion";
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RecordedEvent {
-    /// Control step.
     pub step: u64,
     /// Kind of event, such as `attachment`.
     pub kind: String,

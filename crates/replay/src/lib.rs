@@ -46,7 +46,7 @@ mod standalone;
 mod text;
 mod track;
 
-pub use bags::{Bags, Entry, Listing, RecordedRuling};
+pub use bags::{BagEntry, Bags, Listing, RecordedRuling};
 pub use cache::{PackedReplay, ReplayCache};
 pub use conditions::{Conditions, CriterionName, Ruling, flag};
 pub use error::ReplayError;

@@ -9,7 +9,6 @@ use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 
-/// Bytes compressed by gzip.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packed(Bytes);
 
@@ -21,7 +20,6 @@ impl Packed {
         Self(packed.into())
     }
 
-    /// The uncompressed bytes.
     pub fn unpacked(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         // This type's own output can always be decompressed.

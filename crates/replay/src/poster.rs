@@ -40,9 +40,6 @@ pub struct Poster {
 impl Poster {
     /// Draws an episode. `stop` is asked before each row and each picture: once it is true after the still, the clip
     /// ends early.
-    ///
-    /// # Errors
-    /// [`ReplayError`]: as for [`Replay::open`](crate::Replay::open), or it was stopped before the still was drawn.
     pub fn draw(path: &Path, stop: &dyn Fn() -> bool) -> Result<Self, ReplayError> {
         let bag = Bag::open(path)?;
         let header = bag.header();

@@ -29,11 +29,9 @@ pub const REPLAY_VERSION: u32 = 1;
 /// Describes an episode, and the layout of the blocks of bytes that belong to it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Document {
-    /// [`REPLAY_VERSION`].
     pub version: u32,
     pub episode: EpisodeInfo,
     pub stage: Stage,
-    /// Layout of the track's bytes.
     pub track: TrackInfo,
     /// Criteria of the gates; `None` if this version cannot judge the episode.
     pub conditions: Option<Conditions>,

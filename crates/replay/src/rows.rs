@@ -18,7 +18,6 @@ pub struct Faults {
     pub undrawable: u64,
     /// Rows after one of a later step.
     pub misplaced: u64,
-    /// Rows that are missing between others.
     pub missing: u64,
     /// The error that stopped reading before the end.
     pub broken: Option<String>,

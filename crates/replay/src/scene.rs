@@ -27,7 +27,6 @@ pub struct Frame {
     pub joint: Option<String>,
 }
 
-/// Optical properties of a surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Material {
     pub name: String,
@@ -73,11 +72,9 @@ pub struct Block {
     /// SHA-256 of its bytes, see [`Stage::block_bytes`]; 64 hexadecimal digits.
     pub digest: String,
     pub vertices: usize,
-    /// Number of its indices.
     pub indices: usize,
 }
 
-/// The light of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Light {
     /// Strength of the ambient light; 1 is the benchmark's nominal light.
@@ -114,7 +111,6 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// The scene under this light.
     pub fn new(scene: &Scene, lighting: &Lighting) -> Self {
         let visuals = Visuals::new(scene);
         let links = scene.robot.links().len();

@@ -14,7 +14,6 @@ use serde::Serialize;
 use crate::conditions::flag;
 use crate::scene::framed_things;
 
-/// First bytes of a track.
 pub const MAGIC: [u8; 4] = *b"FLTR";
 /// Version of the layout of a track.
 pub const TRACK_VERSION: u32 = 1;
@@ -32,7 +31,6 @@ pub struct ForceName {
     pub frame: usize,
 }
 
-/// A joint of the robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JointName {
     pub name: String,

@@ -7,10 +7,8 @@ use crate::SafetensorsError;
 /// Maximum length of a header; that of a ResNet-18 has some 12 kB.
 const HEADER_LIMIT: u64 = 1 << 20;
 
-/// The only supported type of number.
 const F32: &str = "F32";
 
-/// The key of a file's metadata.
 const METADATA: &str = "__metadata__";
 
 /// A tensor in the header. The fields are in the order of their names, which `serde_json` may or may not keep: so the

@@ -138,11 +138,11 @@ struct Comparison<'a> {
     has_header: bool,
     has_result: bool,
     records: u64,
-    rows: Rows,
+    rows: FetchedRecords,
 }
 
 impl<'a> Comparison<'a> {
-    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: Rows) -> Self {
+    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: FetchedRecords) -> Self {
         Self {
             rows,
             header: bag.header(),
@@ -166,7 +166,7 @@ impl<'a> Comparison<'a> {
             self.header_difference = first_difference(&comparable(header, self.header), self.header)
                 .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
         }
-        if self.rows == Rows::All && self.row_difference.is_none() && !record.state.is_empty() {
+        if self.rows == FetchedRecords::All && self.row_difference.is_none() && !record.state.is_empty() {
             self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));
         }
         if let Some(result) = record.result {
@@ -271,16 +271,16 @@ fn play_again(
     };
     // The digest covers all rows, so rows are compared one by one only if it differs, or if the first or last record
     // can no longer be fetched.
-    match run_again(Rows::FirstAndLast) {
+    match run_again(FetchedRecords::FirstAndLast) {
         Ok(whole) if whole.simulated.as_ref().is_some_and(|end| end.digest == whole.recorded.digest) => Ok(whole),
-        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(Rows::All),
+        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(FetchedRecords::All),
         Err(error) => Err(error),
     }
 }
 
 /// Selects the records of a second run that are fetched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Rows {
+enum FetchedRecords {
     /// The two that carry the header and the result.
     FirstAndLast,
     All,
@@ -295,7 +295,7 @@ struct SecondRun<'a> {
     link: &'a Carrier,
     server: Option<&'a str>,
     access: &'a Access,
-    rows: Rows,
+    rows: FetchedRecords,
 }
 
 impl SecondRun<'_> {
@@ -309,11 +309,11 @@ impl SecondRun<'_> {
         let mut client = Client::open_with(link, server, request, access)?;
         let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
         let key = client.take_rows_key().ok_or(VerifyError::Lost { next_seq: 0 })?;
-        let mut records = Records::of(link, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
+        let mut records = Records::of(link, keys, key, rows == FetchedRecords::All).map_err(VerifyError::Follow)?;
         let mut comparison = Comparison::new(bag, result, rows);
         let mut reread = Ok(());
         let mut on_step = |step| {
-            if rows == Rows::FirstAndLast && step == 0 {
+            if rows == FetchedRecords::FirstAndLast && step == 0 {
                 // The server keeps it for a while.
                 reread = records.get(0).map_or(Ok(()), |record| comparison.take(record));
             }
@@ -332,11 +332,11 @@ impl SecondRun<'_> {
         };
         let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps);
         match rows {
-            Rows::FirstAndLast => {
+            FetchedRecords::FirstAndLast => {
                 let last = records.get(steps).ok_or(VerifyError::Lost { next_seq: steps })?;
                 comparison.take(last)?;
             }
-            Rows::All => {
+            FetchedRecords::All => {
                 while comparison.records <= steps {
                     let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
                     comparison.take(record)?;

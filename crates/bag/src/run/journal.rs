@@ -64,9 +64,7 @@ pub(crate) fn is_journal(path: &Path) -> bool {
 pub(super) struct Chain {
     /// Empty before the first line.
     pub link: String,
-    /// Bytes of whole lines.
     pub length: u64,
-    /// Number of whole lines.
     pub lines: usize,
 }
 

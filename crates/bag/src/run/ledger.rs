@@ -13,9 +13,8 @@ pub enum EpisodeState {
     /// Not begun, or to be begun again.
     Waiting,
     /// This session plays it. In a journal without a running server, it was open when the server died.
-    Open {
-        session: String,
-    },
+    Open { session: String },
+    /// Played to its end and on disk.
     Played(PlayedEpisode),
     /// It counts as a failure.
     Failed {
@@ -29,20 +28,17 @@ pub struct PlayedEpisode {
     pub session: String,
     /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,
-    /// Digest of all rows.
     pub digest: String,
     /// Name of the cause that ended the episode, such as `success` or `fall`.
     pub cause: String,
     /// Judged by the run's judge, published or strict.
     pub success: bool,
-    /// Step of the last row.
     pub steps: u64,
 }
 
 /// Rows that a later attempt must repeat.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Prefix {
-    /// Step of the last row.
     pub steps: u64,
     pub digest: String,
     /// Short digests of earlier rows.
@@ -84,9 +80,6 @@ pub struct Ledger {
 
 impl Ledger {
     /// Starts the ledger of a new run.
-    ///
-    /// # Errors
-    /// The registration is wrong, for the reason in the text.
     pub fn new(registration: Registration) -> Result<Self, String> {
         check(&registration)?;
         let waiting = LedgerEpisode {
@@ -101,10 +94,6 @@ impl Ledger {
         Ok(Self { registration, episodes, finished: false, seal: None })
     }
 
-    /// Reads a journal.
-    ///
-    /// # Errors
-    /// It cannot be read, has no registration, or a line is wrong.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, LedgerError> {
         Self::read_chain(path.as_ref()).map(|(ledger, _)| ledger)
     }

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 /// Maximum number of marks of an attempt. Beyond it every second one is dropped: 6,000 rows keep one in 16.
 const MAX_MARKS: usize = 512;
 
-/// Hexadecimal digits of a mark.
 const DIGITS: usize = 8;
 
 /// The first bytes of the digest at steps 0, `every`, 2 `every`, and so on.
@@ -14,7 +13,7 @@ const DIGITS: usize = 8;
 #[serde(deny_unknown_fields)]
 pub struct Marks {
     every: u64,
-    /// One after the other.
+    /// The marks in order, [`DIGITS`] each.
     hex: String,
 }
 

@@ -17,9 +17,6 @@ pub struct LedgerWriter {
 
 impl LedgerWriter {
     /// Starts the journal of a run, and makes its folder. The registration is on disk completely or not at all.
-    ///
-    /// # Errors
-    /// The journal exists, the registration is wrong, or the file cannot be written.
     pub fn create(folder: &Path, registration: Registration) -> Result<Self, LedgerError> {
         let path = journal_of(folder, &registration.server);
         let wrong = |reason: String| LedgerError::Event { path: path.clone(), reason };

@@ -149,7 +149,7 @@ fn every_flipped_bit_is_noticed() {
 fn check_read(bag: &Bag) -> Result<(), BagError> {
     let mut states = bag.states();
     states.by_ref().try_for_each(|state| state.map(drop))?;
-    bag.check_rest(&states.into_seen())
+    bag.check_rest(&states.into_read())
 }
 
 /// Each bit of the record that ends the data section.
@@ -251,7 +251,12 @@ fn made_up_bytes_never_panic() {
 }
 
 /// A file with this header, written by hand: `fill` gets the writer and the channel of a topic.
-fn by_hand(name: &str, header: &EpisodeHeader, topic: &str, fill: impl FnOnce(&mut ByHand, u16)) -> std::path::PathBuf {
+fn by_hand(
+    name: &str,
+    header: &EpisodeHeader,
+    topic: &str,
+    fill: impl FnOnce(&mut RawWriter, u16),
+) -> std::path::PathBuf {
     let path = folder(name).join("a.mcap");
     let options = mcap::WriteOptions::new().chunk_size(None).compression_threads(0);
     let mut writer = options.create(std::fs::File::create(&path).expect("a file")).expect("a writer");
@@ -269,10 +274,10 @@ fn by_hand(name: &str, header: &EpisodeHeader, topic: &str, fill: impl FnOnce(&m
     path
 }
 
-type ByHand = mcap::Writer<std::fs::File>;
+type RawWriter = mcap::Writer<std::fs::File>;
 
 /// Writes a message of zeros as a chunk of its own.
-fn zeros(writer: &mut ByHand, channel_id: u16, bytes: usize) {
+fn zeros(writer: &mut RawWriter, channel_id: u16, bytes: usize) {
     let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
     writer.write_to_known_channel(&header, &vec![0; bytes]).expect("a message");
     writer.flush().expect("a chunk");

@@ -188,7 +188,7 @@ pub(super) fn contract(answer: &Value) -> Result<Contract, BridgeError> {
 
 /// The config of video, state, action or language.
 struct Modality {
-    /// Names without the modality before them.
+    /// Without the modality's prefix.
     keys: Vec<String>,
     /// Rows relative to the present; `None` if the server does not say.
     deltas: Option<Vec<i64>>,

@@ -132,7 +132,6 @@ impl Model for Openpi {
     }
 }
 
-/// Reads the actions of an answer.
 pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<ModelChunk, BridgeError> {
     // Relatives of openpi answer errors in a frame of their own, and wrap the answer.
     if let Some(error) = entry(answer, "error").filter(|error| !error.is_nil()) {

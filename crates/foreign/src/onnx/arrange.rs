@@ -239,7 +239,6 @@ fn unsqueeze(call: &Call<'_>) -> Result<Value, Refusal> {
     }
 }
 
-/// Integers as sizes.
 fn sizes(numbers: &[i64]) -> Result<Vec<usize>, String> {
     let sizes: Result<Vec<usize>, _> = numbers.iter().map(|number| usize::try_from(*number)).collect();
     sizes.map_err(|_| format!("{numbers:?} are not sizes"))

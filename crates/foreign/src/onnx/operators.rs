@@ -9,7 +9,6 @@ use super::load::Loader;
 use super::steps::{Kernel, Map, Reduction, Zip};
 use super::value::{Data, Value, broadcast, index};
 
-/// A node with its inputs.
 pub(super) struct Call<'c> {
     pub node: &'c Node<'c>,
     pub inputs: &'c [Option<Value>],
@@ -75,7 +74,6 @@ fn attributes(operator: &str) -> Option<&'static [&'static str]> {
 }
 
 impl Loader {
-    /// The values that a node makes.
     pub fn operator(&mut self, node: &Node<'_>, inputs: &[Option<Value>]) -> Result<Vec<Value>, Refusal> {
         let attributes = attributes(node.operator).ok_or("it is not supported")?;
         if let Some(other) = node.attributes.iter().find(|attribute| !attributes.contains(&attribute.name)) {

@@ -87,7 +87,6 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, pl
     out.push_str("</div></details>\n");
 }
 
-/// Writes the task's gate.
 pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     if let Some(spec) = spec {
         let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();

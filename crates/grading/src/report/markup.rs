@@ -22,7 +22,6 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// Quotes a word for a shell.
 pub(super) fn shell_word(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:@,=".contains(c);
     if !text.is_empty() && text.chars().all(plain) { text.into() } else { format!("'{}'", text.replace('\'', "'\\''")) }

@@ -119,7 +119,6 @@ pub(super) fn excluded(out: &mut String, results: &Results) {
     out.push_str("</tbody></table></div>\n");
 }
 
-/// Writes conditions, versions, digests and thresholds.
 pub(super) fn conditions(out: &mut String, results: &Results) {
     if results.episodes.is_empty() {
         return;

@@ -17,7 +17,6 @@ use crate::{EpisodeRow, GradeOptions, Results};
 pub struct SiteReport {
     /// Warnings for the reader, and cards with the main numbers.
     pub summary: String,
-    /// Figure and table of the subtasks.
     pub subtasks: String,
     /// Episodes by task, each with its figure.
     pub episodes: String,

@@ -38,7 +38,6 @@ struct FileRequest {
     sha256: String,
 }
 
-/// A submission as JSON.
 #[derive(Debug, Serialize)]
 struct EntryJson {
     id: String,

@@ -13,7 +13,6 @@ use super::SubmitError;
 const MAX_ANSWER: u64 = 16 << 20;
 /// Time limit of a request without a file.
 const PATIENCE: Duration = Duration::from_secs(90);
-/// Time limit for opening a connection.
 const CONNECT: Duration = Duration::from_secs(15);
 
 /// One service, and the token for it.
@@ -30,7 +29,6 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// The error that the response describes.
     pub fn refused(&self) -> SubmitError {
         let text = |field: &str| self.json["error"][field].as_str().map(str::to_owned);
         let code = text("code").unwrap_or_else(|| self.status.to_string());

@@ -156,7 +156,6 @@ impl Worker {
         }
     }
 
-    /// Simulates an episode again, and compares.
     fn again(&self, job: &EpisodeJob) -> VerifyOutcome {
         let path = self.service.store.blobs.local(&job.bag);
         let start = Instant::now();

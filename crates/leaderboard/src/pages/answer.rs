@@ -15,10 +15,8 @@ use crate::StoreError;
 const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; \
                       frame-ancestors 'none'";
 
-/// A page cannot be shown.
 #[derive(Debug)]
 pub(super) enum Problem {
-    /// No such address, run or episode.
     Nothing,
     /// The submission was refused; only its submitter may read the reason.
     Refused,
@@ -79,7 +77,6 @@ impl IntoResponse for Problem {
     }
 }
 
-/// A page without scripts.
 pub(super) fn page(template: &impl Template) -> Response {
     page_with(template, POLICY.to_owned())
 }

@@ -36,7 +36,6 @@ struct Row<'a> {
     verdict: &'static str,
     /// The test's numbers, or why there is none; empty in the last row.
     test: String,
-    /// The test finds a significant difference.
     differs: bool,
     /// Another run played some of its episodes.
     has_partners: bool,
@@ -55,7 +54,6 @@ struct BoardPage<'a> {
     pages: usize,
     /// Results of the paper, under its own conditions; empty in other divisions.
     paper: &'static [PaperRow],
-    /// The best of each subtask.
     cards: Vec<Card<'a>>,
     unranked: &'a [(Entry, Obstacle)],
     more_unranked: usize,

@@ -42,7 +42,6 @@ pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): Raw
     }
 }
 
-/// An episode that both runs have.
 struct EpisodePair<'a> {
     key: Key,
     a: &'a EpisodeRow,

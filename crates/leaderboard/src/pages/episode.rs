@@ -60,7 +60,6 @@ struct EpisodePage<'a> {
     replay: Option<&'a SitePage>,
     before: Option<Key>,
     after: Option<Key>,
-    /// Other runs that played this episode.
     others: Vec<&'a Entry>,
 }
 
@@ -72,7 +71,6 @@ impl EpisodePage<'_> {
     }
 }
 
-/// The page of an episode.
 pub(super) async fn episode(
     State(pages): State<Arc<Pages>>,
     Path((id, key)): Path<(String, String)>,

@@ -51,7 +51,6 @@ struct RunPage<'a> {
     example: Option<Key>,
 }
 
-/// The page of a run.
 pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>) -> Result<Response, Problem> {
     let (entry, results) = pages.run(&id).await?;
     let board = pages.board_with(entry.id).await?;

@@ -28,7 +28,6 @@ const REPLAYS: usize = 4;
 /// Maximum number of cached figures, about 20 kB each.
 const FIGURES: usize = 512;
 
-/// The state that the pages share.
 #[derive(Debug)]
 pub(super) struct Pages {
     pub service: Arc<Service>,
@@ -54,7 +53,6 @@ struct RunInputs {
     played: Arc<PlayedEpisodes>,
 }
 
-/// The leaderboard as it is now.
 #[derive(Debug, Default)]
 pub(super) struct Board {
     /// Entries from which it was made, oldest first.

@@ -36,7 +36,6 @@ pub(super) struct Best<'a> {
     pub place: &'a RankedTask,
 }
 
-/// The cards of all subtasks.
 pub(super) fn cards(board: &Board) -> Vec<Card<'_>> {
     board.tasks.iter().map(|table| card(board, table)).collect()
 }
@@ -69,7 +68,6 @@ struct SubtaskPage<'a> {
     after: Option<Task>,
 }
 
-/// The rankings of a subtask.
 pub(super) async fn task(State(pages): State<Arc<Pages>>, Path(task): Path<String>) -> Result<Response, Problem> {
     let task = subtask(&task)?;
     let board = pages.board().await?;

@@ -44,7 +44,6 @@ pub(crate) struct RankedTask {
     /// 1 for the best; equal rows share a rank, and one without a success has none.
     pub rank: Option<usize>,
     pub entry: Entry,
-    /// Its scores in this subtask.
     pub cell: Cell,
     /// The rooms in which it played the subtask.
     pub rooms: Rooms,

@@ -33,7 +33,6 @@ pub struct TokenRow {
     pub revoked_ms: Option<i64>,
 }
 
-/// A line of the audit log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditRow {
     pub seq: i64,
@@ -44,7 +43,6 @@ pub struct AuditRow {
     pub action: String,
     /// An account, the id of a token, or a submission.
     pub subject: String,
-    /// Further details; may be empty.
     pub detail: String,
 }
 

@@ -109,7 +109,6 @@ impl Blobs {
         }
     }
 
-    /// Reads a whole file into memory.
     pub async fn read(&self, digest: &Digest) -> Result<Vec<u8>, StoreError> {
         let failed = |error| StoreError::blobs("read a file")(error);
         let found = self.store.get(&digest.key()).await.map_err(failed)?;

@@ -63,7 +63,6 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// The pictures of all submissions.
     pub(crate) async fn pictures(&self) -> Result<Pictures, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query("SELECT * FROM pictures").fetch_all(&self.pool).await.map_err(failed)?;

@@ -240,7 +240,6 @@ impl Store {
         row.map(|row| Ok((id_of(&row, "id")?, row.try_get("account").map_err(failed)?))).transpose()
     }
 
-    /// One file of a submission.
     pub(crate) async fn file(&self, id: SubmissionId, place: u32) -> Result<Option<StoredFile>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let row = sqlx::query("SELECT bytes, sha256, stored FROM files WHERE submission = $1 AND place = $2")
