@@ -79,7 +79,6 @@ impl fmt::Debug for Identity {
 pub struct PublicKey([u8; 32]);
 
 impl PublicKey {
-    /// The key from its 32 bytes in a message.
     pub fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }

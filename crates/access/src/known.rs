@@ -43,7 +43,6 @@ impl KnownServers {
         self.0.keys().map(String::as_str)
     }
 
-    /// One line of the file, with its line break.
     pub fn line(name: &str, key: &PublicKey) -> String {
         format!("{name} {key}\n")
     }

@@ -17,11 +17,7 @@ pub enum Completeness {
     /// The bag has all rows and the result.
     Whole,
     /// The bag has only a part of the episode.
-    Cut {
-        reason: String,
-        /// The step after the last row in the bag.
-        next_step: u64,
-    },
+    Cut { reason: String, next_step: u64 },
 }
 
 /// An open bag. It keeps where its chunks are; messages are read when they are asked for.
@@ -144,7 +140,6 @@ impl Bag {
         &self.chunks
     }
 
-    /// A reader of its chunks, before the first one.
     pub(crate) fn reader(&self) -> Result<ChunkReader, BagError> {
         ChunkReader::open(&self.path, self.channels.clone(), self.patience.clone())
     }

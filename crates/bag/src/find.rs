@@ -16,7 +16,6 @@ pub struct FindError {
     pub source: io::Error,
 }
 
-/// Bags, recordings that were never finished, and runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BagFiles {
     /// `*.mcap`, and files named explicitly.

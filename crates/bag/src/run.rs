@@ -53,7 +53,6 @@ pub use ledger::{EpisodeState, Ledger, LedgerEpisode, PlayedEpisode, Prefix, Sea
 pub use marks::Marks;
 pub use writer::LedgerWriter;
 
-/// Maximum number of episodes of a run.
 pub const MAX_EPISODES: usize = 10_000;
 
 /// After this many attempts an episode counts as failed.
@@ -104,7 +103,6 @@ pub enum Event {
         episode: u32,
         attempt: u32,
         session: String,
-        /// File name of the bag, in the journal's folder.
         bag: String,
         digest: String,
         /// Name of the cause that ended the episode, such as `success` or `fall`.

@@ -172,7 +172,6 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
         Self { path, chunks: chunks.iter(), topic, reader, seen: ReadParts::default(), error, empty: M::default() }
     }
 
-    /// The parts that have been read so far.
     pub fn into_read(self) -> ReadParts {
         self.reader.map_or(self.seen, |reader| reader.seen)
     }

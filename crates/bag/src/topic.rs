@@ -41,7 +41,6 @@ pub(crate) const TOPICS: [(&str, &str); 10] = [
     (LIDAR, "foxglove.PointCloud"),
 ];
 
-/// True if a grade reads the topic.
 pub(crate) fn is_graded(topic: &str) -> bool {
     [STATE, EVENT, RESULT].contains(&topic)
 }

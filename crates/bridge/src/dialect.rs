@@ -79,12 +79,10 @@ pub struct Contract {
     pub cameras: Option<Vec<CameraTerms>>,
     /// Number of cameras that it wants, if it does not name them.
     pub camera_count: Option<usize>,
-    /// Width and height of all pictures, pixels.
     pub image_size: Option<[u32; 2]>,
     /// Keys of the state, each with its number of values if the server says so.
     pub states: Option<Vec<(String, Option<usize>)>>,
     pub state_frames: Option<usize>,
-    /// Keys of the actions in its answers.
     pub actions: Option<Vec<ActionTerms>>,
     /// Keys under which it reads the instruction.
     pub language: Option<Vec<String>>,
@@ -144,7 +142,6 @@ pub struct ModelOptions {
     /// Name of a WebSocket server behind a tunnel or proxy, sent as the header `Host`; `None` for that of `url`.
     pub host: Option<String>,
     pub dialect: Dialect,
-    /// Time limits for the connection and for a reply.
     pub timeouts: Timeouts,
     /// API token or key; `None` if the server needs none.
     pub token: Option<String>,

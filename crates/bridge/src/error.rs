@@ -9,7 +9,6 @@ pub enum BridgeError {
         if given.starts_with("wss:") { "; for TLS run a proxy on this side, and name the server with --model-host" } else { "" }
     )]
     Address { given: String, scheme: &'static str },
-    /// Nobody accepts a connection at the address.
     #[error("cannot connect to the model server at {address}; start it, or correct --model")]
     Connect {
         address: String,
@@ -43,7 +42,6 @@ pub enum BridgeError {
     Server { question: String, text: String },
     #[error("the mapping {name} cannot be used: {field}: {problem}")]
     Mapping { name: String, field: String, problem: String },
-    /// Mapping and server do not match. Nothing has moved.
     #[error("the mapping {mapping} does not fit the model server; correct either:\n  {}", mismatches.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n  "))]
     Contract { mapping: String, mismatches: Vec<crate::Mismatch> },
     #[error(
@@ -51,7 +49,6 @@ pub enum BridgeError {
          name the folder of the GEAR-SONIC decoder (ONNX, 994 inputs, 29 outputs) with --controller sonic:DIR"
     )]
     NoDecoder { mapping: String, key: String, width: usize },
-    /// The session lacks data that the mapping needs.
     #[error("the mapping needs {what}, which the session does not provide; {remedy}")]
     Sensed { what: String, remedy: &'static str },
 }

@@ -126,7 +126,6 @@ impl Hands {
         }
     }
 
-    /// Number of joints of the model's hand.
     pub fn width(&self, side: Side) -> usize {
         self.fingers(side).len()
     }

@@ -79,7 +79,6 @@ pub struct Camera {
     pub sensor: Option<String>,
     /// Width and height of the picture that the model gets, pixels.
     pub size: [u32; 2],
-    /// The rule for pictures of another size.
     pub resize: Resize,
     /// Frames that the model gets, in rows relative to the present, oldest first: 0 for the current one.
     pub delta: Vec<i64>,
@@ -101,7 +100,6 @@ pub struct Key {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
     pub name: String,
-    /// Dialects that the mapping can be used with.
     pub dialects: Vec<Dialect>,
     pub body: Body,
     /// Angles of arms are those at which they rest: their weight is compensated. Only with [`Body::Wbc`].
@@ -146,7 +144,6 @@ impl Mapping {
         key.parts.iter().map(|part| part.width(self.hands.as_ref())).sum()
     }
 
-    /// Number of control steps of 20 ms per row.
     pub fn steps_per_row(&self) -> f64 {
         1.0 / (self.rate_hz * CONTROL_DT)
     }

@@ -13,11 +13,8 @@ pub enum MismatchKind {
     State,
     /// A key of the actions that only one side has.
     Action,
-    /// The number of values of a key.
     Dimension,
-    /// The number of rows of a chunk.
     Horizon,
-    /// The representation of actions: absolute, delta or relative.
     Representation,
     Language,
 }

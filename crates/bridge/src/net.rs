@@ -27,7 +27,6 @@ impl Default for Timeouts {
 /// Port of a WebSocket server whose address has none.
 const HTTP_PORT: u16 = 80;
 
-/// Host, port and path of a model server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Address {
     host: String,

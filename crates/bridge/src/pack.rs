@@ -42,7 +42,6 @@ pub(crate) fn as_text(value: &Value) -> Option<&str> {
     }
 }
 
-/// Finds an entry of a map by its name.
 pub(crate) fn entry<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
     value.as_map()?.iter().find(|(key, _)| as_text(key) == Some(name)).map(|(_, value)| value)
 }

@@ -36,7 +36,6 @@ pub struct PlayedRow {
     pub row: Row,
     /// Number of the chunk in the episode, from 0.
     pub chunk: u64,
-    /// Index of the row in its chunk.
     pub at: usize,
     /// Control steps since the observation on which the chunk is based.
     pub age: u64,

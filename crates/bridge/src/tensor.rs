@@ -9,7 +9,6 @@ pub use forms::Form;
 const MAX_DIMENSIONS: usize = 8;
 const MAX_ELEMENTS: usize = 4 << 20;
 
-/// Element types that can be read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dtype {
     Bool,
@@ -113,7 +112,6 @@ impl Tensor {
         self.dtype
     }
 
-    /// Size of each dimension, the slowest first.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }

@@ -100,7 +100,7 @@ impl std::fmt::Display for Flaw {
     }
 }
 
-/// RowSums over rows that no judge computes.
+/// Sums over rows that no judge computes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct RowSums {
     pub unconverged: u64,

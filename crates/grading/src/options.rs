@@ -6,7 +6,6 @@ use std::time::Duration;
 pub struct GradeOptions {
     /// Thresholds in place of the recorded ones, as `key=value`.
     pub set: Vec<String>,
-    /// Count criteria as the published numbers do.
     pub published_counting: bool,
     /// Number of threads; 0 means one per core.
     pub workers: usize,

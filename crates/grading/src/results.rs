@@ -98,7 +98,6 @@ pub struct Scores {
     pub extra_tasks: Vec<TaskResult>,
 }
 
-/// The benchmark score over the layout seeds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     pub mean: Option<f64>,
@@ -108,7 +107,6 @@ pub struct Score {
     pub per_seed: Vec<SeedRow>,
 }
 
-/// The benchmark score under one layout seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SeedRow {
     pub seed: u64,
@@ -202,7 +200,6 @@ pub struct RateRow {
     pub interval: Option<[f64; 2]>,
 }
 
-/// The reason why a bag is not scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {

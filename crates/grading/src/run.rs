@@ -35,7 +35,6 @@ pub(crate) struct RunJournals {
     notes: Vec<String>,
 }
 
-/// The outcome of an episode of the run.
 #[derive(Debug)]
 pub(crate) struct RunEpisode {
     pub task: Task,
@@ -56,7 +55,6 @@ pub(crate) enum EpisodeOutcome {
 }
 
 impl RunJournals {
-    /// Reads the journals in the folder of a run.
     pub fn read(folder: &Path) -> Result<Self, ScoreError> {
         let paths = journals(folder)?;
         let ledgers = paths.iter().map(Ledger::read).collect::<Result<Vec<_>, _>>()?;

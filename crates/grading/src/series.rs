@@ -2,7 +2,6 @@
 
 use fiatlux_rules::{CONTROL_DT, Criteria};
 
-/// Maximum number of points in a figure.
 pub const MAX_BUCKETS: usize = 300;
 
 /// The share of a bucket's rows in which a criterion held.
@@ -19,7 +18,6 @@ pub enum CriterionHeld {
 pub struct Series {
     /// Names of the criteria, in the order of the gate.
     pub criteria: Vec<&'static str>,
-    /// For each criterion, one value for each bucket.
     pub held: Vec<Vec<CriterionHeld>>,
     /// Largest contact force of a bulb on a hand body in each bucket, N.
     pub hand_force_n: Vec<f64>,

@@ -14,7 +14,6 @@ use crate::{Entry, Store, StoreError, SubmissionId};
 const PREFIX: &str = "fiatlux_";
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
-/// Maximum lifetime of a token, days.
 pub const MAX_DAYS: u32 = 3650;
 
 #[derive(Debug, Error)]
@@ -50,7 +49,6 @@ pub(crate) enum Denied {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quota {
-    /// Submissions that it may begin within 24 hours.
     pub submissions_a_day: u32,
     /// Bytes of all its submissions together.
     pub max_bytes: u64,

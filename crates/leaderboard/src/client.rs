@@ -72,7 +72,6 @@ pub enum SubmitError {
     Stopped,
 }
 
-/// The files and the manifest of a submission.
 #[derive(Debug, Clone)]
 pub struct Upload {
     /// The submitter's description of the policy; fill it in before [`Submit::send`].
@@ -133,7 +132,6 @@ fn name_of(path: &Path) -> Result<String, SubmitError> {
     name.to_str().map(str::to_owned).ok_or_else(|| SubmitError::Name { name: name.to_string_lossy().into_owned() })
 }
 
-/// The progress of [`Submit`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SubmitProgress {
     /// Digests of the files are being computed: bytes done, bytes in total.
@@ -144,12 +142,10 @@ pub enum SubmitProgress {
     Verifying(u64, u64),
 }
 
-/// A submission as the service reports it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Submitted {
     /// 16 hexadecimal digits.
     pub id: String,
-    /// The stage that the service has reached.
     pub state: Stage,
     /// The reason of a refusal; else empty.
     pub reason: String,
@@ -213,7 +209,6 @@ impl<'a> Submit<'a> {
         self.ask("POST", &finish, None)
     }
 
-    /// Waits until a submission is verified or refused.
     pub fn wait(&mut self, id: &str) -> Result<Submitted, SubmitError> {
         loop {
             let submitted = self.ask("GET", &format!("/api/v1/submissions/{id}"), None)?;

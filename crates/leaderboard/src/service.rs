@@ -60,7 +60,6 @@ impl Default for ServiceOptions {
     }
 }
 
-/// The state that handlers and jobs share.
 #[derive(Debug)]
 pub struct Service {
     pub store: Store,

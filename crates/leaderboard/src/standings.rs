@@ -17,7 +17,6 @@ use crate::{Badge, Division, Entry, SubmissionId};
 pub(crate) use played::PlayedEpisodes;
 pub(crate) use subtasks::{RankedTask, SubtaskResults, TaskTable, by_task};
 
-/// The scores of a submission in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standing {
     /// Version of the benchmark: scores of different versions never share a table.
@@ -63,11 +62,9 @@ pub(crate) struct Cell {
     /// Score s by the strict judge, 0 to 1.
     pub strict: f64,
     pub published: f64,
-    /// Share of clean successes by the strict judge.
     pub strict_clean: f64,
     /// Wilson 95 % interval of `strict_clean`.
     pub strict_interval: [f64; 2],
-    /// Share of clean successes by the published judge.
     pub published_clean: f64,
 }
 
@@ -169,7 +166,6 @@ pub(crate) struct RankedEntry {
     /// 1 for the best; rows with equal scores share a rank, and one at zero has none.
     pub rank: Option<usize>,
     pub entry: Entry,
-    /// Its scores, as the table shows them.
     pub standing: Standing,
 }
 

@@ -35,7 +35,6 @@ const LOCK: &str = "lock";
 const BUSY: Duration = Duration::from_secs(20);
 /// Number of connections that read the database. One more writes.
 const READERS: u32 = 8;
-/// Maximum number of cached results.
 const MAX_RESULTS: usize = 256;
 
 /// The folder of a service: a database, the bags by their content, and incomplete uploads.
@@ -192,7 +191,6 @@ impl Store {
         Ok((files, bytes))
     }
 
-    /// Folder in which the files of a submission arrive.
     pub(crate) fn incoming(&self, id: SubmissionId) -> PathBuf {
         self.folder.join(INCOMING).join(id.to_string())
     }
@@ -208,7 +206,6 @@ impl Store {
     }
 }
 
-/// The current time, ms since 1970.
 pub(crate) fn now_ms() -> i64 {
     (OffsetDateTime::now_utc().unix_timestamp_nanos() / 1_000_000) as i64
 }

@@ -125,7 +125,6 @@ fn is_link(text: &str) -> bool {
     rest.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_alphanumeric()) && rest.chars().all(is_plain))
 }
 
-/// Lockstep or real time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
@@ -228,7 +227,6 @@ pub enum Stage {
     Refused,
 }
 
-/// A submission as others can see it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
     /// Part of the addresses of its pages.
@@ -261,7 +259,6 @@ pub(crate) fn word_of<T: DeserializeOwned>(word: &str) -> Result<T, serde_json::
     serde_json::from_value(serde_json::Value::String(word.to_owned()))
 }
 
-/// A file that a submitter has announced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct FileSpec {
     pub name: String,
@@ -269,7 +266,6 @@ pub(crate) struct FileSpec {
     pub sha256: Digest,
 }
 
-/// Limits on the size of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     pub files: usize,

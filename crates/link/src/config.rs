@@ -14,7 +14,6 @@ use crate::error::reason_of;
 use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
-/// Role of a program in the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Waits for others: listens, and keeps trying if it has to connect.

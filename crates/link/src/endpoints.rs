@@ -14,7 +14,6 @@ const PROTOCOLS: &[&str] = &["tcp", "quic", "unixsock-stream"];
 pub const CONNECT: &str = "connect/endpoints";
 pub const LISTEN: &str = "listen/endpoints";
 
-/// True if traffic over an endpoint is encrypted.
 pub fn is_encrypted(endpoint: &str) -> bool {
     endpoint.starts_with("quic/")
 }

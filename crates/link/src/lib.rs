@@ -49,7 +49,6 @@ impl Link {
         session.map(Self).map_err(|source| LinkError::Open { reason: reason_of(&source) })
     }
 
-    /// Carries the messages of sessions over this link.
     pub fn carrier(&self) -> Carrier {
         carrier(&self.0)
     }

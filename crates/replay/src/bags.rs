@@ -45,14 +45,12 @@ pub struct BagEntry {
     pub seconds: Option<f64>,
     /// Remark for the viewer, for example that the bag is cut; may be empty.
     pub note: String,
-    /// The error of a bag that cannot be opened.
     pub error: Option<String>,
 }
 
 /// The list of episodes, as JSON for the page.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Listing {
-    /// The folder as the user named it.
     pub folder: String,
     pub entries: Vec<BagEntry>,
     /// Number of bags that exceed the limit of the list.
@@ -81,7 +79,6 @@ impl Bags {
         self.files.get(index).map(PathBuf::as_path)
     }
 
-    /// Reads header and result of every bag.
     pub fn list(&self) -> Listing {
         let entry = |(index, path): (usize, &PathBuf)| self.entry(index, path);
         Listing {

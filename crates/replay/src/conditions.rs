@@ -7,9 +7,7 @@ use serde::Serialize;
 
 /// Flags of a row: bit `i` is criterion `i` of [`Conditions::criteria`]; the bits below come after them.
 pub mod flag {
-    /// The old bulb is in the socket.
     pub const OLD_SEATED: u32 = 1 << 16;
-    /// The fresh bulb is in the socket.
     pub const FRESH_SEATED: u32 = 1 << 17;
     /// The published gate has fired in this row or earlier.
     pub const PUBLISHED: u32 = 1 << 18;
@@ -43,17 +41,14 @@ pub struct Conditions {
     pub fragility_n: f64,
 }
 
-/// Verdict of one judge on the rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ruling {
     /// Name of the judge: `strict` or `published`.
     pub protocol: &'static str,
     /// Cause of the end; `None` if the rows stop before it.
     pub end: Option<&'static str>,
-    /// All causes that the last row met.
     pub causes: Vec<&'static str>,
     pub success: bool,
-    /// Number of control steps up to the end.
     pub steps: u64,
     pub progress: f64,
     pub broken: bool,

@@ -68,7 +68,6 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// The page with the list of episodes.
     pub fn list() -> Self {
         Self::served(LIST, "list.js", "")
     }

@@ -47,7 +47,6 @@ pub struct Document {
     pub notes: Vec<String>,
 }
 
-/// Facts about an episode from its header.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct EpisodeInfo {
     /// Name of the bag's file, without its folder.
@@ -77,11 +76,9 @@ pub struct TrackInfo {
     /// Distance in rows between two rows with poses.
     pub stride: usize,
     pub pose: usize,
-    /// Number of values in a kept row.
     pub width: usize,
     /// Control steps of the first and the last row.
     pub span: [u32; 2],
-    /// The contact forces of a kept row, in order.
     pub forces: Vec<ForceName>,
     /// The robot's joints, in the order of [`Replay::joints`].
     pub joints: Vec<JointName>,
@@ -164,7 +161,6 @@ impl Replay {
         Ok(Self { document, track: track.bytes(), joints: track.joint_bytes(), pictures: bytes_of(&pictures) })
     }
 
-    /// Changes the displayed name of the bag's file.
     #[must_use]
     pub fn called(mut self, name: &str) -> Self {
         self.document.episode.bag = short(name);
@@ -176,7 +172,6 @@ impl Replay {
         &self.document
     }
 
-    /// The same description as JSON, for the page.
     pub fn document_json(&self) -> String {
         // The document holds only text, finite numbers and lists, so this cannot fail.
         serde_json::to_string(&self.document).unwrap_or_default()

@@ -21,7 +21,6 @@ pub(crate) fn framed_things() -> impl Iterator<Item = (usize, &'static Thing)> {
 /// A frame whose pose is in every kept row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Frame {
-    /// Name of the link, or of the prop.
     pub name: String,
     /// Name of the joint between it and its parent; `None` for the pelvis, fixed links and props.
     pub joint: Option<String>,
@@ -48,7 +47,6 @@ pub struct Group {
     pub material: usize,
     /// Position of its first index in the block of all indices.
     pub first: usize,
-    /// Number of indices, three for each triangle.
     pub count: usize,
 }
 

@@ -2,7 +2,6 @@
 
 use fiatlux_proto::is_unseen;
 
-/// Maximum length of a text to show, characters.
 const MAX_CHARS: usize = 300;
 
 /// Shortens a text from a bag, and removes control characters and marks that change its direction.

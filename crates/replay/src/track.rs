@@ -15,7 +15,6 @@ use crate::conditions::flag;
 use crate::scene::framed_things;
 
 pub const MAGIC: [u8; 4] = *b"FLTR";
-/// Version of the layout of a track.
 pub const TRACK_VERSION: u32 = 1;
 /// Numbers of a pose: position x, y, z in m, then the quaternion w, x, y, z.
 pub const POSE: usize = 7;
@@ -148,12 +147,10 @@ impl Track {
         Some([*self.steps.first()?, *self.steps.last()?])
     }
 
-    /// Distance in rows between two rows with poses.
     pub fn stride(&self) -> usize {
         self.stride
     }
 
-    /// The forces of a kept row, in order.
     pub fn force_names(&self) -> Vec<ForceName> {
         self.forces.iter().map(|force| force.name.clone()).collect()
     }

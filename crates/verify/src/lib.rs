@@ -81,7 +81,6 @@ pub struct Verification {
     pub header: Option<Difference>,
     /// Step of the first row that differs, and the first number in it that does.
     pub row: Option<(u64, Difference)>,
-    /// The first field of the result that differs.
     pub result: Option<Difference>,
 }
 

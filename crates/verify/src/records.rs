@@ -14,7 +14,6 @@ use fiatlux_proto::{Bytes, Message, decode};
 /// Maximum number of records to hold back while an earlier one is missing; beyond it the missing one is requested.
 const MAX_AHEAD: usize = 64;
 
-/// Time limit for the answer to a request.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 const TRIES: u32 = 4;
@@ -45,7 +44,6 @@ impl Records {
         Ok(Self { link: link.clone(), keys, rows, inbox, ahead: BTreeMap::new(), next_seq: 0, _subscriber: subscriber })
     }
 
-    /// The next record, if it has arrived.
     pub fn next(&mut self) -> Option<StepRecord> {
         while let Ok(bytes) = self.inbox.try_recv() {
             self.take(bytes);

@@ -14,7 +14,6 @@ pub enum LedgerError {
     },
     #[error("{path} exists already; give the run another name, or move its folder away")]
     Exists { path: PathBuf },
-    /// A line that no server wrote in this form.
     #[error(
         "{path}, line {line}: {reason}; restore the file as its server wrote it, or read it with the version that wrote \
          it"

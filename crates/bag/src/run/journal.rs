@@ -104,7 +104,6 @@ impl Chain {
     }
 }
 
-/// Reads a journal, a line at a time.
 pub(super) struct Lines<'a> {
     path: &'a Path,
     reader: BufReader<File>,

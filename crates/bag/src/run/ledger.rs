@@ -79,7 +79,6 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Starts the ledger of a new run.
     pub fn new(registration: Registration) -> Result<Self, String> {
         check(&registration)?;
         let waiting = LedgerEpisode {
@@ -127,7 +126,6 @@ impl Ledger {
         self.finished
     }
 
-    /// The server's signature under the finished journal.
     pub fn seal(&self) -> Option<&Seal> {
         self.seal.as_ref()
     }
@@ -137,7 +135,6 @@ impl Ledger {
         self.registration.spec.hosted_seeds > 0
     }
 
-    /// Index and state of the open episodes.
     pub fn open(&self) -> impl Iterator<Item = (u32, &LedgerEpisode)> {
         let numbered = (0..).zip(&self.episodes);
         numbered.filter(|(_, episode)| matches!(episode.state, EpisodeState::Open { .. }))

@@ -17,7 +17,6 @@ pub(super) struct Gr00t {
     timeouts: Timeouts,
     token: Option<String>,
     is_flat: bool,
-    /// The form in which arrays are sent.
     form: Form,
     /// The server has answered a request with arrays in `form`.
     is_form_known: bool,

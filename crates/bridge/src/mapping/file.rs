@@ -9,11 +9,8 @@ use crate::hands::{Hands, Side};
 use crate::image::Resize;
 use crate::{BridgeError, Dialect};
 
-/// Maximum number of rows in a chunk.
 const MAX_ROWS: usize = 400;
-/// Maximum number of values in a row.
 const MAX_VALUES: usize = 512;
-/// Maximum number of frames of a camera.
 const MAX_FRAMES: usize = 8;
 /// Allowed width and height of a picture, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=640;
@@ -108,7 +105,6 @@ struct Reader<'a> {
     hands: Option<Hands>,
 }
 
-/// Parses a mapping and runs every check on it.
 pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, BridgeError> {
     let mut reader = Reader { name, robot, hands: None };
     let file: File = toml::from_str(text).map_err(|error| reader.wrong("file", error.message().to_owned()))?;

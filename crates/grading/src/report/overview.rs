@@ -22,7 +22,6 @@ pub(super) fn causes(results: &Results) -> String {
     format!("<div class=\"legend\"><span>Ends:</span>{}</div>", causes.iter().map(entry).collect::<String>())
 }
 
-/// The subtasks that ran, as an SVG figure.
 pub(super) fn figure(results: &Results) -> String {
     let tasks = &results.subtasks;
     let height = HEAD + ROW * tasks.len() as f64 + 4.0;

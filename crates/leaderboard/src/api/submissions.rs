@@ -22,7 +22,6 @@ const MAX_BODY: usize = 8 << 20;
 /// Time limit for that body.
 const BODY_TIME: Duration = Duration::from_secs(30);
 
-/// The body of the request that begins a submission.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SubmissionRequest {

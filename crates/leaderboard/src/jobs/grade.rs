@@ -14,10 +14,8 @@ use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
 
 /// Time limit for reading one bag. A bag of the largest size takes some seconds.
 const MAX_TIME: Duration = Duration::from_secs(60);
-/// Maximum number of bags that a refusal names.
 const MAX_NAMED: usize = 3;
 
-/// Grades one received submission, and stores the outcome.
 pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };

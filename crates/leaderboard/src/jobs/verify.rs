@@ -52,12 +52,10 @@ struct Worker {
     name: String,
 }
 
-/// Outcome of an attempt to verify an episode.
 enum VerifyOutcome {
     Decided(Verdict, String),
     /// The server or its connection failed, so there is no verdict: try again.
     Again(String),
-    /// The server refuses to play the episode.
     NotTaken(String),
     Stopped,
 }

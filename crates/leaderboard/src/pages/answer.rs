@@ -24,7 +24,6 @@ pub(super) enum Problem {
     Asked(String),
     /// The bag cannot be shown, for this reason.
     Unshowable(String),
-    /// Too many requests of this kind at once.
     Busy,
     /// The service itself failed; the reason is in its log.
     Failed,

@@ -15,12 +15,9 @@ use crate::paper::{PAPER, PaperRow};
 use crate::standings::{Cell, Neighbours, Obstacle, RankedEntry, SIGNIFICANT, Table};
 use crate::submission::{Division, Observations, Time};
 
-/// Rows on one page.
 const ROWS: usize = 50;
-/// Unranked submissions on one page.
 const UNRANKED: usize = 50;
 
-/// A division that the visitor can choose.
 struct DivisionChoice {
     slug: String,
     text: String,
@@ -37,7 +34,6 @@ struct Row<'a> {
     /// The test's numbers, or why there is none; empty in the last row.
     test: String,
     differs: bool,
-    /// Another run played some of its episodes.
     has_partners: bool,
 }
 

@@ -15,7 +15,6 @@ use super::show;
 use super::state::Pages;
 use crate::{Entry, SubmissionId};
 
-/// Pairs on one page.
 const PAIRS: usize = 100;
 
 #[derive(Template)]

@@ -6,7 +6,6 @@ use std::str::FromStr;
 use fiatlux_grading::EpisodeRow;
 use fiatlux_rules::Task;
 
-/// An episode of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Key {
     pub task: Task,

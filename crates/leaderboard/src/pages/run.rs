@@ -101,7 +101,6 @@ struct TaskPage<'a> {
     pages: usize,
 }
 
-/// All episodes of a task, in several pages.
 pub(super) async fn task(
     State(pages): State<Arc<Pages>>,
     Path((id, task)): Path<(String, String)>,

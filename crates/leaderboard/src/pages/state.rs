@@ -65,7 +65,6 @@ pub(super) struct Board {
     pub unranked: Vec<(Entry, Obstacle)>,
     pub tasks: Vec<TaskTable>,
     pub pictures: Pictures,
-    /// Episodes of each entry.
     pub played: BTreeMap<SubmissionId, Arc<PlayedEpisodes>>,
     /// Entries that share episodes with another one.
     pub sharing: BTreeSet<SubmissionId>,

@@ -29,7 +29,6 @@ pub(super) struct Card<'a> {
     pub pictured: Option<(SubmissionId, Key)>,
 }
 
-/// The best submission of a division in a subtask.
 pub(super) struct Best<'a> {
     /// The division in a few words.
     pub division: String,
@@ -50,7 +49,6 @@ fn card<'a>(board: &'a Board, table: &'a TaskTable) -> Card<'a> {
     Card { task, bests, pictured }
 }
 
-/// A division's ranking, as the page shows it.
 struct DivisionRanking<'a> {
     division: &'a Division,
     places: &'a [RankedTask],

@@ -38,7 +38,6 @@ impl SubtaskResults {
     }
 }
 
-/// A submission in the ranking of a subtask.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RankedTask {
     /// 1 for the best; equal rows share a rank, and one without a success has none.

@@ -39,7 +39,6 @@ pub struct AuditRow {
     pub at_ms: i64,
     /// `admin`, `service`, or an account.
     pub who: String,
-    /// The action, such as `token made`.
     pub action: String,
     /// An account, the id of a token, or a submission.
     pub subject: String,
@@ -92,13 +91,11 @@ impl Store {
         Ok(done.rows_affected() == 1)
     }
 
-    /// The account of this name, if there is one.
     pub(crate) async fn account(&self, name: &str) -> Result<Option<Account>, StoreError> {
         let row = sqlx::query("SELECT * FROM accounts WHERE name = $1").bind(name).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(ACCOUNT))?.map(|row| account_of(&row)).transpose()
     }
 
-    /// All accounts, by name.
     pub(crate) async fn accounts(&self) -> Result<Vec<Account>, StoreError> {
         let rows = sqlx::query("SELECT * FROM accounts ORDER BY name").fetch_all(&self.pool).await;
         rows.map_err(StoreError::database(ACCOUNT))?.iter().map(account_of).collect()
@@ -121,7 +118,6 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// A token by its public part.
     pub(crate) async fn token(&self, id: &str) -> Result<Option<TokenRow>, StoreError> {
         let row = sqlx::query("SELECT * FROM tokens WHERE id = $1").bind(id).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(TOKEN))?.map(|row| token_of(&row)).transpose()

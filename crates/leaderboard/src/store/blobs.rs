@@ -55,7 +55,6 @@ pub(crate) struct Blobs {
 }
 
 impl Blobs {
-    /// Opens or creates the store in a local folder.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(root).map_err(StoreError::io("make", root))?;
         let store = LocalFileSystem::new_with_prefix(root).map_err(StoreError::blobs("be opened"))?.with_fsync(true);
@@ -140,7 +139,6 @@ impl Blobs {
         removed.await.map_err(|_| StoreError::corrupt("the folder of the bags", "a thread ended early"))?
     }
 
-    /// The path of a file on this machine.
     pub fn local(&self, digest: &Digest) -> PathBuf {
         self.root.join(&digest.0[..2]).join(&digest.0)
     }

@@ -88,7 +88,6 @@ const PICTURES: &[&str] = &[
     "ALTER TABLE submissions ADD COLUMN drawn BIGINT",
 ];
 
-/// Upgrades a database to the latest version.
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
     let failed = |action| StoreError::database(action);
     sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")

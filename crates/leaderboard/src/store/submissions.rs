@@ -24,11 +24,9 @@ pub(crate) struct Draft {
     pub files: Vec<FileSpec>,
 }
 
-/// Outcome of a request to begin a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum BeginOutcome {
     New,
-    /// The same account began the same submission before.
     Known,
     /// The account has begun this many within 24 hours, which is its limit.
     TooManyToday(i64),
@@ -52,7 +50,6 @@ pub struct FileRow {
     pub stored: bool,
 }
 
-/// A file to store or to read.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredFile {
     pub bytes: u64,
@@ -254,7 +251,6 @@ impl Store {
         Ok(Some(StoredFile { bytes, digest, stored: row.try_get::<i64, _>("stored").map_err(failed)? != 0 }))
     }
 
-    /// Notes that a file is stored.
     pub(crate) async fn set_stored(&self, id: SubmissionId, place: u32) -> Result<(), StoreError> {
         let mut tx = self.write().await?;
         sqlx::query("UPDATE files SET stored = 1 WHERE submission = $1 AND place = $2")
@@ -388,7 +384,6 @@ impl Store {
         rows.iter().map(|row| digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
     }
 
-    /// Number of submissions by state.
     pub(crate) async fn states(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
