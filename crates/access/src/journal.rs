@@ -13,7 +13,7 @@ pub fn sign_journal(identity: &Identity, link: &str) -> String {
     STANDARD.encode(identity.sign(&signed(link)))
 }
 
-/// Who signed the link of a journal's last line. The caller decides whether to trust that key.
+/// The signer of the link of a journal's last line. The caller decides whether to trust that key.
 pub fn journal_signer(link: &str, key: &str, signature: &str) -> Signer {
     let (Ok(key), Ok(signature)) = (key.parse::<PublicKey>(), STANDARD.decode(signature)) else {
         return Signer::Mismatch;

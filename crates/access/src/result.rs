@@ -33,7 +33,7 @@ pub fn sign_result(identity: &Identity, result: &mut EpisodeResult) {
     result.signature = Some(Signature { key: identity.public().as_bytes().to_vec(), signature });
 }
 
-/// Who signed a result. Whether to trust that key is for the caller to decide.
+/// The signer of a result. The caller decides whether to trust that key.
 pub fn signer_of(result: &EpisodeResult) -> Signer {
     let Some(Signature { key, signature }) = &result.signature else { return Signer::Nobody };
     let Ok(key) = <[u8; 32]>::try_from(key.as_slice()).map(PublicKey::from_bytes) else { return Signer::Mismatch };

@@ -1,4 +1,4 @@
-//! Who may open sessions: a client's token, and the server's list of tokens that it accepts.
+//! Permission to open sessions: a client's token, and the server's list of tokens that it accepts.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -81,7 +81,7 @@ pub struct Registration {
     pub spec: RunSpec,
     /// Every episode of the run, hosted seeds included.
     pub episodes: Vec<PlannedEpisode>,
-    /// When it was registered, ms since 1970.
+    /// Time of registration, ms since 1970.
     pub unix_ms: u64,
 }
 

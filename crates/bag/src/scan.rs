@@ -83,7 +83,7 @@ pub(crate) struct Scan {
     pub cut: Option<BTreeMap<String, String>>,
     pub chunks: Vec<ChunkAt>,
     pub channels: Channels,
-    /// Where and why the scan ended before the file's proper end.
+    /// Offset and reason if the scan ended before the file's proper end.
     pub broken: Option<(u64, String)>,
     /// The reason why a record was refused; `None` if it cannot be read.
     why: Option<String>,

@@ -65,7 +65,7 @@ pub struct LedgerEpisode {
     pub abandoned: String,
     /// Attempts that ended because the server died. They bind nothing.
     pub lost: u32,
-    /// When the first attempt that binds was begun, ms since 1970.
+    /// Start of the first attempt that counts, ms since 1970.
     pub opened_ms: Option<u64>,
 }
 
