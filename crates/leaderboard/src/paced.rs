@@ -123,7 +123,7 @@ mod tests {
     async fn a_slow_reader_is_cut_and_a_fast_one_is_not() {
         written(BYTES).await.unwrap();
         let silent = written(0).await.unwrap_err();
-        assert!(silent.to_string().contains("took nothing"), "{silent}");
+        assert!(silent.to_string().contains("read nothing"), "{silent}");
         let slow = written(20).await.unwrap_err();
         assert!(slow.to_string().contains("lowest rate"), "{slow}");
     }

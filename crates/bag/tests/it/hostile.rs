@@ -213,7 +213,7 @@ fn doubles_must_agree() {
     let extra = |metadata: &mut Vec<mcap::records::Metadata>| {
         metadata[0].metadata.insert("score".into(), "1.0".into());
     };
-    rewritten_is("extra_field", extra, Some("a field 'score', which no header has"));
+    rewritten_is("extra_field", extra, Some("a field 'score', which this protocol does not define"));
     let second = |metadata: &mut Vec<mcap::records::Metadata>| {
         let mut header = metadata[0].clone();
         header.metadata.insert("task".into(), "S06".into());

@@ -270,5 +270,5 @@ fn a_journal_is_sealed_at_its_end() {
     let (of, key, signature) = (seal.of.clone(), seal.key.clone(), seal.signature.clone());
     forged.append(Event::Sealed { of, key, signature }).expect("a line");
     let error = Ledger::read(&path).expect_err("another journal's").to_string();
-    assert!(error.contains("line 3: ") && error.contains("other lines"), "{error}");
+    assert!(error.contains("line 3: ") && error.contains("does not cover the lines above"), "{error}");
 }

@@ -66,7 +66,7 @@ fn wrong_tensors_are_named() {
     let missing = with_header(|header| drop(header.remove(tensor)));
     check(&missing, &[tensor, "[128, 64, 1, 1]", "state_dict"]);
     let deeper = with_header(|header| drop(header.insert("layer1.2.conv1.weight".into(), header[tensor].clone())));
-    check(&deeper, &["layer1.2.conv1.weight", "has not"]);
+    check(&deeper, &["layer1.2.conv1.weight", "does not have"]);
     let reshaped = with_header(|header| header[tensor]["shape"] = json!([128, 64]));
     check(&reshaped, &[tensor, "[128, 64, 1, 1]", "[128, 64]"]);
     let half = with_header(|header| header[tensor]["dtype"] = json!("BF16"));

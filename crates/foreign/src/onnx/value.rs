@@ -63,7 +63,7 @@ impl Value {
         // An empty list is the only value without numbers.
         if tensor.shape != [0] && count(&value.shape) != Ok(found) || tensor.shape.len() != value.shape.len() {
             return Err(
-                format!("its tensor '{name}' has {found} numbers, not those of the shape {:?}", tensor.shape).into()
+                format!("its tensor '{name}' has {found} numbers for the shape {:?}", tensor.shape).into()
             );
         }
         match value.floats().and_then(|numbers| numbers.iter().position(|number| !number.is_finite())) {

@@ -366,7 +366,7 @@ fn odd_journals_are_named() {
     let copy = journal_of(&run.folder, "copy");
     fs::write(&copy, &whole).expect("written");
     let error = grade_in(&folder).expect_err("two").to_string();
-    assert!(error.contains("are both journals of server lab; keep the one"), "{error}");
+    assert!(error.contains("are both journals of server lab; keep the server's own"), "{error}");
     fs::remove_file(&journal).expect("removed");
     let notes = graded(&folder).run.expect("a run").notes;
     assert!(notes.len() == 1 && notes[0].contains("copy.run.jsonl is the journal of server lab"), "{notes:?}");
