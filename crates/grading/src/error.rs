@@ -32,7 +32,7 @@ pub enum ScoreError {
     Runs(Vec<PathBuf>),
     #[error("the run cannot be read")]
     Ledger(#[from] LedgerError),
-    #[error("{}: its signature does not match it; restore the file as its server wrote it", .0.display())]
+    #[error("{}: its signature does not fit its lines; restore the file as its server wrote it", .0.display())]
     Seal(PathBuf),
     #[error(
         "{} and {} are not journals of one run: the {field} differs; keep each run in a folder of its own",

@@ -85,7 +85,7 @@ impl std::fmt::Display for Flaw {
                 "the bag's header contradicts itself: {field} is {found} by the request in it, and {recorded} in the header"
             ),
             Flaw::Signature => f.write_str(
-                "its signature does not match its result: one of the two was changed, or the signature is of another bag",
+                "its signature does not fit its result: one of the two was changed, or the signature is of another bag",
             ),
             Flaw::Altered { rows, result } => {
                 let (rows, result) = (short(rows), short(result));

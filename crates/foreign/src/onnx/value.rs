@@ -62,9 +62,7 @@ impl Value {
         let found = value.floats().map_or(0, <[f32]>::len) + value.integers().map_or(0, <[i64]>::len);
         // An empty list is the only value without numbers.
         if tensor.shape != [0] && count(&value.shape) != Ok(found) || tensor.shape.len() != value.shape.len() {
-            return Err(
-                format!("its tensor '{name}' has {found} numbers for the shape {:?}", tensor.shape).into()
-            );
+            return Err(format!("its tensor '{name}' has {found} numbers for the shape {:?}", tensor.shape).into());
         }
         match value.floats().and_then(|numbers| numbers.iter().position(|number| !number.is_finite())) {
             Some(index) => Err(Refusal::NotFinite { tensor: name.into(), index }),

@@ -269,7 +269,7 @@ fn signatures_fit_one_result() {
 
     let (header_b, rows_b) = (header(Task::S01, 4), rows(Task::S01, 4, Story::Succeeds(30)));
     let copied = EpisodeResult { signature: result_a.signature.clone(), ..result(&header_b, &rows_b) };
-    assert!(detail("copied", &header_b, &rows_b, &copied).contains("signature does not match"));
+    assert!(detail("copied", &header_b, &rows_b, &copied).contains("signature does not fit"));
     let mut other = result_a.clone();
     other.signature.as_mut().expect("signed").key = Identity::generate().expect("drawn").public().as_bytes().to_vec();
     assert!(detail("other-key", &header_a, &rows_a, &other).contains("signature does not fit"));
