@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use fiatlux_access::check_private;
 use fiatlux_cli::ProgressLine;
-use fiatlux_leaderboard::{Manifest, State, Submit, SubmitProgress, Submitted, Upload};
+use fiatlux_leaderboard::{Manifest, Stage, Submit, SubmitProgress, Submitted, Upload};
 use fiatlux_proto::plain;
 
 use crate::FAILED;
@@ -85,7 +85,7 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
     line.clear();
     let submitted = done?;
     fiatlux_cli::print(said(&submitted, args)?)?;
-    Ok(if submitted.state == State::Refused { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+    Ok(if submitted.state == Stage::Refused { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
 }
 
 fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
@@ -99,8 +99,8 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
         return Ok(serde_json::to_string_pretty(&json)? + "\n");
     }
     Ok(match state {
-        State::Refused => format!("{id} refused: {}\n", plain(reason)),
-        State::Verified => format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n"),
+        Stage::Refused => format!("{id} refused: {}\n", plain(reason)),
+        Stage::Verified => format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n"),
         _ => format!("{id} accepted: {place}\n"),
     })
 }

@@ -1,12 +1,14 @@
-//! What authentication costs a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time of a step
-//! without it (`fiatlux-bench service`), 250 us by default.
+//! The cost of authentication for a session: `cargo bench -p fiatlux-access [-- STEP_US]`, where `STEP_US` is the time
+//! of a step without it (`fiatlux-bench service`), 250 us by default.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use fiatlux_access::{Channel, Greeting, HandshakeError, Identity, Label, Reply, RowsKey, Secrets, Side, welcome};
+use fiatlux_access::{
+    Channel, Greeting, HandshakeError, Identity, Label, RowsKey, Secrets, Side, SignedReply, welcome,
+};
 
 /// Sizes of an action of 53 numbers, of an observation with the default sensors, and of a record, bytes.
 const ACTION: usize = 430;
@@ -62,11 +64,10 @@ fn time(mut call: impl FnMut()) -> f64 {
     (0..BATCHES).map(|_| batch(&mut call)).fold(f64::INFINITY, f64::min)
 }
 
-/// The secrets of both sides after a handshake.
 fn session() -> Result<(Secrets, Secrets), HandshakeError> {
     let identity = Identity::generate()?;
     let greeting = Greeting::new("peer", None)?;
-    let reply = Reply { request: b"request", server: "lab", id: "1", content: b"info" };
+    let reply = SignedReply { request: b"request", server: "lab", id: "1", content: b"info" };
     let (welcome, server) = welcome(&identity, &greeting.hello(), reply)?;
     let verified = greeting.verify(reply, &welcome, Some(&identity.public()))?;
     Ok((greeting.agree(&verified)?, server))

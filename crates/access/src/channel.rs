@@ -17,7 +17,7 @@ pub const MAC_BYTES: usize = 16;
 
 const NUMBER_BYTES: usize = 8;
 
-/// How far behind the newest number a message may come: messages of another priority can overtake it.
+/// Maximum distance of a message behind the newest number: messages of another priority can overtake it.
 const WINDOW: u64 = 64;
 
 /// The kind of a message, which its authentication code covers.
@@ -29,24 +29,18 @@ pub enum Label<'a> {
     Reply(&'a str, u64),
 }
 
-/// Why a message was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Refused {
-    /// The attachment is missing, or was not made by this protocol.
     #[error("it has no attachment of {SEAL_BYTES} bytes; send the one made with the session's keys")]
     Form,
-    /// The code was not made with the session's keys for these bytes and this label.
     #[error("its authentication code is wrong; someone else sent it, or it was changed on the way")]
     Forged,
-    /// A message of the peer that was received before.
     #[error("message {0} was received before")]
     Repeated(u64),
-    /// A message of the peer that comes too late to be distinguished from a repetition.
     #[error("message {0} is more than {WINDOW} messages late")]
     Late(u64),
 }
 
-/// One end of a session: seals what it sends, and checks what it receives.
 pub struct Channel {
     sends: hmac::Key,
     receives: hmac::Key,
@@ -55,7 +49,6 @@ pub struct Channel {
     refused: u64,
 }
 
-/// The numbers that were received.
 #[derive(Debug, Default)]
 struct Window {
     /// The largest number that was received, plus one.
@@ -65,10 +58,6 @@ struct Window {
 }
 
 impl Channel {
-    /// The channel of one side.
-    ///
-    /// # Errors
-    /// The same as those of [`Secrets::mac_key`].
     pub fn new(secrets: &Secrets, side: Side) -> Result<Self, crate::HandshakeError> {
         let [sends, receives] = [secrets.mac_key(side)?, secrets.mac_key(side.other())?];
         Ok(Self { sends, receives, next: 0, taken: Window::default(), refused: 0 })
@@ -95,7 +84,6 @@ impl Channel {
         opened
     }
 
-    /// Number of messages refused so far.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -159,7 +147,6 @@ fn mac(key: &hmac::Key, label: Label<'_>, number: u64, payload: &[u8]) -> [u8; M
     shortened(&context.sign())
 }
 
-/// The first bytes of an authentication code.
 pub(crate) fn shortened(tag: &hmac::Tag) -> [u8; MAC_BYTES] {
     let mut code = [0; MAC_BYTES];
     code.copy_from_slice(&tag.as_ref()[..MAC_BYTES]);
@@ -191,7 +178,8 @@ mod tests {
         assert_eq!((server.refused(), client.refused()), (3, 0));
     }
 
-    /// Guards that nothing of a message can be changed: no bit of payload or attachment, nor its label, direction or session.
+    /// Guards that every change of a message is found: of a bit of payload or attachment, of its label, direction or
+    /// session.
     #[test]
     fn every_change_is_found() {
         let (mut client, mut server) = pair();
@@ -221,7 +209,7 @@ mod tests {
         assert_eq!(client.open(ACTION, &payload, &attachment), Err(Refused::Forged), "sent back");
         let mut other = Channel::new(&Secrets::of_test(8), Side::Server).unwrap();
         assert_eq!(other.open(ACTION, &payload, &attachment), Err(Refused::Forged), "another session");
-        assert_eq!(server.open(ACTION, &payload, &attachment), Ok(0), "nothing of that took its number");
+        assert_eq!(server.open(ACTION, &payload, &attachment), Ok(0), "no changed message took its number");
     }
 
     #[test]

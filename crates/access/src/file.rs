@@ -10,13 +10,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use crate::{AccessError, FormatError};
 
-/// Largest file of keys, bytes: a path to another kind of file is refused before it fills the memory.
+/// Maximum size of a file of keys, bytes: a path to another kind of file is refused before it fills the memory.
 const MAX_FILE: u64 = 1 << 20;
 
 /// Creates a file with this text and these permission bits (0o600 for a secret). It is on disk when this returns.
-///
-/// # Errors
-/// [`AccessError::Exists`]: nothing is overwritten; [`AccessError::Write`].
 pub fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), AccessError> {
     let write = |source: io::Error| match source.kind() {
         io::ErrorKind::AlreadyExists => AccessError::Exists { path: path.to_owned() },
@@ -28,12 +25,11 @@ pub fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), AccessError> 
     written.inspect_err(|_| drop(fs::remove_file(path))).map_err(write)
 }
 
-/// Reads a file that others may read too.
 pub fn read_public(path: &Path) -> Result<String, AccessError> {
     text_of(&open(path)?, path)
 }
 
-/// Reads a file that only its owner may read. A file of another kind is refused as such, whatever its mode.
+/// Reads a file that only its owner may read. A file of another kind is refused as such, with any mode.
 pub fn read_secret<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, AccessError>) -> Result<T, AccessError> {
     let file = open(path)?;
     let secret = parse(&text_of(&file, path)?)?;
@@ -42,9 +38,6 @@ pub fn read_secret<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, AccessE
 }
 
 /// Checks that only its owner may read an open file; `path` is for the message.
-///
-/// # Errors
-/// [`AccessError::Exposed`], or its mode cannot be read.
 pub fn check_private(file: &File, path: &Path) -> Result<(), AccessError> {
     let source = |source| AccessError::Read { path: path.to_owned(), source };
     let mode = file.metadata().map_err(source)?.permissions().mode() & 0o7777;
@@ -92,7 +85,6 @@ pub fn only_line<'a>(
     }
 }
 
-/// Writes 32 bytes as `PREFIX:BASE64`.
 pub fn encode(prefix: &str, bytes: &[u8; 32]) -> String {
     format!("{prefix}:{}", STANDARD.encode(bytes))
 }

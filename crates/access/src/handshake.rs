@@ -1,8 +1,8 @@
-//! How a client and a server agree on the keys of a session, while others listen.
+//! Agrees on the keys of a session between a client and a server, while others listen.
 //!
-//! The client sends a [`Hello`] with its request. The server replies with a [`Welcome`], whose signature covers everything that
-//! both sides sent. Each side has an ephemeral X25519 key; only the two know the shared secret, and the signature proves who
-//! replied.
+//! The client sends a [`Hello`] with its request. The server replies with a [`Welcome`], whose signature covers
+//! everything that both sides sent. Each side has an ephemeral X25519 key; only the two know the shared secret, and the
+//! signature proves who replied.
 
 use fiatlux_proto::v3::{Hello, Welcome};
 use ring::agreement::{self, EphemeralPrivateKey, UnparsedPublicKey, X25519};
@@ -18,49 +18,30 @@ const LABEL: &[u8] = b"fiatlux handshake 3.4";
 const TOKEN_LABEL: &[u8] = b"fiatlux token 3.4";
 const RUN_LABEL: &[u8] = b"fiatlux run 3.4";
 
-/// Length of a token's proof, bytes.
 pub const PROOF_BYTES: usize = 32;
 
-/// Longest Zenoh id in a hello, bytes.
+/// Maximum length of a Zenoh id in a hello, bytes.
 const MAX_PEER: usize = 64;
 
-/// Why client and server could not agree on keys.
 #[derive(Debug, Error)]
 pub enum HandshakeError {
-    /// The hello cannot be used.
     #[error("hello.{field} {problem}")]
-    Hello {
-        /// Name of the field of the hello that cannot be used.
-        field: &'static str,
-        /// What is wrong with it, and what it should be.
-        problem: &'static str,
-    },
-    /// The reply names no key, or that key did not sign what both sides sent.
+    Hello { field: &'static str, problem: &'static str },
     #[error("the reply is not signed by the key that it names; someone else answered, or it was changed on the way")]
     Signature,
-    /// The reply is signed by another key than the one expected.
     #[error(
         "the reply is signed by {found}, but the server's key is {expected}; someone else answered, or the server has a new key"
     )]
-    Server {
-        /// The key that the client knows for this server.
-        expected: PublicKey,
-        found: PublicKey,
-    },
-    /// One of the two ephemeral keys gives no shared secret.
+    Server { expected: PublicKey, found: PublicKey },
     #[error("the two keys of the exchange give no shared secret; draw new ones")]
     Agreement,
-    /// The system's random source failed.
     #[error(transparent)]
     Random(#[from] AccessError),
 }
 
-/// The two ends of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// The side that opened the session.
     Client,
-    /// The side that runs the session.
     Server,
 }
 
@@ -75,7 +56,7 @@ impl Side {
 
 /// The parts of a reply that its signature covers.
 #[derive(Debug, Clone, Copy)]
-pub struct Reply<'a> {
+pub struct SignedReply<'a> {
     /// The request it answers, byte for byte as it was sent.
     pub request: &'a [u8],
     pub server: &'a str,
@@ -92,7 +73,7 @@ pub struct Greeting {
 }
 
 /// A reply whose signature the client has checked.
-pub struct Verified {
+pub struct VerifiedReply {
     transcript: [u8; 32],
     server: PublicKey,
     key: Vec<u8>,
@@ -103,9 +84,6 @@ pub struct Secrets(Prk);
 
 impl Greeting {
     /// Draws the random parts of a request. `peer` is the client's Zenoh id.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Random`] or [`HandshakeError::Agreement`].
     pub fn new(peer: &str, token: Option<&Token>) -> Result<Self, HandshakeError> {
         let private = private_key()?;
         let hello = Hello {
@@ -128,10 +106,10 @@ impl Greeting {
     /// [`HandshakeError::Signature`]; [`HandshakeError::Server`] if `expected` is another key.
     pub fn verify(
         &self,
-        reply: Reply<'_>,
+        reply: SignedReply<'_>,
         welcome: &Welcome,
         expected: Option<&PublicKey>,
-    ) -> Result<Verified, HandshakeError> {
+    ) -> Result<VerifiedReply, HandshakeError> {
         let identity: [u8; 32] = welcome.identity[..].try_into().map_err(|_| HandshakeError::Signature)?;
         let server = PublicKey::from_bytes(identity);
         let transcript = transcript(&self.hello, &welcome.key, reply);
@@ -140,30 +118,23 @@ impl Greeting {
         }
         match expected {
             Some(expected) if *expected != server => Err(HandshakeError::Server { expected: *expected, found: server }),
-            _ => Ok(Verified { transcript, server, key: welcome.key.clone() }),
+            _ => Ok(VerifiedReply { transcript, server, key: welcome.key.clone() }),
         }
     }
 
     /// The secrets of the session that the reply opens.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`].
-    pub fn agree(self, verified: &Verified) -> Result<Secrets, HandshakeError> {
+    pub fn agree(self, verified: &VerifiedReply) -> Result<Secrets, HandshakeError> {
         agree(self.private, &verified.key, &verified.transcript)
     }
 }
 
-impl Verified {
-    /// Key of the server that signed the reply.
+impl VerifiedReply {
     pub fn server(&self) -> &PublicKey {
         &self.server
     }
 }
 
 /// Checks whether a request's hello can be answered.
-///
-/// # Errors
-/// [`HandshakeError::Hello`], which names the field.
 pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
     let wrong = |field, problem| Err(HandshakeError::Hello { field, problem });
     if hello.key.len() != 32 {
@@ -179,10 +150,11 @@ pub fn check_hello(hello: &Hello) -> Result<(), HandshakeError> {
 }
 
 /// The server's half: the message for its reply, and the secrets of the session.
-///
-/// # Errors
-/// [`HandshakeError`]: a hello that cannot be answered.
-pub fn welcome(identity: &Identity, hello: &Hello, reply: Reply<'_>) -> Result<(Welcome, Secrets), HandshakeError> {
+pub fn welcome(
+    identity: &Identity,
+    hello: &Hello,
+    reply: SignedReply<'_>,
+) -> Result<(Welcome, Secrets), HandshakeError> {
     check_hello(hello)?;
     let private = private_key()?;
     let key = public_key(&private)?;
@@ -199,7 +171,7 @@ pub fn proof(secret: &[u8; 32], request: &[u8]) -> [u8; PROOF_BYTES] {
     proof
 }
 
-/// Whether the proof was made with this token for this request. Takes as long for a wrong proof as for the right one.
+/// Checks, in constant time, that the proof was made with this token for this request.
 #[must_use]
 pub fn is_proof(secret: &[u8; 32], request: &[u8], proof: &[u8]) -> bool {
     use subtle::ConstantTimeEq as _;
@@ -215,25 +187,19 @@ fn proof_context(secret: &[u8; 32], request: &[u8]) -> hmac::Context {
 }
 
 /// The key pair of a run, derived from the run's secret.
-///
-/// # Errors
-/// [`HandshakeError::Agreement`]: the secret gives no key pair.
 pub fn run_identity(secret: &str) -> Result<Identity, HandshakeError> {
     let mut seed = [0; 32];
     seed.copy_from_slice(hash(&[RUN_LABEL, b" key\0", secret.as_bytes()]).as_ref());
     Identity::from_seed(seed).ok_or(HandshakeError::Agreement)
 }
 
-/// The bytes that the key of a run signs to register with a server: the name of the server, and the request as it is sent.
+/// The bytes that the key of a run signs to register with a server: the name of the server, and the request.
 pub fn registration(server: &str, request: &[u8]) -> Vec<u8> {
     [RUN_LABEL, b" register\0", server.as_bytes(), b"\0", request].concat()
 }
 
 impl Secrets {
     /// Key of the authentication codes of all messages that this side sends.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn mac_key(&self, sender: Side) -> Result<hmac::Key, HandshakeError> {
         let info: &[u8] = match sender {
             Side::Client => b"client to server",
@@ -270,15 +236,14 @@ pub(crate) fn expand_aead(secret: &Prk, info: &[u8]) -> Result<aead::LessSafeKey
     Ok(aead::LessSafeKey::new(key.into()))
 }
 
-/// SHA-256 of the concatenated parts.
 pub fn hash(parts: &[&[u8]]) -> digest::Digest {
     let mut context = digest::Context::new(&digest::SHA256);
     parts.iter().for_each(|part| context.update(part));
     context.finish()
 }
 
-fn transcript(hello: &Hello, server_key: &[u8], reply: Reply<'_>) -> [u8; 32] {
-    let Reply { request, server, id, content } = reply;
+fn transcript(hello: &Hello, server_key: &[u8], reply: SignedReply<'_>) -> [u8; 32] {
+    let SignedReply { request, server, id, content } = reply;
     let [request, content] = [request, content].map(|bytes| hash(&[bytes]));
     let parts: [&[u8]; 10] = [
         LABEL,
@@ -322,7 +287,7 @@ mod tests {
     use super::*;
     use crate::{Channel, Label};
 
-    const REPLY: Reply<'static> = Reply { request: b"request", server: "lab", id: "7", content: b"info" };
+    const REPLY: SignedReply<'static> = SignedReply { request: b"request", server: "lab", id: "7", content: b"info" };
 
     #[test]
     fn both_sides_have_the_same_keys() {
@@ -345,11 +310,11 @@ mod tests {
         let is_taken = |reply, welcome: &Welcome| greeting.verify(reply, welcome, Some(&identity.public())).is_ok();
         assert!(is_taken(REPLY, &good));
         for other in [
-            Reply { request: b"requesu", ..REPLY },
-            Reply { server: "la", ..REPLY },
-            Reply { id: "8", ..REPLY },
-            Reply { content: b"", ..REPLY },
-            Reply { server: "lab7", id: "", ..REPLY },
+            SignedReply { request: b"requesu", ..REPLY },
+            SignedReply { server: "la", ..REPLY },
+            SignedReply { id: "8", ..REPLY },
+            SignedReply { content: b"", ..REPLY },
+            SignedReply { server: "lab7", id: "", ..REPLY },
         ] {
             assert!(!is_taken(other, &good), "{other:?}");
         }

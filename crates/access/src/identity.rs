@@ -9,7 +9,6 @@ use ring::signature::{ED25519, Ed25519KeyPair, KeyPair as _, UnparsedPublicKey};
 use crate::file::{self, read_secret, write_new};
 use crate::{AccessError, FormatError, random};
 
-/// Length of a signature, bytes.
 pub const SIGNATURE_BYTES: usize = 64;
 
 const SECRET_PREFIX: &str = "fiatlux-identity";
@@ -25,9 +24,6 @@ pub struct Identity {
 
 impl Identity {
     /// A new key pair from the system's random source.
-    ///
-    /// # Errors
-    /// [`AccessError::Random`].
     pub fn generate() -> Result<Self, AccessError> {
         // Every seed of the right length gives a key pair, so this loops once.
         loop {
@@ -37,10 +33,7 @@ impl Identity {
         }
     }
 
-    /// Reads the file that [`Identity::write`] made.
-    ///
-    /// # Errors
-    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    /// Reads the file that [`Identity::write`] made; refuses it if others can read it too.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         read_secret(path, |text| {
             let (line, text) = file::only_line(path, text, "identity", SECRET_REMEDY)?;
@@ -52,9 +45,6 @@ impl Identity {
     }
 
     /// Writes the key pair into a new file with mode 0600.
-    ///
-    /// # Errors
-    /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
         write_new(path, &(file::encode(SECRET_PREFIX, &self.seed) + "\n"), 0o600)
     }
@@ -89,7 +79,6 @@ impl fmt::Debug for Identity {
 pub struct PublicKey([u8; 32]);
 
 impl PublicKey {
-    /// The key from its 32 bytes in a message.
     pub fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
@@ -99,7 +88,7 @@ impl PublicKey {
         &self.0
     }
 
-    /// Whether the owner of this key signed the message; `false` also if the bytes are not a valid key.
+    /// True if the owner of this key signed the message; false also if the bytes are not a valid key.
     #[must_use]
     pub fn verify(&self, message: &[u8], signature: &[u8]) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(message, signature).is_ok()

@@ -1,4 +1,4 @@
-//! The signature under the journal of a run: whose word it is.
+//! The signature under the journal of a run, which shows which server wrote it.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -13,7 +13,7 @@ pub fn sign_journal(identity: &Identity, link: &str) -> String {
     STANDARD.encode(identity.sign(&signed(link)))
 }
 
-/// Who signed the link of a journal's last line, by what its seal says. It says nothing of whether that key can be trusted.
+/// The signer of the link of a journal's last line. The caller decides whether to trust that key.
 pub fn journal_signer(link: &str, key: &str, signature: &str) -> Signer {
     let (Ok(key), Ok(signature)) = (key.parse::<PublicKey>(), STANDARD.decode(signature)) else {
         return Signer::Mismatch;

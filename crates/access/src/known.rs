@@ -15,10 +15,7 @@ const REMEDY: &str = "each line is NAME ed25519:BASE64; # begins a comment";
 pub struct KnownServers(BTreeMap<String, PublicKey>);
 
 impl KnownServers {
-    /// Reads a file of lines `NAME ed25519:BASE64`.
-    ///
-    /// # Errors
-    /// [`AccessError`]: the file cannot be read, a line is wrong, or two name the same server.
+    /// Reads a file of lines `NAME ed25519:BASE64`; no two may name the same server.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         let mut known = BTreeMap::new();
         for (number, line) in lines(&read_public(path)?) {
@@ -33,7 +30,6 @@ impl KnownServers {
         Ok(Self(known))
     }
 
-    /// The key of the server of this name; `None` if it is not known.
     pub fn key_of(&self, name: &str) -> Option<PublicKey> {
         self.0.get(name).copied()
     }
@@ -43,12 +39,10 @@ impl KnownServers {
         self.0.iter().find(|(_, known)| *known == key).map(|(name, _)| name.as_str())
     }
 
-    /// Names of all known servers, sorted.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.keys().map(String::as_str)
     }
 
-    /// One line of the file, with its line break.
     pub fn line(name: &str, key: &PublicKey) -> String {
         format!("{name} {key}\n")
     }

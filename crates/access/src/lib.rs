@@ -39,8 +39,8 @@ pub use channel::{Channel, Label, MAC_BYTES, Refused, SEAL_BYTES};
 pub use error::{AccessError, FormatError};
 pub use file::{check_private, write_new};
 pub use handshake::{
-    Greeting, HandshakeError, PROOF_BYTES, Reply, Secrets, Side, Verified, check_hello, hash, is_proof, proof,
-    registration, run_identity, welcome,
+    Greeting, HandshakeError, PROOF_BYTES, Secrets, Side, SignedReply, VerifiedReply, check_hello, hash, is_proof,
+    proof, registration, run_identity, welcome,
 };
 pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
 pub use journal::{journal_signer, sign_journal};
@@ -50,10 +50,6 @@ pub use result::{Signer, sign_result, signer_of};
 pub use rows::RowsKey;
 pub use tokens::{Grant, MAX_LIMIT, SECRET_BYTES, Token, Tokens};
 
-/// Fills an array from the system's random source.
-///
-/// # Errors
-/// [`AccessError::Random`]: the random source failed.
 pub fn random<const N: usize>() -> Result<[u8; N], AccessError> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(AccessError::Random)?;

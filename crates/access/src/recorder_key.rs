@@ -15,17 +15,11 @@ pub struct RecorderKey([u8; 32]);
 
 impl RecorderKey {
     /// A new key from the system's random source.
-    ///
-    /// # Errors
-    /// [`AccessError::Random`].
     pub fn generate() -> Result<Self, AccessError> {
         random().map(Self)
     }
 
-    /// Reads the file that [`RecorderKey::write`] made.
-    ///
-    /// # Errors
-    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    /// Reads the file that [`RecorderKey::write`] made; refuses it if others can read it too.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         read_secret(path, |text| {
             let (line, text) = file::only_line(path, text, "recorder key", REMEDY)?;
@@ -34,9 +28,6 @@ impl RecorderKey {
     }
 
     /// Writes the key into a new file with mode 0600.
-    ///
-    /// # Errors
-    /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
         write_new(path, &(file::encode(PREFIX, &self.0) + "\n"), 0o600)
     }

@@ -1,4 +1,4 @@
-//! The signature of an episode's result, which says what server vouches for it.
+//! The signature of an episode's result, which shows which server vouches for it.
 
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{EpisodeResult, Signature};
@@ -8,10 +8,8 @@ use crate::{Identity, PublicKey, hash};
 /// Prefix of the signed bytes; no other message that an identity signs begins with it.
 const CONTEXT: &[u8] = b"fiatlux episode result\0";
 
-/// What the signature of a result shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signer {
-    /// The result carries no signature.
     Nobody,
     /// The owner of this key signed exactly this result.
     Key(PublicKey),
@@ -35,7 +33,7 @@ pub fn sign_result(identity: &Identity, result: &mut EpisodeResult) {
     result.signature = Some(Signature { key: identity.public().as_bytes().to_vec(), signature });
 }
 
-/// Who signed a result. Whether to trust that key is for the caller to decide.
+/// The signer of a result. The caller decides whether to trust that key.
 pub fn signer_of(result: &EpisodeResult) -> Signer {
     let Some(Signature { key, signature }) = &result.signature else { return Signer::Nobody };
     let Ok(key) = <[u8; 32]>::try_from(key.as_slice()).map(PublicKey::from_bytes) else { return Signer::Mismatch };

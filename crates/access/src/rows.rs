@@ -23,18 +23,12 @@ pub struct RowsKey {
 
 impl RowsKey {
     /// The key of a session that a recorder with this key records.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn of_recorder(key: &RecorderKey, server: &str, session: &str) -> Result<Self, HandshakeError> {
         let salt = Salt::new(HKDF_SHA256, format!("fiatlux records 3.4\0{server}\0{session}").as_bytes());
         Self::of(&salt.extract(key.as_bytes()))
     }
 
     /// The key of a session whose records its opener reads.
-    ///
-    /// # Errors
-    /// [`HandshakeError::Agreement`], which cannot happen.
     pub fn of_opener(secrets: &Secrets) -> Result<Self, HandshakeError> {
         Self::of(secrets.prk())
     }
@@ -69,7 +63,7 @@ impl RowsKey {
         HEXLOWER.encode(&self.prove("live", b""))
     }
 
-    /// Whether a token is of a server with this key.
+    /// True if a token is from a server with this key.
     #[must_use]
     pub fn is_token(&self, proof: &str) -> bool {
         bool::from(self.token().as_bytes().ct_eq(proof.as_bytes()))
@@ -84,7 +78,7 @@ impl RowsKey {
         shortened(&context.sign())
     }
 
-    /// Whether a recorder with this key sent the message.
+    /// True if a recorder with this key sent the message.
     #[must_use]
     pub fn is_proved(&self, label: &str, payload: &[u8], attachment: &[u8]) -> bool {
         bool::from(self.prove(label, payload)[..].ct_eq(attachment))

@@ -1,4 +1,4 @@
-//! Who may open sessions: a client's token, and the server's list of tokens that it accepts.
+//! Permission to open sessions: a client's token, and the server's list of tokens that it accepts.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -12,10 +12,8 @@ use subtle::ConstantTimeEq as _;
 use crate::file::{lines, only_line, read_secret, write_new};
 use crate::{AccessError, FormatError, random};
 
-/// Length of a token's secret, bytes. In files it has twice as many hexadecimal digits.
 pub const SECRET_BYTES: usize = 32;
 
-/// Largest number of sessions that a token can allow at once.
 pub const MAX_LIMIT: u32 = 65_536;
 
 const TOKEN_REMEDY: &str =
@@ -34,17 +32,11 @@ pub struct Token {
 impl Token {
     /// A new token with this id and a secret from the system's random source. In files, an id must have 1 to 64 letters, digits,
     /// `-` or `_`.
-    ///
-    /// # Errors
-    /// [`AccessError::Random`].
     pub fn generate(id: &str) -> Result<Self, AccessError> {
         Ok(Self { id: id.into(), secret: random()? })
     }
 
-    /// Reads the file that [`Token::write`] made.
-    ///
-    /// # Errors
-    /// [`AccessError`]: the file cannot be read, others can read it too, or it holds something else.
+    /// Reads the file that [`Token::write`] made; refuses it if others can read it too.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         read_secret(path, |text| {
             let (line, text) = only_line(path, text, "token", TOKEN_REMEDY)?;
@@ -53,14 +45,10 @@ impl Token {
     }
 
     /// Writes the token into a new file with mode 0600.
-    ///
-    /// # Errors
-    /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
         write_new(path, &format!("{}:{}\n", self.id, HEXLOWER.encode(&self.secret)), 0o600)
     }
 
-    /// The public id of its owner.
     pub fn id(&self) -> &str {
         &self.id
     }
@@ -89,7 +77,7 @@ impl FromStr for Token {
     }
 }
 
-/// What a server allows the owner of a token.
+/// The permissions of a token's owner on a server.
 #[derive(Clone)]
 pub struct Grant {
     token: Token,
@@ -102,17 +90,14 @@ impl Grant {
         Self { token, limit }
     }
 
-    /// Public id of the token.
     pub fn id(&self) -> &str {
         &self.token.id
     }
 
-    /// Number of sessions that the owner may have open at once.
     pub fn limit(&self) -> u32 {
         self.limit
     }
 
-    /// The token's secret, used as the key of a MAC.
     pub fn secret(&self) -> &[u8; SECRET_BYTES] {
         &self.token.secret
     }
@@ -130,9 +115,6 @@ pub struct Tokens(BTreeMap<String, Grant>);
 
 impl Tokens {
     /// Reads a file of lines `ID SECRET LIMIT`.
-    ///
-    /// # Errors
-    /// [`AccessError`]: the file cannot be read, others can read it too, a line is wrong, or two have the same id.
     pub fn read(path: &Path) -> Result<Self, AccessError> {
         read_secret(path, |text| {
             let mut grants = BTreeMap::new();
@@ -149,22 +131,18 @@ impl Tokens {
     }
 
     /// Writes the list into a new file with mode 0600.
-    ///
-    /// # Errors
-    /// [`AccessError::Exists`] or [`AccessError::Write`].
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
         let line = |grant: &Grant| format!("{} {} {}\n", grant.id(), HEXLOWER.encode(grant.secret()), grant.limit);
         let lines: String = self.0.values().map(line).collect();
         write_new(path, &format!("# ID SECRET LIMIT: who may open sessions, and how many at once\n{lines}"), 0o600)
     }
 
-    /// What the owner of the token with this id is allowed. The caller must check that the owner is asking.
+    /// The grant of the token with this id. The caller must check that its owner is asking.
     pub fn of(&self, id: &str) -> Option<&Grant> {
         self.0.get(id)
     }
 
-    /// What the owner of this token is allowed; `None` if the secret differs. Takes as long for a wrong secret as for
-    /// the right one.
+    /// The grant of this token; `None` if the secret differs. Takes as long for a wrong secret as for the right one.
     pub fn check(&self, token: &Token) -> Option<&Grant> {
         let grant = self.0.get(&token.id)?;
         bool::from(grant.token.secret.ct_eq(&token.secret)).then_some(grant)

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use fiatlux_access::{AccessError, Grant, Identity, KnownServers, PublicKey, RecorderKey, Token, Tokens};
 
-/// A folder that is removed after the test.
 struct Folder(PathBuf);
 
 impl Folder {

@@ -12,18 +12,12 @@ use crate::stream::{ChunkReader, Messages};
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, metadata, topic};
 
-/// Whether a bag holds all of its episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Completeness {
-    /// All of it is there, its result included.
+    /// The bag has all rows and the result.
     Whole,
-    /// Only a part is there.
-    Cut {
-        /// Why the rest is missing, in words.
-        reason: String,
-        /// The step after the last row that is there.
-        next_step: u64,
-    },
+    /// The bag has only a part of the episode.
+    Cut { reason: String, next_step: u64 },
 }
 
 /// An open bag. It keeps where its chunks are; messages are read when they are asked for.
@@ -42,12 +36,12 @@ pub struct Bag {
 }
 
 impl Bag {
-    /// Opens a bag, finished or not, whole or cut. What of it cannot be read is told by [`Bag::completeness`]; whether all its
-    /// bytes are as they were written, by [`Bag::check`].
+    /// Opens a bag, finished or not, whole or cut. [`Bag::completeness`] says which part cannot be read, and
+    /// [`Bag::check`] whether all bytes are as they were written.
     ///
     /// # Errors
-    /// No such file, no bag, a header that is not there or of another major version, a first chunk that is damaged, more to
-    /// unpack than a file of this size can hold, or messages on a topic that the header does not promise.
+    /// No such file, no bag, a header that is missing or of another major version, a damaged first chunk, more
+    /// to unpack than a file of this size can hold, or messages on a topic that the header does not promise.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let mut found = scan(path)?;
@@ -74,48 +68,41 @@ impl Bag {
         Ok(Self { path, header, result, completeness, channels, chunks, sums, unknown_field, patience: None })
     }
 
-    /// Reads no longer than this.
     #[must_use]
     pub fn with_patience(self, patience: Option<Patience>) -> Self {
         Self { patience, ..self }
     }
 
-    /// Path that the bag was opened at.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What was set when the episode began.
     pub fn header(&self) -> &EpisodeHeader {
         &self.header
     }
 
-    /// How the episode ended, where the file goes so far.
+    /// The result; `None` if the episode has not ended in this file.
     pub fn result(&self) -> Option<&EpisodeResult> {
         self.result.as_ref()
     }
 
-    /// Whether all of the episode is there.
     pub fn completeness(&self) -> &Completeness {
         &self.completeness
     }
 
-    /// The state of each row, in order of step.
+    /// The states of the rows, in order of step.
     pub fn states(&self) -> Messages<'_, State> {
         self.messages(topic::STATE)
     }
 
-    /// The actions as they were received.
     pub fn actions(&self) -> Messages<'_, ActionRecord> {
         self.messages(topic::ACTION)
     }
 
-    /// What the policy saw.
     pub fn observations(&self) -> Messages<'_, Observation> {
         self.messages(topic::OBSERVATION)
     }
 
-    /// The rewards as they were paid.
     pub fn rewards(&self) -> Messages<'_, Reward> {
         self.messages(topic::REWARD)
     }
@@ -140,7 +127,7 @@ impl Bag {
         self.messages(topic::CAMERA)
     }
 
-    /// What the LiDAR hit, where the session asked for it.
+    /// The LiDAR's point clouds, where the session asked for them.
     pub fn point_clouds(&self) -> Messages<'_, foxglove::PointCloud> {
         self.messages(topic::LIDAR)
     }
@@ -153,7 +140,6 @@ impl Bag {
         &self.chunks
     }
 
-    /// A reader of its chunks, before the first one.
     pub(crate) fn reader(&self) -> Result<ChunkReader, BagError> {
         ChunkReader::open(&self.path, self.channels.clone(), self.patience.clone())
     }
@@ -187,7 +173,7 @@ fn learn_channels(path: &Path, header: &EpisodeHeader, found: &mut Scan) -> Resu
             }
             Ok(None::<()>)
         });
-        // A damaged chunk says so again to whoever reads it.
+        // A damaged chunk gives its error again when it is read.
         last.channels = read.is_ok().then_some(ids);
     }
     found.channels = reader.channels;

@@ -8,7 +8,6 @@ use fiatlux_proto::{PROTOCOL, plain};
 use crate::take::{take_text, take_u16};
 use crate::topic::{self, TOPICS};
 
-/// Most channels of a file.
 pub(crate) const MAX_CHANNELS: usize = 256;
 
 /// The channels of a file by their ids. The first record of an id counts.
@@ -57,7 +56,7 @@ impl Channels {
         }
     }
 
-    /// Why the file cannot have a message of this channel; `None` where it can.
+    /// The reason why the file cannot have a message of this channel; `None` if it can.
     pub fn refusal(&self, id: u16) -> Option<String> {
         let topic = self.topic(id)?;
         if self.refused.contains(&topic) {

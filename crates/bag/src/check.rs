@@ -1,4 +1,4 @@
-//! Whether a bag's bytes are those that its writer left.
+//! Compares a bag's bytes with its checksums.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -9,33 +9,29 @@ use fiatlux_proto::v3::EpisodeResult;
 use fiatlux_proto::{PROTOCOL, decode};
 
 use crate::scan::{ChunkAt, Sums};
-use crate::stream::Seen;
+use crate::stream::ReadParts;
 use crate::{Bag, BagError, Completeness, topic};
 
-/// Bytes that are read at once.
 const BLOCK: usize = 1 << 20;
 
 impl Bag {
-    /// Reads the whole file and compares it with its checksums, and what stands in it twice with each other: a bit that has
-    /// changed anywhere is found. [`Bag::open`] reads no chunk but the first; whoever reads messages finds what is wrong
-    /// with their chunks.
+    /// Reads the whole file, compares it with its checksums, and compares two copies of the same data with each other:
+    /// a bit that has changed anywhere is found. [`Bag::open`] reads only the first chunk; the others are checked when
+    /// their messages are read.
     ///
-    /// Checksums find accidents. They do not find somebody who writes the file anew.
+    /// Checksums find accidents. They do not find deliberate changes: anybody can compute them anew.
     ///
     /// # Errors
     /// [`BagError::Damaged`]: a checksum differs, or is missing where our own writer made the file.
     /// [`BagError::Disagrees`]: the result in the metadata is not the one on `/result`, or the header has a field of no
     /// version up to this one.
     pub fn check(&self) -> Result<(), BagError> {
-        self.check_rest(&Seen::default())
+        self.check_rest(&ReadParts::default())
     }
 
-    /// [`Bag::check`] for somebody who has read messages already: their chunks are not read again. A grade has read two
-    /// thirds of the file.
-    ///
-    /// # Errors
-    /// As [`Bag::check`].
-    pub fn check_rest(&self, seen: &Seen) -> Result<(), BagError> {
+    /// [`Bag::check`] after messages have been read: their chunks are not read again. Grading reads two thirds of the
+    /// file.
+    pub fn check_rest(&self, seen: &ReadParts) -> Result<(), BagError> {
         let Sums { data, summary, is_ours } = self.sums;
         let whole = *self.completeness() == Completeness::Whole;
         let mut file = File::open(self.path()).map_err(BagError::io("open", self.path()))?;
@@ -56,14 +52,14 @@ impl Bag {
                 }
             }
             _ if whole => return Err(BagError::damaged(self.path(), 0, "its data section or its summary has no end")),
-            // A bag that was not finished has none of them, and says so.
+            // A bag that was not finished has neither, and says so.
             _ => {}
         }
         if whole { self.check_doubles(seen) } else { Ok(()) }
     }
 
-    /// Over bytes of the file, those of chunks that were seen without reading them.
-    fn checksum(&self, file: &mut File, from: u64, to: u64, seen: &Seen) -> std::io::Result<u32> {
+    /// Checksum over bytes of the file; of chunks that were seen, without reading them again.
+    fn checksum(&self, file: &mut File, from: u64, to: u64, seen: &ReadParts) -> std::io::Result<u32> {
         let (mut hasher, mut at) = (Hasher::new(), from);
         let mut block = vec![0; BLOCK.min(to.saturating_sub(from) as usize)];
         for ChunkAt { offset, length, .. } in self.chunks() {
@@ -78,11 +74,11 @@ impl Bag {
         Ok(hasher.finalize())
     }
 
-    fn check_doubles(&self, seen: &Seen) -> Result<(), BagError> {
+    fn check_doubles(&self, seen: &ReadParts) -> Result<(), BagError> {
         let disagrees = |what: String| BagError::Disagrees { path: self.path().into(), what };
         let is_newer = self.header().protocol.is_some_and(|protocol| protocol.minor > PROTOCOL.minor);
         if let (Some(field), false) = (&self.unknown_field, is_newer) {
-            return Err(disagrees(format!("its header has a field '{field}', which no header has")));
+            return Err(disagrees(format!("its header has a field '{field}', which this protocol does not define")));
         }
         let mut results = self.unseen_results(seen)?;
         results.extend(seen.results.iter().filter(|(chunk, _)| seen.chunks.contains_key(chunk)).cloned());
@@ -98,7 +94,7 @@ impl Bag {
     }
 
     /// Messages on `/result` in chunks that were not seen to their end.
-    fn unseen_results(&self, seen: &Seen) -> Result<Vec<(u64, Vec<u8>)>, BagError> {
+    fn unseen_results(&self, seen: &ReadParts) -> Result<Vec<(u64, Vec<u8>)>, BagError> {
         let mut reader = self.reader()?;
         for chunk in self.chunks().iter().filter(|chunk| !seen.chunks.contains_key(&chunk.offset)) {
             if chunk.may_have(topic::RESULT, self.channels()) {
@@ -110,7 +106,6 @@ impl Bag {
     }
 }
 
-/// Adds bytes of the file.
 fn add(hasher: &mut Hasher, file: &mut File, from: u64, to: u64, block: &mut [u8]) -> std::io::Result<()> {
     file.seek(SeekFrom::Start(from))?;
     let mut left = to.saturating_sub(from);

@@ -1,5 +1,3 @@
-//! Why a bag could not be written or read.
-
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -8,92 +6,50 @@ use fiatlux_proto::{DecodeError, PROTOCOL};
 use mcap::McapError;
 use thiserror::Error;
 
-/// Why a bag could not be written or read.
 #[derive(Debug, Error)]
 pub enum BagError {
-    /// The file could not be opened, made, read or renamed.
-    #[error("cannot {action} {path}; check that it exists, its permissions, and the space that is left")]
+    #[error("cannot {action} {path}; check that it exists, its permissions, and the free disk space")]
     Io {
-        /// What was tried: a verb for the message, such as `open`.
         action: &'static str,
-        /// Path of the file that it was tried on.
         path: PathBuf,
-        /// What the operating system says.
         #[source]
         source: io::Error,
     },
-    /// A bag of that name exists already.
     #[error("{path} exists already; move it away or choose another name")]
     Exists { path: PathBuf },
-    /// The MCAP writer failed.
     #[error("cannot write {path}; free some space and record the episode again")]
     Write {
-        /// Path of the bag that was being written.
         path: PathBuf,
-        /// What the MCAP writer says.
         #[source]
         source: Box<McapError>,
     },
-    /// A topic that bags do not have.
     #[error("bags have no topic {topic}; use one of fiatlux_bag::topic")]
     Topic { topic: String },
-    /// A header or result that metadata cannot hold.
-    #[error("the {what} does not read back as it was given; its numbers must be finite")]
-    Values {
-        /// Which message it is: `header` or `result`.
-        what: &'static str,
-    },
-    /// The file is not a bag of this project.
+    #[error("the {what} does not read back as it was given; make its numbers finite")]
+    Values { what: &'static str },
     #[error("{path} is not a bag: {reason}; name an .mcap file that a recorder wrote")]
-    NotABag {
-        /// Path of the file that was opened.
-        path: PathBuf,
-        /// What it lacks that every bag has.
-        reason: String,
-    },
-    /// A bag of another major version.
+    NotABag { path: PathBuf, reason: String },
     #[error(
         "{path} is of protocol {found}, this program reads {PROTOCOL}; use the programs of its own version, or \
          record the episode again"
     )]
-    Version {
-        /// Path of the bag, for the message.
-        path: PathBuf,
-        found: Version,
-    },
-    /// The reader's [`Patience`](crate::Patience) is over.
-    #[error("{path} takes longer to read than its reader allows: it has far more in it than an episode")]
-    Slow {
-        /// Path of the bag, for the message.
-        path: PathBuf,
-    },
-    /// Bytes of the file are wrong.
+    Version { path: PathBuf, found: Version },
+    /// The reader's [`Patience`](crate::Patience) has ended.
+    #[error("{path} takes longer to read than the limit; it holds far more than an episode")]
+    Slow { path: PathBuf },
     #[error(
         "{path} was changed after it was recorded, or damaged on the way, at byte {offset}: {reason}; ask for the file \
          again, or record the episode again"
     )]
-    Damaged {
-        path: PathBuf,
-        offset: u64,
-        /// What is wrong with the record there.
-        reason: String,
-    },
-    /// What stands in it twice is not the same.
+    Damaged { path: PathBuf, offset: u64, reason: String },
+    /// Two copies of the same data disagree.
     #[error("{path} was changed: {what}; record the episode again")]
-    Disagrees {
-        /// Path of the bag that was changed.
-        path: PathBuf,
-        what: String,
-    },
-    /// A message that cannot be read.
+    Disagrees { path: PathBuf, what: String },
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message {
-        /// Path of the bag, for the message.
         path: PathBuf,
         topic: &'static str,
-        /// Control step that the message belongs to.
         step: u64,
-        /// What the decoder says.
         #[source]
         source: DecodeError,
     },

@@ -8,33 +8,26 @@ use thiserror::Error;
 
 use crate::run::is_journal;
 
-/// A file or folder that cannot be looked at.
 #[derive(Debug, Error)]
 #[error("cannot look into {}; check that it exists and may be read", path.display())]
 pub struct FindError {
-    /// The file or folder.
     pub path: PathBuf,
-    /// What the system says.
     #[source]
     pub source: io::Error,
 }
 
-/// Bags, recordings that were never finished, and runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BagFiles {
-    /// `*.mcap`, and files that were named one by one.
+    /// `*.mcap`, and files named explicitly.
     pub bags: Vec<PathBuf>,
     /// Recordings that were never finished, `*.mcap.part`.
     pub unfinished: Vec<PathBuf>,
-    /// Folders that have the journal of a run; what is in them is found as well.
+    /// Folders with the journal of a run; the files in them are listed as well.
     pub runs: Vec<PathBuf>,
 }
 
 impl BagFiles {
     /// Looks through files and folders, folders to any depth. Each list is sorted and has each file once.
-    ///
-    /// # Errors
-    /// [`FindError`]: one that is missing or may not be read.
     pub fn find(paths: &[PathBuf]) -> Result<Self, FindError> {
         let mut found = Self::default();
         for path in paths {

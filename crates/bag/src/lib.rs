@@ -1,13 +1,13 @@
 //! Bags: one MCAP file for each episode, written and read.
 //!
 //! The messages of a row stand on topics of their own (see [`topic`]); log time is step times 20 ms, sequence is the step.
-//! The same episode gives the same bytes. What a grade needs (`/state`, `/event`, `/result`) has chunks of its own, so
+//! The same episode gives the same bytes. The topics of a grade (`/state`, `/event`, `/result`) have chunks of their own, so
 //! that a reader skips the rest without unpacking it. The chunk of the other topics comes first: a row whose state is
-//! in a file is there with everything that belongs to it, wherever the file was cut.
+//! in a file is complete with all other topics, wherever the file was cut.
 //!
 //! Metadata `fiatlux` after the file's start is the header, `fiatlux.result` at its end the result. A bag that could not
 //! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`. Checksums cover the whole file:
-//! each chunk's own is compared by whoever reads the chunk, those of data section and summary by [`Bag::check`].
+//! each chunk's own is compared when the chunk is read, those of data section and summary by [`Bag::check`].
 //!
 //! ```
 //! use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, topic};
@@ -52,5 +52,5 @@ pub use find::{BagFiles, FindError};
 pub use lock::lock_folder;
 pub use patience::Patience;
 pub use resume::Resumed;
-pub use stream::{Messages, Seen};
+pub use stream::{Messages, ReadParts};
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -7,9 +7,6 @@ use std::path::Path;
 /// Locks a file of this name in a folder, for as long as the result is held; the system releases it with the process, however
 /// that ends. `None` if another process, or another part of this one, holds it. The file stays: a removed one could be locked
 /// twice.
-///
-/// # Errors
-/// The file cannot be made or locked.
 pub fn lock_folder(folder: &Path, name: &str) -> io::Result<Option<File>> {
     let file = File::options().create(true).append(true).open(folder.join(name))?;
     match file.try_lock() {

@@ -7,9 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
-/// Name of the header's record.
 pub(crate) const HEADER: &str = "fiatlux";
-/// Name of the result's record.
 pub(crate) const RESULT: &str = "fiatlux.result";
 /// Name of the record of a bag that could not be completed.
 pub(crate) const CUT: &str = "fiatlux.cut";
@@ -30,7 +28,7 @@ where
     (message_of::<M>(&fields).as_ref() == Ok(message)).then_some(fields)
 }
 
-/// The version of the protocol that a header names, whatever else of it can be read.
+/// The protocol version in a header, even if its other fields cannot be read.
 pub(crate) fn protocol(fields: &Fields) -> Option<Version> {
     serde_json::from_str(fields.get("protocol")?).ok()
 }
@@ -52,7 +50,7 @@ where
     serde_json::from_value(Value::Object(object)).map_err(|error| error.to_string())
 }
 
-/// The first field that the message does not have.
+/// The first field that the message does not define.
 pub(crate) fn unknown_field<M: Serialize + Default>(fields: &Fields) -> Option<String> {
     let known = known::<M>();
     fields.keys().find(|name| !known.contains_key(*name)).cloned()

@@ -1,20 +1,19 @@
-//! How long a reader of a bag goes on.
+//! A limit on how long a bag is read.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// Says whether reading goes on; clones ask the same. This crate has no clock: whoever reads strangers' bags brings one.
+/// A limit on reading, shared by its clones. This crate has no clock; readers of strangers' bags supply one.
 #[derive(Clone)]
 pub struct Patience(Arc<dyn Fn() -> bool + Send + Sync>);
 
 impl Patience {
-    /// Reading ends with [`BagError::Slow`](crate::BagError::Slow) once `goes_on` says no. It is asked before each message, for
-    /// the first time when reading begins.
+    /// Reading ends with [`BagError::Slow`](crate::BagError::Slow) once `goes_on` returns false. It is asked before
+    /// each message.
     pub fn new(goes_on: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self(Arc::new(goes_on))
     }
 
-    /// Whether reading goes on.
     pub fn goes_on(&self) -> bool {
         (self.0)()
     }

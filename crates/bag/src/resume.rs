@@ -1,27 +1,22 @@
-//! Goes on with a bag that was left unfinished.
+//! Continues an unfinished bag.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::path::Path;
 
 use fiatlux_proto::v3::EpisodeHeader;
 
 use crate::{Bag, BagError, BagWriter, part_of, topic};
 
-/// A bag taken up again.
 pub struct Resumed {
     /// Appends the rows that follow the last one that was kept.
     pub writer: BagWriter,
-    /// The header as it was recorded.
     pub header: EpisodeHeader,
 }
 
 impl BagWriter {
-    /// Takes up `NAME.mcap.part` of the bag `path`: all its whole rows go into a new file of that name, chunk for chunk as
-    /// if it had never been left. [`BagWriter::next_step`] says which row comes next. The old file stays until the new
-    /// one has all that is in it.
-    ///
-    /// # Errors
-    /// There is none, it cannot be read, it is damaged before its end, or the new one cannot be written.
+    /// Continues `NAME.mcap.part` of the bag `path`: its complete rows go into a new file of that name, chunk for chunk
+    /// as if recording had never stopped. [`BagWriter::next_step`] is the next row's step. The old file stays until the
+    /// new one is complete.
     pub fn resume(path: &Path) -> Result<Resumed, BagError> {
         let part = part_of(path);
         let bag = Bag::open(&part)?;
@@ -34,15 +29,6 @@ impl BagWriter {
         writer.forget_row();
         writer.rename_part(part)?;
         Ok(Resumed { writer, header: bag.header().clone() })
-    }
-
-    /// Throws away `NAME.mcap.part` of the bag `path`, to record it anew.
-    ///
-    /// # Errors
-    /// It cannot be removed.
-    pub fn discard(path: &Path) -> Result<(), BagError> {
-        let part = part_of(path);
-        fs::remove_file(&part).map_err(BagError::io("remove", &part))
     }
 }
 

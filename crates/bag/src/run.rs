@@ -1,16 +1,16 @@
-//! The ledger of a run: which episodes it has, and what became of each.
+//! The ledger of a run: its episodes and their outcomes.
 //!
 //! A run has a folder of its own, `DIR/RUN/`, with its bags and a journal for each server that played a part of it,
 //! `SERVER.run.jsonl`. The journal is only ever appended to, a line of JSON each time, and every line is on disk before
 //! anybody is told of it. Its first line is the [`Registration`], each other one an [`Event`].
 //!
 //! The last member of a line is its `link`: SHA-256 of the link before (of nothing, in the first line) and of the line
-//! without this member. A line that was changed, left out or moved breaks the chain there. What follows the last line break
+//! without this member. A line that was changed, left out or moved breaks the chain there. Text after the last line break
 //! is a line that was being written when its server died; a reader leaves it out, and [`LedgerWriter::open`] removes it.
-//! Anybody can make such a chain: whose word it is says the server's signature under a finished one ([`Event::Sealed`]).
+//! Anybody can make such a chain; the server's signature under a finished one proves its origin ([`Event::Sealed`]).
 //!
 //! ```
-//! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, Planned, Registration, State, journals};
+//! use fiatlux_bag::run::{Event, Ledger, LedgerWriter, PlannedEpisode, Registration, EpisodeState, journals};
 //! use fiatlux_proto::PROTOCOL;
 //! use fiatlux_proto::v3::RunSpec;
 //!
@@ -23,7 +23,7 @@
 //!     run: "first".into(),
 //!     key_sha256: "0".repeat(64),
 //!     spec: RunSpec::default(),
-//!     episodes: vec![Planned { task: "S05".into(), seed: 0 }, Planned { task: "S05".into(), seed: 1 }],
+//!     episodes: vec![PlannedEpisode { task: "S05".into(), seed: 0 }, PlannedEpisode { task: "S05".into(), seed: 1 }],
 //!     unix_ms: 0,
 //! };
 //! let mut writer = LedgerWriter::create(&folder, registration)?;
@@ -31,8 +31,8 @@
 //! assert!(writer.append(Event::Finished { unix_ms: 2 }).is_err(), "an episode is open");
 //!
 //! let ledger = Ledger::read(&journals(&folder)?[0])?;
-//! assert!(matches!(ledger.episodes()[0].state, State::Open { .. }));
-//! assert_eq!(ledger.episodes()[1].state, State::Waiting);
+//! assert!(matches!(ledger.episodes()[0].state, EpisodeState::Open { .. }));
+//! assert_eq!(ledger.episodes()[1].state, EpisodeState::Waiting);
 //! # std::fs::remove_dir_all(&folder).ok();
 //! # Ok::<(), fiatlux_bag::run::LedgerError>(())
 //! ```
@@ -49,126 +49,89 @@ use serde::{Deserialize, Serialize};
 pub use error::LedgerError;
 pub(crate) use journal::is_journal;
 pub use journal::{is_torn, journal_of, journals};
-pub use ledger::{Episode, Ledger, Played, Prefix, Seal, State};
+pub use ledger::{EpisodeState, Ledger, LedgerEpisode, PlayedEpisode, Prefix, Seal};
 pub use marks::Marks;
 pub use writer::LedgerWriter;
 
-/// Most episodes of a run.
 pub const MAX_EPISODES: usize = 10_000;
 
-/// So often an episode may be begun; then it has failed.
+/// After this many attempts an episode counts as failed.
 pub const MAX_ATTEMPTS: u32 = 20;
 
-/// Longest text of an event, bytes; [`clip`] makes one fit.
+/// Maximum length of an event's text, bytes; [`clip`] makes one fit.
 pub const MAX_TEXT: usize = 512;
 
 /// Cause of an episode that nobody began before the run was finished.
 pub const NOT_RUN: &str = "not run";
 /// Cause of an episode that was begun and not played to its end.
 pub const ABANDONED: &str = "abandoned";
-/// Cause of an episode whose later attempt went another way than the one before.
+/// Cause of an episode whose later attempt diverged from the one before.
 pub const NOT_REPEATED: &str = "not repeated";
 
-/// What was agreed on before the first episode.
+/// The first line of a journal: the terms of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Registration {
-    /// Version of the protocol that the server speaks.
     pub protocol: Version,
-    /// Version of the server's software.
     pub version: String,
-    /// Name of the server that keeps this journal.
     pub server: String,
     pub run: String,
     /// SHA-256 of the run's key, hexadecimal.
     pub key_sha256: String,
-    /// As the client sent it.
     pub spec: RunSpec,
     /// Every episode of the run, hosted seeds included.
-    pub episodes: Vec<Planned>,
-    /// When it was registered, ms since 1970.
+    pub episodes: Vec<PlannedEpisode>,
+    /// Time of registration, ms since 1970.
     pub unix_ms: u64,
 }
 
-/// An episode as it was agreed on.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Planned {
-    /// Short name of the task, such as "S05".
+pub struct PlannedEpisode {
     pub task: String,
-    /// Layout seed of the session.
     pub seed: u64,
 }
 
-/// What happened in a run. Episodes go by their index in the registration, attempts count from 1.
+/// A line of the journal. `episode` is an index into the registration, attempts count from 1, times are ms since 1970.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Event {
     /// A session is open for the episode.
-    Opened {
-        /// Index of the episode in the registration.
-        episode: u32,
-        /// Number of the attempt, from 1.
-        attempt: u32,
-        session: String,
-        /// When, ms since 1970.
-        unix_ms: u64,
-    },
+    Opened { episode: u32, attempt: u32, session: String, unix_ms: u64 },
     /// The episode was played to its end, and its bag is whole and on disk.
     Played {
-        /// Index of the episode in the registration.
         episode: u32,
-        /// Number of the attempt, from 1.
         attempt: u32,
         session: String,
-        /// File name of the bag, in the journal's folder.
         bag: String,
-        /// Digest of all rows.
         digest: String,
         /// Name of the cause that ended the episode, such as `success` or `fall`.
         cause: String,
         /// By the protocol of the run.
         success: bool,
-        /// Step of the last row.
         steps: u64,
     },
     /// The session ended before the episode did, or the bag was lost. The episode may be begun again, but must repeat these
     /// rows.
     Abandoned {
-        /// Index of the episode in the registration.
         episode: u32,
-        /// Number of the attempt, from 1.
         attempt: u32,
         session: String,
-        /// Step of the last row.
         steps: u64,
-        /// Digest of the rows up to that one; empty where there was none, not even row 0.
+        /// Digest of the rows up to that one; empty if not even row 0 was recorded.
         digest: String,
-        /// What a later attempt is compared with on its way there.
+        /// Marks that a later attempt is compared with.
         #[serde(default)]
         marks: Marks,
-        /// Why it ended early.
         cause: String,
     },
     /// The episode counts as a failure.
-    Failed {
-        /// Index of the episode in the registration.
-        episode: u32,
-        /// Number of the attempt, from 1.
-        attempt: u32,
-        /// Why: such as [`NOT_REPEATED`].
-        cause: String,
-    },
-    /// The server had died and is back. What was open is to be begun again, and binds nothing: it was not the client's fault.
-    Restarted {
-        /// When, ms since 1970.
-        unix_ms: u64,
-    },
+    Failed { episode: u32, attempt: u32, cause: String },
+    /// The server was restarted. Open episodes may be begun again, and need not repeat any row: the client was not at
+    /// fault.
+    Restarted { unix_ms: u64 },
     /// No more episodes are played.
-    Finished {
-        /// When, ms since 1970.
-        unix_ms: u64,
-    },
+    Finished { unix_ms: u64 },
     /// The server's signature of all lines above, from the registration to the end. Nothing follows it.
     Sealed {
         /// Link of the line before.

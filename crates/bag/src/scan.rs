@@ -1,4 +1,4 @@
-//! What a file holds, found by the lengths of its records, without unpacking a chunk.
+//! Finds a file's records by their lengths, without unpacking a chunk.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -15,28 +15,28 @@ use crate::take::{take, take_bytes, take_map, take_text, take_u16, take_u64};
 use crate::writer::LIBRARY;
 use crate::{BagError, metadata};
 
-/// Longest record, apart from chunks, that is read, bytes. A header takes about 10,000.
+/// Maximum size of a record that is read, apart from chunks, bytes. A header takes about 10,000.
 const MAX_RECORD: u64 = 1 << 20;
 
-/// Most chunks of a file. An errand of 72,000 rows has about 1,200.
+/// Maximum number of chunks. An errand of 72,000 rows has about 1,200.
 const MAX_CHUNKS: usize = 1 << 16;
 
 /// Operation code and length.
 const HEAD: u64 = 9;
 
-/// What stands in a zstd chunk before its data, bytes.
+/// Bytes of a zstd chunk before its data.
 const CHUNK_HEAD: u64 = 8 + 8 + 8 + 4 + 4 + 4 + 8;
 
-/// What stands in the statistics up to the number of chunks, which is last, bytes.
+/// Bytes of the statistics before the number of chunks, their last field.
 const STATISTICS_HEAD: u64 = 8 + 2 + 4 + 4 + 4 + 4;
 
-/// What stands in a footer, bytes: its checksum is last.
+/// Bytes of a footer; its checksum is last.
 const FOOTER: u64 = 8 + 8 + 4;
 
-/// Largest chunk that is unpacked, bytes.
+/// Maximum size of a chunk that is unpacked, bytes.
 pub(crate) const MAX_CHUNK: u64 = 32 << 20;
 
-/// What all chunks of a file may unpack to, bytes: this much, ...
+/// All chunks of a file may unpack to this many bytes, ...
 const FREE_UNPACKED: u64 = 32 << 20;
 
 /// ... and for each byte of the file this many more (a recorder's bags have 3 to 5, their smallest chunks 11), ...
@@ -45,7 +45,6 @@ const MAX_RATIO: u64 = 32;
 /// ... but never more than this. An errand of 72,000 rows with all sensors takes about 6 GiB.
 const MAX_UNPACKED: u64 = 16 << 30;
 
-/// A whole chunk record.
 #[derive(Debug, Clone)]
 pub(crate) struct ChunkAt {
     pub offset: u64,
@@ -53,30 +52,29 @@ pub(crate) struct ChunkAt {
     pub length: u64,
     /// Latest log time in it, ns.
     pub end_time: u64,
-    /// Channels that it has messages of, by its indexes; `None` when they are not all there, or the summary's differ.
+    /// Channels of its messages, from its indexes; `None` if they are incomplete, or the summary's differ.
     pub channels: Option<Vec<u16>>,
 }
 
 impl ChunkAt {
-    /// Whether messages of a topic may stand in it, for all that is known.
+    /// False only if the chunk is known to have no message of the topic.
     pub fn may_have(&self, topic: &str, channels: &Channels) -> bool {
         let is_other = |id: &u16| channels.topic(*id).is_some_and(|known| known != topic);
         self.channels.as_ref().is_none_or(|ids| !ids.iter().all(is_other))
     }
 }
 
-/// Where a file's checksums stand, and what they are.
+/// Positions and values of a file's checksums.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
-    /// First byte after the data section, and the checksum over all before it; 0 where the writer made none.
+    /// First byte after the data section, and the checksum over all before it; 0 if the writer made none.
     pub data: Option<(u64, u32)>,
-    /// First byte of the summary, the first one after what its checksum covers, and that; 0 as above.
+    /// First byte of the summary, the first byte after the checksummed part, and the checksum; 0 as above.
     pub summary: Option<(u64, u64, u32)>,
     /// Our own writer made the file: it always writes checksums.
     pub is_ours: bool,
 }
 
-/// What a pass over the file found.
 #[derive(Debug, Default)]
 pub(crate) struct Scan {
     pub sums: Sums,
@@ -84,17 +82,16 @@ pub(crate) struct Scan {
     pub result: Option<BTreeMap<String, String>>,
     pub cut: Option<BTreeMap<String, String>>,
     pub chunks: Vec<ChunkAt>,
-    /// As the summary has them.
     pub channels: Channels,
-    /// Where and why the scan ended before the file's proper end.
+    /// Offset and reason if the scan ended before the file's proper end.
     pub broken: Option<(u64, String)>,
-    /// Why a record was not taken, where it is not that it cannot be read.
+    /// The reason why a record was refused; `None` if it cannot be read.
     why: Option<String>,
-    /// Sum over the chunks, as they say, bytes.
+    /// Sum over the chunks, from their heads, bytes.
     unpacked: u64,
 }
 
-/// Reads a file's records up to its end or to the first that is not whole.
+/// Reads a file's records up to its end or to the first incomplete one.
 pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
     let file = File::open(path).map_err(BagError::io("open", path))?;
     let size = file.metadata().map_err(BagError::io("read", path))?.len();
@@ -228,14 +225,14 @@ impl Scan {
                     _ => return Some(()),
                 };
                 if record.is_some() {
-                    // Other readers may take that one.
+                    // Other readers may use the other copy.
                     return self.refuse("repeats an earlier one");
                 }
                 *record = Some(take_map(&mut body)?);
             }
             op::CHANNEL => self.channels.add(body)?,
-            // No checksum covers what stands between chunks: a damaged index or a chunk that no longer looks like one would
-            // hide messages. The summary says the same once more.
+            // No checksum covers the indexes between chunks: a damaged index, or a chunk that no longer looks like one,
+            // would hide messages. The summary repeats the indexes.
             op::CHUNK_INDEX => {
                 let (_start, _end, at) = (take_u64(&mut body)?, take_u64(&mut body)?, take_u64(&mut body)?);
                 let (_length, mut indexes) = (take_u64(&mut body)?, take_bytes(&mut body)?);

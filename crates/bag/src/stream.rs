@@ -20,17 +20,17 @@ use crate::take::{take_u16, take_u64};
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, topic};
 
-/// A message in a chunk.
-pub(crate) struct Found<'a> {
+pub(crate) struct FoundMessage<'a> {
     pub channel: u16,
     pub topic: &'a str,
     pub step: u64,
     pub bytes: &'a [u8],
 }
 
-/// What has been read of a bag, so that [`Bag::check_rest`](crate::Bag::check_rest) need not read it again.
+/// The parts of a bag that have been read, so that [`Bag::check_rest`](crate::Bag::check_rest) need not read them
+/// again.
 #[derive(Debug, Clone, Default)]
-pub struct Seen {
+pub struct ReadParts {
     /// Checksums of the records of whole chunks, by offset.
     pub(crate) chunks: BTreeMap<u64, Hasher>,
     /// Messages on `/result`, with the offset of their chunk.
@@ -42,14 +42,14 @@ pub(crate) struct ChunkReader {
     path: PathBuf,
     file: File,
     reader: LinearReader,
-    /// The reader stands at the end of a chunk.
+    /// The reader is at the end of a chunk.
     at_end: bool,
     offset: u64,
     /// Bytes of the chunk record that are not read yet.
     remaining: u64,
-    /// Of those that are.
+    /// Of the bytes read so far.
     hasher: Hasher,
-    pub seen: Seen,
+    pub seen: ReadParts,
     pub channels: Channels,
     patience: Option<Patience>,
 }
@@ -64,11 +64,10 @@ fn new_reader() -> LinearReader {
 impl ChunkReader {
     pub fn open(path: &Path, channels: Channels, patience: Option<Patience>) -> Result<Self, BagError> {
         let file = File::open(path).map_err(BagError::io("open", path))?;
-        let (path, reader, hasher, seen) = (path.into(), new_reader(), Hasher::new(), Seen::default());
+        let (path, reader, hasher, seen) = (path.into(), new_reader(), Hasher::new(), ReadParts::default());
         Ok(Self { path, file, reader, at_end: true, offset: 0, remaining: 0, hasher, seen, channels, patience })
     }
 
-    /// Goes to a chunk.
     pub fn start(&mut self, chunk: &ChunkAt) -> Result<(), BagError> {
         self.file.seek(SeekFrom::Start(chunk.offset)).map_err(BagError::io("read", &self.path))?;
         if !self.at_end {
@@ -79,10 +78,10 @@ impl ChunkReader {
         Ok(())
     }
 
-    /// Shows messages to `look` until it takes one; `None` at the chunk's end.
+    /// Passes messages to `look` until it takes one; `None` at the chunk's end.
     pub fn find<T>(
         &mut self,
-        mut look: impl FnMut(Found<'_>) -> Result<Option<T>, BagError>,
+        mut look: impl FnMut(FoundMessage<'_>) -> Result<Option<T>, BagError>,
     ) -> Result<Option<T>, BagError> {
         let Self { path, file, reader, at_end, offset, remaining, hasher, seen, channels, patience } = self;
         let damaged = |reason: &str| BagError::damaged(path, *offset, reason);
@@ -120,11 +119,11 @@ impl ChunkReader {
                     if let Some(why) = channels.refusal(channel) {
                         return Err(damaged(&why));
                     }
-                    // Two are one too many already.
+                    // Two are already an error.
                     if topic == topic::RESULT && seen.results.len() < 2 {
                         seen.results.push((*offset, bytes.to_vec()));
                     }
-                    if let Some(taken) = look(Found { channel, topic, step, bytes })? {
+                    if let Some(taken) = look(FoundMessage { channel, topic, step, bytes })? {
                         return Ok(Some(taken));
                     }
                 }
@@ -152,9 +151,8 @@ pub struct Messages<'a, M> {
     topic: &'static str,
     /// `None` at the end.
     reader: Option<ChunkReader>,
-    /// What was read before the end.
-    seen: Seen,
-    /// What the next call has to say in place of a message.
+    seen: ReadParts,
+    /// Returned by the next call in place of a message.
     error: Option<BagError>,
     /// The next message is read onto this one.
     empty: M,
@@ -171,11 +169,10 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
             Ok(reader) => (Some(reader), None),
             Err(error) => (None, Some(error)),
         };
-        Self { path, chunks: chunks.iter(), topic, reader, seen: Seen::default(), error, empty: M::default() }
+        Self { path, chunks: chunks.iter(), topic, reader, seen: ReadParts::default(), error, empty: M::default() }
     }
 
-    /// What has been read so far.
-    pub fn into_seen(self) -> Seen {
+    pub fn into_read(self) -> ReadParts {
         self.reader.map_or(self.seen, |reader| reader.seen)
     }
 
@@ -202,7 +199,7 @@ impl<'a, M: Message + Name + Default> Messages<'a, M> {
 }
 
 impl Messages<'_, State> {
-    /// Takes back a state that has been read: the next one fills its lists, which saves most of the work of reading it.
+    /// Reuses the lists of a state that was read, which saves most of the work of reading the next one.
     pub fn reuse(&mut self, state: State) {
         let list = |mut list: Vec<f64>| {
             list.clear();

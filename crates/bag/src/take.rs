@@ -16,7 +16,7 @@ pub(crate) fn take_u64(bytes: &mut &[u8]) -> Option<u64> {
     take(bytes).map(u64::from_le_bytes)
 }
 
-/// Bytes with their number before them.
+/// Bytes with a length prefix.
 pub(crate) fn take_bytes<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
     let length = u32::from_le_bytes(take(bytes)?);
     let (taken, rest) = bytes.split_at_checked(length as usize)?;

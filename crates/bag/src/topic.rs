@@ -24,10 +24,10 @@ pub const SCENE: &str = "/scene";
 
 /// `foxglove.CompressedImage` of the head camera, where the session asked for it.
 pub const CAMERA: &str = "/camera";
-/// `foxglove.PointCloud` of what the LiDAR hits, where the session asked for it.
+/// `foxglove.PointCloud` of the LiDAR's hits, where the session asked for it.
 pub const LIDAR: &str = "/lidar";
 
-/// Topics and full names of their messages; a topic's channel has its place here, from 1.
+/// Topics and full names of their messages; a topic's channel is its position, from 1.
 pub(crate) const TOPICS: [(&str, &str); 10] = [
     (STATE, "fiatlux.v3.State"),
     (EVENT, "fiatlux.v3.Event"),
@@ -41,12 +41,10 @@ pub(crate) const TOPICS: [(&str, &str); 10] = [
     (LIDAR, "foxglove.PointCloud"),
 ];
 
-/// Whether a topic stands in the chunks that a grade reads.
 pub(crate) fn is_graded(topic: &str) -> bool {
     [STATE, EVENT, RESULT].contains(&topic)
 }
 
-/// The channel of a topic.
 pub(crate) fn channel(topic: &str) -> Option<u16> {
     TOPICS.iter().position(|(name, _)| *name == topic).map(|index| index as u16 + 1)
 }

@@ -1,5 +1,3 @@
-//! Writes a bag.
-
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{BufWriter, Cursor, Read, Seek, Write};
@@ -14,7 +12,7 @@ use crate::BagError;
 use crate::metadata;
 use crate::topic::{self, TOPICS};
 
-/// Rows of a chunk. It ends by their number alone, so that the same episode gives the same bytes.
+/// Rows of a chunk. Only their number ends it, so that the same episode gives the same bytes.
 pub const ROWS_PER_CHUNK: u64 = 128;
 
 /// A chunk ends early when it would grow beyond this, bytes.
@@ -26,7 +24,7 @@ const LEVEL: u32 = 1;
 /// Takes everything up to the first row, and chunks of some rows.
 const BUFFER: usize = 256 << 10;
 
-/// What made the file, as its first record says.
+/// The writing library, as the file's first record names it.
 pub(crate) const LIBRARY: &str = "fiatlux";
 
 /// Length of a step, ns.
@@ -37,7 +35,7 @@ pub(crate) const STEP_NS: u64 = 20_000_000;
 pub struct BagWriter {
     path: PathBuf,
     part: PathBuf,
-    /// Always there; taken when the writer ends.
+    /// `Some` until the writer ends.
     mcap: Option<mcap::Writer<BufWriter<File>>>,
     graded: Group,
     other: Group,
@@ -45,7 +43,6 @@ pub struct BagWriter {
     next_step_on_disk: u64,
 }
 
-/// Messages of a chunk, one after the other.
 #[derive(Default)]
 struct Group {
     bytes: Vec<u8>,
@@ -66,11 +63,8 @@ impl Group {
 }
 
 impl BagWriter {
-    /// Starts the bag `path` (`NAME.mcap`) as `NAME.mcap.part`; makes its folder. A part that has only the beginning of
-    /// what is written here before the first row is taken over: its recorder died while it wrote that.
-    ///
-    /// # Errors
-    /// One of the two exists already, the file cannot be made, or a number of the header is not finite.
+    /// Starts the bag `path` (`NAME.mcap`) as `NAME.mcap.part`; makes its folder. A part that ends before the first row
+    /// is replaced: its recorder died there.
     pub fn create(path: &Path, header: &EpisodeHeader) -> Result<Self, BagError> {
         let part = part_of(path);
         if path.exists() {
@@ -81,7 +75,7 @@ impl BagWriter {
         }
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&part);
         let file = file.map_err(BagError::io("make", &part))?;
-        // The lock tells a part that nobody writes from one that was made just now.
+        // The lock distinguishes an abandoned part from one that is being written.
         let is_written = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
         if is_written || !is_only_begun(&file, &part, header)? {
             return Err(BagError::Exists { path: part });
@@ -103,26 +97,22 @@ impl BagWriter {
         })
     }
 
-    /// The finished bag's name.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The step after the last row that was pushed.
+    /// The step after the last pushed row.
     pub fn next_step(&self) -> u64 {
         self.next_step
     }
 
-    /// The step after the last row that the operating system has.
+    /// The step after the last row that was handed to the operating system.
     pub fn next_step_on_disk(&self) -> u64 {
         self.next_step_on_disk
     }
 
     /// Adds the nested messages of a row byte for byte, the scene among them; header and result are left out. After
     /// every [`ROWS_PER_CHUNK`] rows the chunk goes to the operating system.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn push(&mut self, truth: &StepRecord) -> Result<(), BagError> {
         let step = truth.step;
         let other = [
@@ -148,9 +138,6 @@ impl BagWriter {
     }
 
     /// Adds one message. Those of a step come before its `/state`, which ends the row.
-    ///
-    /// # Errors
-    /// No such topic, or the file cannot be written.
     pub fn message(&mut self, topic: &str, step: u64, bytes: &[u8]) -> Result<(), BagError> {
         let channel = topic::channel(topic).ok_or_else(|| BagError::Topic { topic: topic.into() })?;
         let group = if topic::is_graded(topic) { &mut self.graded } else { &mut self.other };
@@ -167,9 +154,6 @@ impl BagWriter {
 
     /// Ends the chunk and hands it to the operating system. A bag with extra flushes is not byte for byte the one
     /// without them.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn flush(&mut self) -> Result<(), BagError> {
         let Some(mcap) = &mut self.mcap else { return Ok(()) };
         for group in [&mut self.other, &mut self.graded] {
@@ -189,9 +173,6 @@ impl BagWriter {
     }
 
     /// Ends the bag with the episode's result and gives it its name.
-    ///
-    /// # Errors
-    /// The file cannot be written or renamed, or a number of the result is not finite.
     pub fn finish(mut self, result: &EpisodeResult) -> Result<PathBuf, BagError> {
         let fields = metadata::fields(result).ok_or(BagError::Values { what: "result" })?;
         self.message(topic::RESULT, result.end.as_ref().map_or(0, |end| end.steps), &result.encode_to_vec())?;
@@ -199,9 +180,6 @@ impl BagWriter {
     }
 
     /// Ends a bag whose episode could not be recorded to its end.
-    ///
-    /// # Errors
-    /// The file cannot be written or renamed.
     pub fn finish_cut(self, reason: &str) -> Result<PathBuf, BagError> {
         let next_step = self.next_step.to_string();
         let fields = BTreeMap::from([("reason".to_owned(), reason.to_owned()), ("next_step".to_owned(), next_step)]);
@@ -223,7 +201,7 @@ impl BagWriter {
         Ok(self.path.clone())
     }
 
-    /// Drops messages of a row whose state never came.
+    /// Drops the messages of a row without a state.
     pub(crate) fn forget_row(&mut self) {
         for group in [&mut self.graded, &mut self.other] {
             let whole = group.messages.iter().take_while(|(_, step, _)| *step < self.next_step).count();
@@ -276,7 +254,7 @@ fn begin<W: Write + Seek>(into: W, part: &Path, header: &EpisodeHeader) -> Resul
     Ok(mcap)
 }
 
-/// Whether a file has nothing but a beginning of what comes before the first row, from its first byte.
+/// True if a file has nothing but the beginning of what comes before the first row.
 fn is_only_begun(mut file: &File, part: &Path, header: &EpisodeHeader) -> Result<bool, BagError> {
     let length = file.metadata().map_err(BagError::io("read", part))?.len();
     if length == 0 {

@@ -4,10 +4,10 @@ use std::fmt;
 
 use crate::{BridgeError, Contract, Mapping, Mismatch, MismatchKind, ModelChunk};
 
-/// Collects all differences, so that one error names them all.
-struct Found(Vec<Mismatch>);
+/// All differences, so that one error names them all.
+struct Mismatches(Vec<Mismatch>);
 
-impl Found {
+impl Mismatches {
     fn add(&mut self, kind: MismatchKind, key: &str, server: impl fmt::Display, mapping: impl fmt::Display) {
         let (server, mapping) = (shown(&server.to_string()), shown(&mapping.to_string()));
         self.0.push(Mismatch { kind, key: shown(key), server, mapping });
@@ -29,11 +29,8 @@ fn shown(text: &str) -> String {
 const NOTHING: &str = "nothing";
 
 /// Compares a mapping with the contract that a server announces.
-///
-/// # Errors
-/// [`BridgeError::Contract`], with all differences.
 pub fn check_contract(mapping: &Mapping, contract: &Contract) -> Result<(), BridgeError> {
-    let mut found = Found(Vec::new());
+    let mut found = Mismatches(Vec::new());
     cameras(mapping, contract, &mut found);
     if let Some(states) = &contract.states {
         for (key, width) in states {
@@ -93,7 +90,7 @@ pub fn check_contract(mapping: &Mapping, contract: &Contract) -> Result<(), Brid
     found.end(mapping)
 }
 
-fn cameras(mapping: &Mapping, contract: &Contract, found: &mut Found) {
+fn cameras(mapping: &Mapping, contract: &Contract, found: &mut Mismatches) {
     for terms in contract.cameras.iter().flatten() {
         let Some(ours) = mapping.cameras.iter().find(|ours| ours.key == terms.key) else {
             found.add(MismatchKind::Camera, &terms.key, "it", NOTHING);
@@ -123,11 +120,8 @@ fn cameras(mapping: &Mapping, contract: &Contract, found: &mut Found) {
 }
 
 /// Compares a mapping with a server's answer, which shows what its contract leaves out.
-///
-/// # Errors
-/// [`BridgeError::Contract`], with all differences.
 pub fn check_chunk(mapping: &Mapping, chunk: &ModelChunk) -> Result<(), BridgeError> {
-    let mut found = Found(Vec::new());
+    let mut found = Mismatches(Vec::new());
     for ours in &mapping.actions {
         match chunk.parts.iter().find(|(key, ..)| *key == ours.key) {
             None => found.add(MismatchKind::Action, &ours.key, NOTHING, "it"),

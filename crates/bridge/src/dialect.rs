@@ -1,4 +1,4 @@
-//! Questions to a model server and its answers, in the same form for every dialect.
+//! Requests to a model server and its answers, in the same form for every dialect.
 
 mod gr00t;
 mod openpi;
@@ -10,7 +10,6 @@ use crate::net::Timeouts;
 use crate::representation::Representation;
 use crate::{BridgeError, Tensor};
 
-/// The wire protocol of a model server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dialect {
     /// Isaac GR00T N1.6 and N1.7: ZeroMQ, nested keys.
@@ -39,7 +38,6 @@ impl Dialect {
         ("roboarena", Self::Roboarena),
     ];
 
-    /// Its name on the command line.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize].0
     }
@@ -55,50 +53,41 @@ impl FromStr for Dialect {
     }
 }
 
-/// What a server's contract says about a camera.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CameraTerms {
-    /// Key of the camera's pictures.
     pub key: String,
     /// Width and height, pixels; `None` if the server does not say.
     pub size: Option<[u32; 2]>,
-    /// Which frames the server wants, in rows relative to the present: 0 for the current one. `None` if it does not
-    /// say.
+    /// Frames that the server wants, in rows relative to the present: 0 for the current one. `None` if it does not say.
     pub delta: Option<Vec<i64>>,
 }
 
-/// What a server's contract says about a key of the actions.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ActionTerms {
     /// Name of the key; empty if the server has a single key without a name.
     pub key: String,
     /// Numbers in a row; `None` if the server does not say.
     pub width: Option<usize>,
-    /// What the numbers mean; `None` if the server does not say.
+    /// `None` if the server does not say.
     pub representation: Option<Representation>,
 }
 
-/// What a server says about itself. A field that it leaves out is [`None`] and cannot be compared before the first
+/// The terms that a server announces. A field that it leaves out is [`None`] and cannot be compared before the first
 /// answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contract {
-    /// Cameras whose pictures it wants.
     pub cameras: Option<Vec<CameraTerms>>,
     /// Number of cameras that it wants, if it does not name them.
     pub camera_count: Option<usize>,
-    /// Width and height of all pictures, pixels.
     pub image_size: Option<[u32; 2]>,
-    /// Keys of the state that it wants, each with its number of values if the server says so.
+    /// Keys of the state, each with its number of values if the server says so.
     pub states: Option<Vec<(String, Option<usize>)>>,
-    /// Number of frames of the state that it wants.
     pub state_frames: Option<usize>,
-    /// Keys of the actions in its answers.
     pub actions: Option<Vec<ActionTerms>>,
     /// Keys under which it reads the instruction.
     pub language: Option<Vec<String>>,
-    /// Number of rows in a chunk.
     pub horizon: Option<usize>,
-    /// Whether a request must carry the session's name.
+    /// Requests must carry the session's name.
     pub needs_session: Option<bool>,
     /// Kind of actions, in RoboArena's words.
     pub action_space: Option<String>,
@@ -111,7 +100,6 @@ pub struct ModelObservation {
     pub images: Vec<(String, Tensor)>,
     /// Key and numbers of a single frame.
     pub states: Vec<(String, Vec<f32>)>,
-    /// Key and text of the instruction.
     pub language: (String, String),
     /// Name of the session, for servers that keep state between requests.
     pub session: String,
@@ -122,15 +110,13 @@ pub struct ModelObservation {
 /// An answer: one table of numbers for each key, all with the same number of rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ModelChunk {
-    /// Number of rows in every table.
     pub rows: usize,
-    /// Key, width, and the numbers row after row.
     pub parts: Vec<(String, usize, Vec<f64>)>,
     /// Inference time as reported by the server, s.
     pub server_s: Option<f64>,
 }
 
-/// A connection to a model server. After a time-out it is closed, and the next question opens a new one.
+/// A connection to a model server. After a time-out it is closed, and the next request opens a new one.
 pub trait Model: Send {
     /// Asks the server for its contract.
     ///
@@ -146,32 +132,23 @@ pub trait Model: Send {
     fn infer(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError>;
 
     /// Tells the server that an episode begins, so that it forgets any state.
-    ///
-    /// # Errors
-    /// As [`Model::contract`].
     fn reset(&mut self) -> Result<(), BridgeError>;
 }
 
-/// Address and protocol of a model server.
 #[derive(Debug, Clone)]
 pub struct ModelOptions {
     /// `tcp://HOST:PORT` of a GR00T server, `ws://HOST:PORT/PATH` of the others.
     pub url: String,
     /// Name of a WebSocket server behind a tunnel or proxy, sent as the header `Host`; `None` for that of `url`.
     pub host: Option<String>,
-    /// Protocol that the server speaks.
     pub dialect: Dialect,
-    /// Longest waits for the connection and for a reply.
     pub timeouts: Timeouts,
     /// API token or key; `None` if the server needs none.
     pub token: Option<String>,
 }
 
 impl ModelOptions {
-    /// Prepares a model server; the first question opens the connection.
-    ///
-    /// # Errors
-    /// [`BridgeError::Address`]: `url` lacks the dialect's scheme, or host and port.
+    /// Prepares a connection; the first request opens it.
     pub fn model(&self) -> Result<Box<dyn Model>, BridgeError> {
         Ok(match self.dialect {
             Dialect::Gr00t | Dialect::Gr00tFlat | Dialect::Gr00tSonic => Box::new(gr00t::Gr00t::new(self)?),

@@ -6,17 +6,14 @@ use serde::Deserialize;
 
 use crate::BridgeError;
 
-/// Side of the robot, as seen by the robot itself.
+/// Side of the robot, from its own point of view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// Left hand and arm.
     Left,
-    /// Right hand and arm.
     Right,
 }
 
 impl Side {
-    /// Parses `left` or `right`.
     pub fn by_name(name: &str) -> Option<Self> {
         match name {
             "left" => Some(Self::Left),
@@ -33,7 +30,6 @@ impl Side {
         }
     }
 
-    /// Name of the link at the end of this arm.
     pub fn wrist(self) -> &'static str {
         match self {
             Self::Left => "left_wrist_yaw_link",
@@ -83,9 +79,6 @@ const SHIPPED: [(&str, &str); 1] = [("dex3-inspire-1", include_str!("../hands/de
 
 impl Hands {
     /// Opens a retargeting by its name, or by the path of a file.
-    ///
-    /// # Errors
-    /// [`BridgeError::Mapping`], with the field at fault.
     pub fn open(name: &str, robot: &Robot) -> Result<Self, BridgeError> {
         let wrong =
             |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
@@ -133,7 +126,6 @@ impl Hands {
         }
     }
 
-    /// Number of joints of the model's hand.
     pub fn width(&self, side: Side) -> usize {
         self.fingers(side).len()
     }
@@ -166,14 +158,14 @@ impl Hands {
         self.fingers(side).iter().flat_map(|finger| finger.ours.iter().map(angle)).collect()
     }
 
-    /// How far our hand is closed, from 0 (open) to 1: the mean over the model's joints.
+    /// Closure of our hand, from 0 (open) to 1: the mean over the model's joints.
     pub fn grip(&self, side: Side, q: &[f64]) -> f64 {
         let fingers = self.fingers(side);
         fingers.iter().map(|finger| closure(finger, q)).sum::<f64>() / fingers.len().max(1) as f64
     }
 }
 
-/// How far one finger of our hand is closed, from 0 to 1.
+/// Closure of one finger of our hand, from 0 to 1.
 fn closure(finger: &Finger, q: &[f64]) -> f64 {
     let Some(&(joint, open, closed)) = finger.ours.first() else { return 0.0 };
     let angle = q.get(joint).copied().unwrap_or(open);
@@ -185,7 +177,7 @@ fn closure(finger: &Finger, q: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Retargeting there and back is the identity, and every finger joint of ours moves.
+    /// Retargeting there and back is the identity, and each of our finger joints moves.
     #[test]
     fn dex3_and_inspire_are_retargeted_both_ways() {
         let robot = Robot::g1_inspire().unwrap();

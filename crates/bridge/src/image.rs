@@ -1,11 +1,11 @@
-//! Resizes pictures to what a model expects.
+//! Resizes pictures to the size that a model expects.
 
 use crate::{BridgeError, Tensor};
 
-/// How to fit a picture to another size.
+/// The rule for fitting a picture to another size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resize {
-    /// The sizes must be equal; anything else is an error.
+    /// Refuses pictures of another size.
     Exact,
     /// Scales width and height independently.
     Stretch,
@@ -16,7 +16,6 @@ pub enum Resize {
 }
 
 impl Resize {
-    /// Parses `exact`, `stretch`, `pad` or `crop`.
     pub fn by_name(name: &str) -> Option<Self> {
         Some(match name {
             "exact" => Self::Exact,
@@ -38,9 +37,6 @@ pub struct Picture {
 
 impl Picture {
     /// Makes a picture of `3 * width * height` bytes.
-    ///
-    /// # Errors
-    /// [`BridgeError::Sensed`]: another number of bytes, or no pixels.
     pub fn new(width: u32, height: u32, rgb: Vec<u8>) -> Result<Self, BridgeError> {
         let sides = (usize::try_from(width).unwrap_or(0), usize::try_from(height).unwrap_or(0));
         let bytes = sides.0.checked_mul(sides.1).and_then(|pixels| pixels.checked_mul(3));
@@ -51,21 +47,17 @@ impl Picture {
         Ok(Self { width: sides.0, height: sides.1, rgb })
     }
 
-    /// Makes a black picture, for a camera that our robot lacks.
+    /// Makes a black picture, for a camera that our robot does not have.
     pub fn black([width, height]: [u32; 2]) -> Self {
         let (width, height) = (width as usize, height as usize);
         Self { width, height, rgb: vec![0; 3 * width * height] }
     }
 
-    /// The bytes: red, green and blue of each pixel, rows from the top.
+    /// Red, green and blue of each pixel, rows from the top.
     pub fn rgb(&self) -> &[u8] {
         &self.rgb
     }
 
-    /// The picture in another size.
-    ///
-    /// # Errors
-    /// [`BridgeError::Sensed`]: the size differs under [`Resize::Exact`].
     pub fn fitted(&self, [width, height]: [u32; 2], rule: Resize) -> Result<Self, BridgeError> {
         let (width, height) = (width as usize, height as usize);
         if (width, height) == (self.width, self.height) {

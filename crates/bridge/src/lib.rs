@@ -30,11 +30,11 @@ pub use dialect::{ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk
 pub use error::BridgeError;
 pub use hands::{Hands, Side};
 pub use image::{Picture, Resize};
-pub use mapping::{Body, Camera, Key, Mapping, Part, WAIST, default_mapping, shipped_names};
+pub use mapping::{Body, Camera, Key, KeyPart, Mapping, WAIST, default_mapping, shipped_names};
 pub use mismatch::{Mismatch, MismatchKind};
 pub use net::{MAX_REPLY, Timeouts};
 pub use observe::{Frames, Sensed};
-pub use play::{Play, Played, Player};
+pub use play::{Play, PlayedRow, Player};
 pub use representation::Representation;
 pub use rows::Row;
 pub use tensor::{Dtype, Form, Tensor};

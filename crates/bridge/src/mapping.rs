@@ -14,7 +14,7 @@ pub use shipped::{default_mapping, shipped_names};
 /// Indices of the three joints of the waist: yaw, roll, pitch.
 pub const WAIST: std::ops::Range<usize> = LEGS..MOVED;
 
-/// What moves legs and waist.
+/// The source of the commands for legs and waist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Body {
     /// The whole-body controller, following the model's commands.
@@ -27,32 +27,24 @@ pub enum Body {
 
 /// Consecutive numbers of a key with one meaning.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Part {
+pub enum KeyPart {
     /// Angles of these joints of our robot, by index, rad.
     Joints(Vec<usize>),
     /// Joints of the model's hand, retargeted to and from ours.
     Hand(Side),
-    /// How far our hand is closed, scaled between two numbers.
-    Grip {
-        /// Hand that it opens and closes.
-        side: Side,
-        /// Number that stands for an open hand.
-        open: f64,
-        /// Number that stands for a closed hand.
-        closed: f64,
-    },
+    /// Closure of our hand, scaled between the two numbers for open and closed.
+    Grip { side: Side, open: f64, closed: f64 },
     /// Pose of a wrist in the pelvis frame: x, y, z in m, and the first two rows of its rotation.
     Wrist(Side),
-    /// Direction of gravity in the pelvis frame: 3 numbers. This part and the next four occur only in the state, and
-    /// are given as sensed.
+    /// Direction of gravity in the pelvis frame: 3 numbers. This part and the next four occur only in the state.
     Gravity,
     /// Angular velocity of the pelvis in its frame, rad/s: 3 numbers.
     AngularVelocity,
     /// Linear velocity of the pelvis in its frame, m/s: 3 numbers.
     LinearVelocity,
-    /// Angles of all joints relative to the standing posture, rad; holds the number of joints.
+    /// Angles of all joints relative to the standing posture, rad; with the number of joints.
     Turned(usize),
-    /// Velocities of all joints, rad/s; holds the number of joints.
+    /// Velocities of all joints, rad/s; with the number of joints.
     Velocities(usize),
     /// Velocity forwards and to the left, m/s, and turning velocity, rad/s: 3 numbers.
     Navigate,
@@ -60,14 +52,14 @@ pub enum Part {
     Height,
     /// Roll, pitch and yaw of the torso, rad: 3 numbers.
     Torso,
-    /// A motion token; holds its number of values.
+    /// A motion token; with its number of values.
     Token(usize),
-    /// Unused numbers: zeros in the state, ignored in actions. Holds how many.
+    /// Unused numbers: zeros in the state, ignored in actions.
     Skip(usize),
 }
 
-impl Part {
-    /// How many numbers the part takes; `hands` are needed for [`Part::Hand`].
+impl KeyPart {
+    /// Number of values of the part; [`KeyPart::Hand`] needs `hands`.
     pub fn width(&self, hands: Option<&Hands>) -> usize {
         match self {
             Self::Joints(joints) => joints.len(),
@@ -80,80 +72,62 @@ impl Part {
     }
 }
 
-/// A camera that the model expects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// Key of its pictures in a request.
     pub key: String,
     /// Sensor of our robot: `camera` or `chest_camera`; `None` for a black picture.
     pub sensor: Option<String>,
     /// Width and height of the picture that the model gets, pixels.
     pub size: [u32; 2],
-    /// How to fit a picture of another size.
     pub resize: Resize,
-    /// Which frames the model gets, in rows relative to the present, oldest first: 0 for the current one.
+    /// Frames that the model gets, in rows relative to the present, oldest first: 0 for the current one.
     pub delta: Vec<i64>,
 }
 
 /// A key of the state or the actions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Key {
-    /// Name of the key in messages.
     pub key: String,
     /// Meaning of its numbers, in order.
-    pub parts: Vec<Part>,
-    /// What the numbers mean when they arrive; used only for actions.
+    pub parts: Vec<KeyPart>,
+    /// Meaning of the numbers when they arrive; used only for actions.
     pub representation: Representation,
-    /// What the server's contract calls them, which may differ: GR00T's server decodes relative actions itself.
+    /// Their name in the server's contract, which may differ: GR00T's server decodes relative actions itself.
     pub declared: Representation,
 }
 
 /// A mapping that has passed all checks for a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
-    /// Name of the mapping, for the record of an episode.
     pub name: String,
-    /// Dialects that the mapping can be used with.
     pub dialects: Vec<Dialect>,
-    /// What moves the legs and the waist.
     pub body: Body,
-    /// Whether angles of arms are those at which they rest: their weight is compensated. Only with [`Body::Wbc`].
+    /// Angles of arms are those at which they rest: their weight is compensated. Only with [`Body::Wbc`].
     pub hold_arms: bool,
     /// Width and height of the pictures of the session's cameras, pixels.
     pub picture: [u32; 2],
     /// Retargeting of the fingers; `None` if the model has no hands.
     pub hands: Option<Hands>,
-    /// Number of rows in an answer.
     pub horizon: usize,
     /// Number of rows to play before the next chunk.
     pub prefix: usize,
-    /// Rows that are played in a second.
     pub rate_hz: f64,
     /// Key of the instruction; empty if the model gets none.
     pub language: String,
     /// Kind of actions in RoboArena's words; empty to accept any.
     pub action_space: String,
-    /// Cameras that the model expects.
     pub cameras: Vec<Camera>,
-    /// Keys of the state, with their parts in order.
     pub states: Vec<Key>,
-    /// Keys of the actions, with their parts in order.
     pub actions: Vec<Key>,
 }
 
 impl Mapping {
     /// Parses and checks a mapping for a robot. Errors call it `name`.
-    ///
-    /// # Errors
-    /// [`BridgeError::Mapping`], with the field at fault.
     pub fn from_toml(name: &str, text: &str, robot: &Robot) -> Result<Self, BridgeError> {
         file::read(name, text, robot)
     }
 
     /// Opens a mapping that comes with this program by its name, or another by the path of its file.
-    ///
-    /// # Errors
-    /// [`BridgeError::Mapping`]: the file cannot be read, or a field is at fault.
     pub fn open(name: &str, robot: &Robot) -> Result<Self, BridgeError> {
         if let Some(text) = shipped::text(name) {
             return Self::from_toml(name, text, robot);
@@ -166,23 +140,20 @@ impl Mapping {
         Self::from_toml(name, &text, robot)
     }
 
-    /// How many numbers a key has.
     pub fn width(&self, key: &Key) -> usize {
         key.parts.iter().map(|part| part.width(self.hands.as_ref())).sum()
     }
 
-    /// Number of control steps of 20 ms that a row lasts.
     pub fn steps_per_row(&self) -> f64 {
         1.0 / (self.rate_hz * CONTROL_DT)
     }
 
     /// The action key that holds motion tokens, and the size of a token.
     pub fn token(&self) -> Option<(&str, usize)> {
-        let width = |part: &Part| if let Part::Token(width) = part { Some(*width) } else { None };
+        let width = |part: &KeyPart| if let KeyPart::Token(width) = part { Some(*width) } else { None };
         self.actions.iter().find_map(|key| Some((key.key.as_str(), key.parts.iter().find_map(width)?)))
     }
 
-    /// Name for the record of an episode: the mapping, and the retargeting of its fingers.
     pub fn label(&self) -> String {
         match &self.hands {
             Some(hands) => format!("{}:{}", self.name, hands.name),

@@ -1,13 +1,11 @@
-//! How a mapping differs from a model server.
+//! Differences between a mapping and a model server.
 
 use std::fmt;
 
-/// What a [`Mismatch`] is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MismatchKind {
     /// A camera that only one side has.
     Camera,
-    /// The size of a picture.
     Size,
     /// Number or age of the frames of a camera or of the state.
     Frames,
@@ -15,18 +13,13 @@ pub enum MismatchKind {
     State,
     /// A key of the actions that only one side has.
     Action,
-    /// The number of values of a key.
     Dimension,
-    /// The number of rows of a chunk.
     Horizon,
-    /// Whether actions are absolute, delta or relative.
     Representation,
-    /// The key of the instruction.
     Language,
 }
 
 impl MismatchKind {
-    /// The words for it in a message.
     pub fn name(self) -> &'static str {
         match self {
             Self::Camera => "camera",
@@ -42,10 +35,8 @@ impl MismatchKind {
     }
 }
 
-/// A difference between mapping and server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mismatch {
-    /// What it is about.
     pub kind: MismatchKind,
     /// The key that differs; empty if the difference belongs to none.
     pub key: String,

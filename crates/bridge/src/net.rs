@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 use crate::BridgeError;
 
-/// Largest message that is accepted from a model server, bytes. A chunk of 50 rows of 132 numbers takes 26 kB.
+/// Maximum size of a message from a model server, bytes. A chunk of 50 rows of 132 numbers takes 26 kB.
 pub const MAX_REPLY: usize = 4 << 20;
 
-/// Longest waits for a model server.
+/// Time limits of a connection to a model server.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timeouts {
     /// Until a connection is accepted.
     pub connect: Duration,
-    /// For the handshake, and from a question to the end of its answer.
+    /// For the handshake, and from a request to the end of its answer.
     pub reply: Duration,
 }
 
@@ -27,7 +27,6 @@ impl Default for Timeouts {
 /// Port of a WebSocket server whose address has none.
 const HTTP_PORT: u16 = 80;
 
-/// Host, port and path of a model server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Address {
     host: String,
@@ -60,7 +59,7 @@ impl Address {
     }
 
     /// Connects to the first address of the host that answers.
-    pub fn connect(&self, timeout: Duration) -> Result<Timed, BridgeError> {
+    pub fn connect(&self, timeout: Duration) -> Result<DeadlineStream, BridgeError> {
         let failed = |source| BridgeError::Connect { address: self.to_string(), source };
         let deadline = Instant::now() + timeout;
         let mut last = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
@@ -69,7 +68,7 @@ impl Address {
             match TcpStream::connect_timeout(&place, left) {
                 Ok(stream) => {
                     stream.set_nodelay(true).map_err(failed)?;
-                    return Ok(Timed { stream, deadline });
+                    return Ok(DeadlineStream { stream, deadline });
                 }
                 Err(error) => last = error,
             }
@@ -89,12 +88,12 @@ impl std::fmt::Display for Address {
 
 /// A connection that keeps its deadline even if the other side sends byte by byte.
 #[derive(Debug)]
-pub(crate) struct Timed {
+pub(crate) struct DeadlineStream {
     stream: TcpStream,
     deadline: Instant,
 }
 
-impl Timed {
+impl DeadlineStream {
     /// Sets the deadline for everything that follows, counted from now.
     pub fn allow(&mut self, time: Duration) {
         self.deadline = Instant::now() + time;
@@ -106,7 +105,6 @@ impl Timed {
     }
 }
 
-/// Makes one error kind of the two that systems use for a socket's time-out.
 fn timed<T>(result: io::Result<T>) -> io::Result<T> {
     result.map_err(|error| match error.kind() {
         io::ErrorKind::WouldBlock => io::ErrorKind::TimedOut.into(),
@@ -114,14 +112,14 @@ fn timed<T>(result: io::Result<T>) -> io::Result<T> {
     })
 }
 
-impl Read for Timed {
+impl Read for DeadlineStream {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         self.stream.set_read_timeout(Some(self.left()?))?;
         timed(self.stream.read(into))
     }
 }
 
-impl Write for Timed {
+impl Write for DeadlineStream {
     fn write(&mut self, from: &[u8]) -> io::Result<usize> {
         self.stream.set_write_timeout(Some(self.left()?))?;
         timed(self.stream.write(from))
@@ -132,7 +130,7 @@ impl Write for Timed {
     }
 }
 
-/// Turns an error of the connection into one that names the question.
+/// An error of the connection that names the request.
 pub(crate) fn broken(error: &io::Error, question: &str, waited: Duration) -> BridgeError {
     match error.kind() {
         io::ErrorKind::TimedOut => BridgeError::Timeout { question: question.into(), waited },

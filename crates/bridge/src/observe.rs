@@ -5,11 +5,11 @@ use std::collections::VecDeque;
 use fiatlux_robot::Robot;
 
 use crate::image::{Picture, stacked};
-use crate::mapping::{Camera, Mapping, Part};
+use crate::mapping::{Camera, KeyPart, Mapping};
 use crate::reach::{nine, wrist};
 use crate::{BridgeError, ModelObservation};
 
-/// What the robot senses about itself.
+/// The robot's proprioception.
 #[derive(Debug, Clone, Copy)]
 pub struct Sensed<'a> {
     /// Angles of all joints, rad.
@@ -70,7 +70,7 @@ impl Frames {
     }
 }
 
-/// How many control steps a frame lies in the past.
+/// Number of control steps from a frame to the present.
 fn steps_back(mapping: &Mapping, delta: i64) -> u64 {
     (delta.unsigned_abs() as f64 * mapping.steps_per_row()).round() as u64
 }
@@ -84,7 +84,8 @@ impl Mapping {
         sensors
     }
 
-    /// How many control steps before a question pictures are needed: 0 for the current one, and those of past frames.
+    /// Number of control steps before a request at which pictures are needed: 0 for the current one, and those of past
+    /// frames.
     pub fn lookbacks(&self) -> Vec<u64> {
         let mut back: Vec<u64> =
             self.cameras.iter().flat_map(|camera| camera.delta.iter().map(|delta| steps_back(self, *delta))).collect();
@@ -136,12 +137,11 @@ impl Mapping {
         })
     }
 
-    /// Appends the numbers of a part.
     fn sense(
         &self,
         robot: &Robot,
         sensed: &Sensed<'_>,
-        part: &Part,
+        part: &KeyPart,
         numbers: &mut Vec<f32>,
     ) -> Result<(), BridgeError> {
         let q = sensed.joint_position;
@@ -152,18 +152,18 @@ impl Mapping {
         }
         let mut add = |values: &[f64]| numbers.extend(values.iter().map(|value| *value as f32));
         match (part, &self.hands) {
-            (Part::Joints(joints), _) => joints.iter().for_each(|joint| add(&[q[*joint]])),
-            (Part::Hand(side), Some(hands)) => add(&hands.theirs(*side, q)),
-            (Part::Grip { side, open, closed }, Some(hands)) => {
+            (KeyPart::Joints(joints), _) => joints.iter().for_each(|joint| add(&[q[*joint]])),
+            (KeyPart::Hand(side), Some(hands)) => add(&hands.theirs(*side, q)),
+            (KeyPart::Grip { side, open, closed }, Some(hands)) => {
                 add(&[open + hands.grip(*side, q) * (closed - open)]);
             }
-            (Part::Wrist(side), _) => add(&nine(&wrist(robot, *side, q)?)),
-            (Part::Gravity, _) => add(&sensed.projected_gravity),
-            (Part::AngularVelocity, _) => add(&sensed.base_angular_velocity),
-            (Part::LinearVelocity, _) => add(&sensed.base_linear_velocity),
-            (Part::Turned(_), _) => q.iter().zip(robot.q0()).for_each(|(angle, q0)| add(&[angle - q0])),
-            (Part::Velocities(_), _) => add(sensed.joint_velocity),
-            (Part::Height, _) => add(&[sensed.base_height]),
+            (KeyPart::Wrist(side), _) => add(&nine(&wrist(robot, *side, q)?)),
+            (KeyPart::Gravity, _) => add(&sensed.projected_gravity),
+            (KeyPart::AngularVelocity, _) => add(&sensed.base_angular_velocity),
+            (KeyPart::LinearVelocity, _) => add(&sensed.base_linear_velocity),
+            (KeyPart::Turned(_), _) => q.iter().zip(robot.q0()).for_each(|(angle, q0)| add(&[angle - q0])),
+            (KeyPart::Velocities(_), _) => add(sensed.joint_velocity),
+            (KeyPart::Height, _) => add(&[sensed.base_height]),
             // The mapping's checks allow no other part in a state.
             (other, hands) => add(&vec![0.0; other.width(hands.as_ref())]),
         }

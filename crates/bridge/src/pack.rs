@@ -4,10 +4,8 @@ use rmpv::Value;
 
 use crate::BridgeError;
 
-/// Deepest nesting that is accepted.
 const MAX_DEPTH: usize = 32;
 
-/// Encodes a value as MessagePack bytes.
 pub(crate) fn encode(value: &Value) -> Vec<u8> {
     let mut bytes = Vec::new();
     // Writing to memory cannot fail.
@@ -31,7 +29,6 @@ pub(crate) fn text(text: &str) -> Value {
     Value::from(text)
 }
 
-/// A map with texts as keys.
 pub(crate) fn map<const N: usize>(entries: [(&str, Value); N]) -> Value {
     Value::Map(entries.into_iter().map(|(key, value)| (text(key), value)).collect())
 }
@@ -45,7 +42,6 @@ pub(crate) fn as_text(value: &Value) -> Option<&str> {
     }
 }
 
-/// Finds an entry of a map by its name.
 pub(crate) fn entry<'a>(value: &'a Value, name: &str) -> Option<&'a Value> {
     value.as_map()?.iter().find(|(key, _)| as_text(key) == Some(name)).map(|(_, value)| value)
 }
@@ -59,7 +55,7 @@ pub(crate) fn as_bytes(value: &Value) -> Option<&[u8]> {
     }
 }
 
-/// Says what a value is, for an error: its type, and the first keys of a map.
+/// Describes a value for an error: its type, and the first keys of a map.
 pub(crate) fn described(value: &Value) -> String {
     const MAX_KEYS: usize = 8;
     match value {

@@ -1,13 +1,13 @@
-//! Plays chunks: a fixed prefix in lockstep, the rows that are not stale in real time; blended or averaged on request.
+//! Plays chunks: a fixed prefix in lockstep, or all rows that are still current in real time; blended or averaged on
+//! request.
 
 use std::collections::VecDeque;
 
 use crate::{BridgeError, Row};
 
-/// Largest number of chunks to average.
-const MOST_KEPT: usize = 16;
+/// Maximum number of chunks to average.
+const MAX_CHUNKS: usize = 16;
 
-/// Settings for playing chunks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Play {
     /// Number of rows of each chunk to play before the next one is requested.
@@ -21,38 +21,33 @@ pub struct Play {
     pub steps_per_row: f64,
 }
 
-/// A chunk in use.
 #[derive(Debug, Clone)]
-struct Kept {
+struct ActiveChunk {
     rows: Vec<Row>,
-    /// Step of the observation that the chunk answers.
+    /// Step of the observation on which the chunk is based.
     observed: u64,
-    /// Step at which it arrived.
     arrived: u64,
     index: u64,
 }
 
-/// The row for a step, and which chunk it comes from.
+/// The row for a step, and its chunk.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Played {
-    /// Targets and commands for the step.
+pub struct PlayedRow {
     pub row: Row,
     /// Number of the chunk in the episode, from 0.
     pub chunk: u64,
-    /// Index of the row in its chunk.
     pub at: usize,
-    /// Control steps since the observation that the chunk answers.
+    /// Control steps since the observation on which the chunk is based.
     pub age: u64,
-    /// Whether the chunk has no row left for this step, so that its last row is held.
+    /// The chunk has no row left for this step, and its last row is held.
     pub is_over: bool,
 }
 
-/// Plays the chunks of one episode.
 #[derive(Debug, Clone)]
 pub struct Player {
     play: Play,
     /// Chunks in use, newest last.
-    chunks: VecDeque<Kept>,
+    chunks: VecDeque<ActiveChunk>,
     count: u64,
 }
 
@@ -62,7 +57,7 @@ impl Player {
         Self { play, chunks: VecDeque::new(), count: 0 }
     }
 
-    /// Whether to request the next chunk at a step: the prefix of the current one has been played.
+    /// True if the next chunk should be requested at this step: the prefix of the current one has been played.
     pub fn wants(&self, step: u64) -> bool {
         self.chunks.back().is_none_or(|chunk| step >= chunk.observed + self.steps_of_prefix())
     }
@@ -73,7 +68,7 @@ impl Player {
         self.wants(step.saturating_add(latency))
     }
 
-    /// Whether a question falls on a step (`back` = 0) or `back` steps after it: both need pictures.
+    /// True if a request falls on this step (`back` = 0) or `back` steps after it: both need pictures.
     pub fn asks_after(&self, step: u64, back: u64) -> bool {
         let Some(chunk) = self.chunks.back() else { return back == 0 };
         let next = chunk.observed + self.steps_of_prefix();
@@ -86,18 +81,15 @@ impl Player {
     }
 
     /// Takes a chunk that answers the observation of step `observed`, at step `present`. In real time the difference is
-    /// the latency, and rows whose step is over are skipped. Returns the number of the chunk.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the chunk is empty.
+    /// the latency, and rows of past steps are skipped. Returns the number of the chunk.
     pub fn take(&mut self, rows: Vec<Row>, observed: u64, present: u64) -> Result<u64, BridgeError> {
         if rows.is_empty() {
             return Err(BridgeError::malformed("a chunk", "it has no rows"));
         }
         let index = self.count;
         self.count += 1;
-        self.chunks.push_back(Kept { rows, observed, arrived: present, index });
-        let most = if self.play.ensemble.is_some() { MOST_KEPT } else { 2 };
+        self.chunks.push_back(ActiveChunk { rows, observed, arrived: present, index });
+        let most = if self.play.ensemble.is_some() { MAX_CHUNKS } else { 2 };
         while self.chunks.len() > most {
             self.chunks.pop_front();
         }
@@ -105,7 +97,7 @@ impl Player {
     }
 
     /// The row for a step; `None` before the first chunk.
-    pub fn row(&self, step: u64) -> Option<Played> {
+    pub fn row(&self, step: u64) -> Option<PlayedRow> {
         let newest = self.chunks.back()?;
         let (mut row, at, is_over) = self.of(newest, step);
         if let Some(decay) = self.play.ensemble {
@@ -118,11 +110,11 @@ impl Player {
                 row = self.of(old, step).0.towards(&row, part);
             }
         }
-        Some(Played { row, chunk: newest.index, at, age: step.saturating_sub(newest.observed), is_over })
+        Some(PlayedRow { row, chunk: newest.index, at, age: step.saturating_sub(newest.observed), is_over })
     }
 
     /// A chunk's row for a step, interpolated where rows last longer than a step.
-    fn of(&self, chunk: &Kept, step: u64) -> (Row, usize, bool) {
+    fn of(&self, chunk: &ActiveChunk, step: u64) -> (Row, usize, bool) {
         let place = step.saturating_sub(chunk.observed) as f64 / self.play.steps_per_row;
         let last = chunk.rows.len() - 1;
         let at = (place as usize).min(last);

@@ -18,7 +18,7 @@ pub(crate) fn nine(pose: &Isometry3<f64>) -> [f64; 9] {
     [at.x, at.y, at.z, turn[(0, 0)], turn[(0, 1)], turn[(0, 2)], turn[(1, 0)], turn[(1, 1)], turn[(1, 2)]]
 }
 
-/// The pose of nine numbers, whose two rows need not be quite orthogonal. `None` if they define no rotation.
+/// The pose of nine numbers, whose two rows need not be exactly orthogonal. `None` if they define no rotation.
 pub(crate) fn pose(nine: &[f64]) -> Option<Isometry3<f64>> {
     let &[x, y, z, a, b, c, d, e, f] = nine else { return None };
     let first = Vector3::new(a, b, c).try_normalize(1e-6)?;
@@ -30,17 +30,14 @@ pub(crate) fn pose(nine: &[f64]) -> Option<Isometry3<f64>> {
 }
 
 /// Pose of a wrist in the pelvis frame, for the angles of all joints, rad.
-///
-/// # Errors
-/// [`BridgeError::Sensed`]: the robot has other joints or links.
 pub(crate) fn wrist(robot: &Robot, side: Side, q: &[f64]) -> Result<Isometry3<f64>, BridgeError> {
     Ok(chain(robot, side, q)?.1)
 }
 
-type Chain = (Vec<Isometry3<f64>>, Isometry3<f64>);
+type LinkPoses = (Vec<Isometry3<f64>>, Isometry3<f64>);
 
 /// Poses of all links, with the index of the wrist.
-fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<Chain, BridgeError> {
+fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<LinkPoses, BridgeError> {
     let missing = |what: String| BridgeError::Sensed { what, remedy: "use the robot g1_inspire or g1_bare" };
     let links = robot.forward_kinematics(q, &Isometry3::identity()).map_err(|error| missing(error.to_string()))?;
     let wrist = robot.link_index(side.wrist()).ok_or_else(|| missing(format!("a link {}", side.wrist())))?;
@@ -50,9 +47,6 @@ fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<Chain, BridgeError> {
 
 /// Moves the arm's joints in `q` so that the wrist gets as close to a pose as their limits allow, by damped least
 /// squares.
-///
-/// # Errors
-/// As for [`wrist`].
 pub(crate) fn reach(robot: &Robot, side: Side, target: &Isometry3<f64>, q: &mut [f64]) -> Result<(), BridgeError> {
     for _ in 0..STEPS {
         let (links, wrist) = chain(robot, side, q)?;

@@ -1,13 +1,13 @@
-//! How a model means the numbers of an action.
+//! The representation of a model's actions.
 
-/// What the numbers of an action mean.
+/// The reference of an action's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Representation {
     /// Targets that do not depend on the posture.
     Absolute,
-    /// Changes from row to row, beginning at the posture at the time of the question.
+    /// Changes from row to row, beginning at the posture at the time of the request.
     Delta,
-    /// Changes relative to the posture at the time of the question.
+    /// Changes relative to the posture at the time of the request.
     Relative,
 }
 
@@ -15,12 +15,11 @@ impl Representation {
     const ALL: [(&'static str, Self); 3] =
         [("absolute", Self::Absolute), ("delta", Self::Delta), ("relative", Self::Relative)];
 
-    /// Parses `absolute`, `delta` or `relative`, in any case.
+    /// Parses the name in any case.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|(_, known)| *known)
     }
 
-    /// Its name in mappings and in messages.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize].0
     }

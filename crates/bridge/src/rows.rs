@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use fiatlux_robot::Robot;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::mapping::{Body, Key, Mapping, Part, WAIST};
+use crate::mapping::{Body, Key, KeyPart, Mapping, WAIST};
 use crate::reach::{pose, reach, wrist};
 use crate::representation::Representation;
 use crate::{BridgeError, ModelChunk};
 
-/// Targets and commands of one row of a chunk; `None` or empty where the model gives none.
+/// Targets and commands of one row of a chunk; `None` or empty if the model gives none.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Row {
     /// Joint index and target, rad, within the joint's limits, sorted by joint.
@@ -40,16 +40,15 @@ impl Row {
     }
 }
 
-/// The posture at the question, to which relative actions add.
+/// The posture at the request, to which relative actions add.
 struct Base<'a> {
     robot: &'a Robot,
-    /// Angles at the question, rad.
     q: &'a [f64],
 }
 
 impl Mapping {
     /// Converts a chunk, after checking it with [`crate::check_chunk`]. `q` are the angles of all joints at the
-    /// question, rad.
+    /// request, rad.
     ///
     /// # Errors
     /// [`BridgeError::Contract`]: the chunk does not match; [`BridgeError::Malformed`]: a wrist's numbers define no
@@ -110,25 +109,25 @@ impl Mapping {
             let values = &changes[from..from + width];
             from += width;
             match (part, &self.hands) {
-                (Part::Joints(joints), _) => {
+                (KeyPart::Joints(joints), _) => {
                     for (joint, value) in joints.iter().zip(values) {
                         let start = if is_change { base.q[*joint] } else { 0.0 };
                         targets.insert(*joint, start + value);
                     }
                 }
-                (Part::Hand(side), Some(hands)) => {
+                (KeyPart::Hand(side), Some(hands)) => {
                     let start = if is_change { hands.theirs(*side, base.q) } else { vec![0.0; width] };
                     let theirs: Vec<f64> = start.iter().zip(values).map(|(start, value)| start + value).collect();
                     targets.extend(hands.ours(*side, &theirs));
                 }
-                (Part::Grip { side, open, closed }, Some(hands)) => {
+                (KeyPart::Grip { side, open, closed }, Some(hands)) => {
                     targets.extend(hands.gripped(*side, (values[0] - open) / (closed - open)));
                 }
-                (Part::Wrist(side), _) => {
+                (KeyPart::Wrist(side), _) => {
                     let wrong =
                         || BridgeError::malformed(format!("the action '{}'", key.key), "a rotation has no direction");
-                    // Changes of a pose are multiplied, not added: each row is relative to the wrist at the question,
-                    // or to the previous row.
+                    // Changes of a pose are multiplied, not added: each row is relative to the wrist at the request, or
+                    // to the previous row.
                     let said = pose(&numbers[from - width..from]).ok_or_else(wrong)?;
                     let target = match key.representation {
                         Representation::Absolute => said,
@@ -138,10 +137,10 @@ impl Mapping {
                     reach(base.robot, *side, &target, last)?;
                     targets.extend(side.arm().map(|joint| (joint, last[joint])));
                 }
-                (Part::Navigate, _) => row.velocity = values.try_into().ok(),
-                (Part::Height, _) => row.height = values.first().copied(),
-                (Part::Torso, _) => row.torso = values.try_into().ok(),
-                (Part::Token(_), _) => row.token = values.to_vec(),
+                (KeyPart::Navigate, _) => row.velocity = values.try_into().ok(),
+                (KeyPart::Height, _) => row.height = values.first().copied(),
+                (KeyPart::Torso, _) => row.torso = values.try_into().ok(),
+                (KeyPart::Token(_), _) => row.token = values.to_vec(),
                 _ => {}
             }
         }

@@ -1,4 +1,4 @@
-//! Arrays of numbers: their elements, and the forms in which they travel.
+//! Arrays of numbers: their elements, and their encodings.
 
 mod forms;
 mod npy;
@@ -6,37 +6,23 @@ mod npy;
 use crate::BridgeError;
 pub use forms::Form;
 
-/// Largest number of dimensions of an array.
 const MAX_DIMENSIONS: usize = 8;
-/// Largest number of elements of an array.
 const MAX_ELEMENTS: usize = 4 << 20;
 
-/// Element types that can be read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dtype {
-    /// Boolean of one byte, NumPy's `|b1`.
     Bool,
-    /// Signed 8-bit integer, NumPy's `|i1`.
     I8,
-    /// Unsigned 8-bit integer, NumPy's `|u1`.
     U8,
-    /// Signed 16-bit integer, NumPy's `<i2`.
     I16,
-    /// Unsigned 16-bit integer, NumPy's `<u2`.
     U16,
-    /// Signed 32-bit integer, NumPy's `<i4`.
     I32,
-    /// Unsigned 32-bit integer, NumPy's `<u4`.
     U32,
-    /// Signed 64-bit integer, NumPy's `<i8`.
     I64,
-    /// Unsigned 64-bit integer, NumPy's `<u8`.
     U64,
-    /// 16-bit float, NumPy's `<f2`; read, and used as f64.
+    /// Used as f64.
     F16,
-    /// 32-bit float, NumPy's `<f4`.
     F32,
-    /// 64-bit float, NumPy's `<f8`.
     F64,
 }
 
@@ -62,15 +48,11 @@ impl Dtype {
         Self::ALL[self as usize].1
     }
 
-    /// Size of an element in bytes.
     pub fn size(self) -> usize {
         Self::ALL[self as usize].3
     }
 
     /// Finds a type by its name in either notation; also says whether its elements are big-endian.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`] lists the supported types.
     fn by_name(name: &str) -> Result<(Self, bool), BridgeError> {
         let bare = name.strip_prefix(['<', '>', '|', '=']).unwrap_or(name);
         let found = Self::ALL.iter().find(|(_, short, long, _)| short[1..] == *bare || *long == name);
@@ -92,9 +74,6 @@ pub struct Tensor {
 
 impl Tensor {
     /// Makes an array, and checks that bytes and shape match.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: too many dimensions or elements, or a wrong number of bytes.
     pub fn new(dtype: Dtype, shape: Vec<usize>, data: Vec<u8>) -> Result<Self, BridgeError> {
         let wrong = |problem| Err(BridgeError::malformed("an array", problem));
         if shape.len() > MAX_DIMENSIONS {
@@ -121,28 +100,18 @@ impl Tensor {
         Self::new(dtype, shape, data)
     }
 
-    /// Makes an array of `<f4` elements.
-    ///
-    /// # Errors
-    /// As for [`Tensor::new`].
     pub fn f32(shape: Vec<usize>, numbers: &[f32]) -> Result<Self, BridgeError> {
         Self::new(Dtype::F32, shape, numbers.iter().flat_map(|number| number.to_le_bytes()).collect())
     }
 
-    /// Makes an array of `|u1` elements.
-    ///
-    /// # Errors
-    /// As for [`Tensor::new`].
     pub fn u8(shape: Vec<usize>, data: Vec<u8>) -> Result<Self, BridgeError> {
         Self::new(Dtype::U8, shape, data)
     }
 
-    /// Type of the elements.
     pub fn dtype(&self) -> Dtype {
         self.dtype
     }
 
-    /// Size of each dimension, the slowest first.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }

@@ -9,12 +9,11 @@ use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, HandshakeError, Message, WebSocket};
 
 use crate::BridgeError;
-use crate::net::{Address, MAX_REPLY, Timed, Timeouts, broken};
+use crate::net::{Address, DeadlineStream, MAX_REPLY, Timeouts, broken};
 
-/// Longest text of a server to repeat in an error, characters.
-pub(crate) const MOST_WORDS: usize = 400;
+/// Maximum length of a server's text that is repeated in an error, characters.
+pub(crate) const MAX_WORDS: usize = 400;
 
-/// A message from a server.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Frame {
     Binary(Vec<u8>),
@@ -24,13 +23,13 @@ pub(crate) enum Frame {
 /// An open connection. It cannot be used after an error.
 #[derive(Debug)]
 pub(crate) struct Socket {
-    socket: WebSocket<Timed>,
+    socket: WebSocket<DeadlineStream>,
     timeouts: Timeouts,
 }
 
 impl Socket {
-    /// Connects, and sends an API key if there is one. `host` is the name that the server goes by, if a tunnel or proxy
-    /// has the address.
+    /// Connects, and sends an API key if there is one. `host` is the server's name, if the address is that of a tunnel
+    /// or proxy.
     pub fn connect(
         address: &Address,
         timeouts: Timeouts,
@@ -38,7 +37,7 @@ impl Socket {
         key: Option<&str>,
     ) -> Result<Self, BridgeError> {
         let mut stream = address.connect(timeouts.connect)?;
-        // A server that computes for another client accepts late.
+        // A server that is computing for another client accepts late.
         stream.allow(timeouts.reply);
         let refused = |problem: String| BridgeError::Handshake {
             address: address.to_string(),
@@ -67,7 +66,6 @@ impl Socket {
         Ok(Self { socket, timeouts })
     }
 
-    /// Sends one binary frame.
     pub fn send(&mut self, name: &str, question: Vec<u8>) -> Result<(), BridgeError> {
         self.socket.get_mut().allow(self.timeouts.reply);
         self.socket.send(Message::binary(question)).map_err(|error| self.failed(error, name))
@@ -108,9 +106,9 @@ impl Socket {
 pub(crate) fn shortened(text: &str) -> String {
     let text = text.trim();
     let count = text.chars().count();
-    if count <= MOST_WORDS {
+    if count <= MAX_WORDS {
         return text.into();
     }
-    let tail: String = text.chars().skip(count - MOST_WORDS).collect();
+    let tail: String = text.chars().skip(count - MAX_WORDS).collect();
     format!("... {tail}")
 }

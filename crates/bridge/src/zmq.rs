@@ -1,39 +1,38 @@
 //! A ZeroMQ REQ socket: ZMTP 3.0 over TCP without encryption, one question and one answer at a time.
 //!
-//! Written here because the pure Rust crate (`zeromq` 0.7) reserves memory for whatever length a peer announces and
+//! Written here because the pure Rust crate (`zeromq` 0.7) reserves memory for any length that a peer announces and
 //! cannot be given a limit: nine bytes from a hostile server end the process. The protocol is that of ZeroMQ RFC 23.
 
 use std::io::{self, Read, Write};
 
 use crate::BridgeError;
-use crate::net::{Address, MAX_REPLY, Timed, Timeouts, broken};
+use crate::net::{Address, DeadlineStream, MAX_REPLY, Timeouts, broken};
 
 /// Bits of the first byte of a frame.
 const MORE: u8 = 1;
 const LONG: u8 = 2;
 const COMMAND: u8 = 4;
 
-/// Largest accepted command, bytes; a READY takes about 40.
+/// Maximum size of a command, bytes; a READY takes about 40.
 const MAX_COMMAND: usize = 4096;
 
-/// Largest number of frames in an answer, and of commands between two frames; a REP socket sends fewer.
+/// Maximum number of frames in an answer, and of commands between two frames; a REP socket sends fewer.
 const MAX_FRAMES: usize = 8;
 
-/// A connection to a REP or ROUTER socket. It cannot be used after an error: REQ strictly alternates question and
+/// A connection to a REP or ROUTER socket. It cannot be used after an error: REQ strictly alternates request and
 /// answer.
 #[derive(Debug)]
 pub(crate) struct Req {
-    stream: Timed,
+    stream: DeadlineStream,
     timeouts: Timeouts,
 }
 
-/// Why a frame could not be read.
-enum Broken {
+enum FrameError {
     Io(io::Error),
     Other(BridgeError),
 }
 
-impl From<io::Error> for Broken {
+impl From<io::Error> for FrameError {
     fn from(error: io::Error) -> Self {
         Self::Io(error)
     }
@@ -45,14 +44,14 @@ impl Req {
         let mut req = Self { stream: address.connect(timeouts.connect)?, timeouts };
         req.stream.allow(timeouts.reply);
         req.greet().map_err(|broken| match broken {
-            Broken::Io(error) if error.kind() == io::ErrorKind::TimedOut => {
+            FrameError::Io(error) if error.kind() == io::ErrorKind::TimedOut => {
                 BridgeError::Silent { address: address.to_string(), transport: "ZeroMQ", waited: timeouts.reply }
             }
-            Broken::Io(error) => BridgeError::Lost { question: "greeting".into(), problem: error.to_string() },
-            Broken::Other(BridgeError::Malformed { problem, .. }) => {
+            FrameError::Io(error) => BridgeError::Lost { question: "greeting".into(), problem: error.to_string() },
+            FrameError::Other(BridgeError::Malformed { problem, .. }) => {
                 BridgeError::Handshake { address: address.to_string(), transport: "ZeroMQ", problem }
             }
-            Broken::Other(error) => error,
+            FrameError::Other(error) => error,
         })?;
         Ok(req)
     }
@@ -60,14 +59,14 @@ impl Req {
     /// Sends a question and waits for the answer.
     pub fn ask(&mut self, name: &str, question: &[u8]) -> Result<Vec<u8>, BridgeError> {
         self.stream.allow(self.timeouts.reply);
-        let answer = self.send(question).map_err(Broken::Io).and_then(|()| self.receive());
+        let answer = self.send(question).map_err(FrameError::Io).and_then(|()| self.receive());
         answer.map_err(|error| match error {
-            Broken::Io(error) => broken(&error, name, self.timeouts.reply),
-            Broken::Other(error) => error,
+            FrameError::Io(error) => broken(&error, name, self.timeouts.reply),
+            FrameError::Other(error) => error,
         })
     }
 
-    fn greet(&mut self) -> Result<(), Broken> {
+    fn greet(&mut self) -> Result<(), FrameError> {
         let mut ours = [0; 64];
         ours[0] = 0xff;
         ours[9] = 0x7f;
@@ -77,16 +76,16 @@ impl Req {
         let mut theirs = [0; 64];
         self.stream.read_exact(&mut theirs)?;
         if theirs[0] != 0xff || theirs[9] & 1 == 0 {
-            return Err(Broken::Other(wrong("its first bytes are not a ZeroMQ greeting")));
+            return Err(FrameError::Other(wrong("its first bytes are not a ZeroMQ greeting")));
         }
         if theirs[10] < 3 {
-            return Err(Broken::Other(wrong(&format!(
+            return Err(FrameError::Other(wrong(&format!(
                 "it speaks version {} of the protocol; version 3 is needed",
                 theirs[10]
             ))));
         }
         if theirs[12..32] != ours[12..32] {
-            return Err(Broken::Other(wrong("it asks for a password or encryption, which is not supported")));
+            return Err(FrameError::Other(wrong("it asks for a password or encryption, which is not supported")));
         }
         let mut ready = b"\x05READY".to_vec();
         for (name, value) in [("Socket-Type", "REQ"), ("Identity", "")] {
@@ -104,9 +103,9 @@ impl Req {
             Some(b"REP" | b"ROUTER") if is_ready => Ok(()),
             Some(kind) if is_ready => {
                 let kind = String::from_utf8_lossy(kind).into_owned();
-                Err(Broken::Other(wrong(&format!("its socket is {kind:?}; a policy server has REP"))))
+                Err(FrameError::Other(wrong(&format!("its socket is {kind:?}; a policy server has REP"))))
             }
-            _ => Err(Broken::Other(wrong("it does not say READY"))),
+            _ => Err(FrameError::Other(wrong("it does not send READY"))),
         }
     }
 
@@ -125,7 +124,7 @@ impl Req {
         self.stream.flush()
     }
 
-    fn receive(&mut self) -> Result<Vec<u8>, Broken> {
+    fn receive(&mut self) -> Result<Vec<u8>, FrameError> {
         let mut is_parted = false;
         for _ in 0..MAX_FRAMES {
             let (flags, frame) = self.frame(MAX_REPLY)?;
@@ -138,15 +137,15 @@ impl Req {
                 _ => break,
             }
         }
-        Err(Broken::Other(BridgeError::malformed("an answer", "it is not one frame after an empty one")))
+        Err(FrameError::Other(BridgeError::malformed("an answer", "it is not one frame after an empty one")))
     }
 
-    fn frame(&mut self, most: usize) -> Result<(u8, Vec<u8>), Broken> {
+    fn frame(&mut self, most: usize) -> Result<(u8, Vec<u8>), FrameError> {
         let mut flags = [0];
         self.stream.read_exact(&mut flags)?;
         let [flags] = flags;
         if flags & !(MORE | LONG | COMMAND) != 0 {
-            return Err(Broken::Other(BridgeError::malformed("a frame", format!("its flags are {flags:#04x}"))));
+            return Err(FrameError::Other(BridgeError::malformed("a frame", format!("its flags are {flags:#04x}"))));
         }
         let size = if flags & LONG != 0 {
             let mut size = [0; 8];
@@ -158,7 +157,7 @@ impl Req {
             u64::from(size[0])
         };
         let length = usize::try_from(size).ok().filter(|length| *length <= most);
-        let length = length.ok_or(Broken::Other(BridgeError::TooLarge { size, most }))?;
+        let length = length.ok_or(FrameError::Other(BridgeError::TooLarge { size, most }))?;
         let mut body = vec![0; length];
         self.stream.read_exact(&mut body)?;
         Ok((flags, body))

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// Longest busy wait; where it pays, a control step and its round trip take less.
+/// Maximum busy wait; if it pays, a control step and its round trip take less.
 const SPAN: Duration = Duration::from_millis(1);
 
 /// After failed waits, at most two to the power of this many waits sleep at once.

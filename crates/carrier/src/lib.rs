@@ -1,4 +1,4 @@
-//! How messages get from one peer to another, whatever transport carries them.
+//! Carries messages between peers, over any transport.
 //!
 //! A [`Carrier`] has what a session needs: publications, queries with any number of replies, and liveliness tokens, on
 //! keys such as `fiatlux/v3/lab/s/7/action`. In a key that is subscribed to or asked, `*` stands for one part and `**`
@@ -33,7 +33,7 @@ pub use busy_wait::BusyWait;
 pub use memory::{Memory, memory};
 pub use query::{Query, Replies, Reply, Respond};
 
-/// Why a transport does not take a key or a message.
+/// A transport refuses a key or a message.
 #[derive(Debug, Clone, Error)]
 #[error("{0}")]
 pub struct CarrierError(pub String);
@@ -45,23 +45,23 @@ pub struct Message {
     pub key: String,
     /// Encoded content.
     pub payload: Bytes,
-    /// What proves its sender; may be empty.
+    /// Proof of its sender; may be empty.
     pub attachment: Bytes,
 }
 
 /// Peers that a message may come from or go to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Reach {
-    /// Those that use the same carrier in this process.
+    /// Peers that use the same carrier in this process.
     ThisProcess,
-    /// Those in other processes.
+    /// Peers in other processes.
     OtherProcesses,
     /// All of them.
     #[default]
     Everywhere,
 }
 
-/// Which messages go first when a link is full.
+/// The order in which messages are sent when a link is full.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Priority {
     /// Before everything else.
@@ -73,10 +73,10 @@ pub enum Priority {
     Data,
 }
 
-/// How to send messages.
+/// The way messages are sent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Quality {
-    /// Which messages go first.
+    /// The order when a link is full.
     pub priority: Priority,
     /// Send each message at once, rather than several in a packet.
     pub express: bool,
@@ -84,7 +84,7 @@ pub struct Quality {
     pub blocking: bool,
 }
 
-/// A query as it is sent.
+/// A query to be sent.
 #[derive(Debug, Clone, Default)]
 pub struct Question {
     /// Key of the peers that are asked.
@@ -93,13 +93,13 @@ pub struct Question {
     pub message: String,
     /// Encoded content.
     pub payload: Bytes,
-    /// What proves the sender; may be empty.
+    /// Proof of the sender; may be empty.
     pub attachment: Vec<u8>,
-    /// How long peers may take to reply.
+    /// Time in which peers may reply.
     pub timeout: Duration,
-    /// With the priority of actions, so that it arrives in the order of sending among them.
+    /// Use the priority of actions, so that it stays in order among them.
     pub is_urgent: bool,
-    /// Who is asked.
+    /// The peers that are asked.
     pub reach: Reach,
 }
 
@@ -165,13 +165,13 @@ pub trait Transport: Send + Sync {
     /// The transport refuses the key.
     fn token(&self, key: &str) -> Result<Declaration, CarrierError>;
 
-    /// Calls back with the key of each token that is there, comes (`true`) or goes (`false`).
+    /// Calls back with the key of each present token, and of each that appears (`true`) or disappears (`false`).
     ///
     /// # Errors
     /// The transport refuses the key.
     fn watch_tokens(&self, key: &str, on_token: OnToken) -> Result<Declaration, CarrierError>;
 
-    /// Keys of all tokens that are there now; looks for at most `timeout`.
+    /// Keys of all present tokens; looks for at most `timeout`.
     ///
     /// # Errors
     /// The transport refuses the key.
@@ -186,7 +186,7 @@ pub trait Publish: Send + Sync {
     /// The transport is closed.
     fn put(&self, payload: Bytes, attachment: Vec<u8>) -> Result<(), CarrierError>;
 
-    /// Whether anybody is subscribed to the key.
+    /// True if somebody is subscribed to the key.
     fn has_subscribers(&self) -> bool;
 }
 
@@ -218,7 +218,7 @@ impl Publisher {
         self.0.put(payload, attachment)
     }
 
-    /// Whether anybody is subscribed to the key.
+    /// True if somebody is subscribed to the key.
     pub fn has_subscribers(&self) -> bool {
         self.0.has_subscribers()
     }

@@ -26,7 +26,7 @@ pub struct Memory(Arc<Hub>);
 struct Hub {
     subscribers: Entries<OnMessage>,
     queryables: Entries<OnQuery>,
-    /// Rises whenever a subscriber comes or goes.
+    /// Increases whenever a subscriber comes or goes.
     changes: AtomicU64,
     /// Held while watchers are called, so that they see tokens come and go in order.
     tokens: Mutex<Tokens>,
@@ -38,7 +38,7 @@ struct Tokens {
     watchers: Vec<Arc<Entry<OnToken>>>,
 }
 
-/// What is declared, in order.
+/// Declarations, in order.
 type Entries<F> = RwLock<Vec<Arc<Entry<F>>>>;
 
 struct Entry<F> {
@@ -58,13 +58,13 @@ impl Hub {
     }
 }
 
-/// Everything that matches a key, as it is now.
+/// The entries that match a key.
 fn matching<F>(entries: &Entries<F>, key: &str) -> Vec<Arc<Entry<F>>> {
     let entries = entries.read().unwrap_or_else(PoisonError::into_inner);
     entries.iter().filter(|entry| intersects(&entry.key, key)).cloned().collect()
 }
 
-/// Whether some key matches both expressions.
+/// True if some key matches both expressions.
 fn intersects(one: &str, other: &str) -> bool {
     fn parts(one: &[&str], other: &[&str]) -> bool {
         match (one, other) {
@@ -82,7 +82,7 @@ fn intersects(one: &str, other: &str) -> bool {
         }
 }
 
-/// Refuses what is not a key: an empty part would match nothing.
+/// Refuses a key with an empty part, which would match nothing.
 fn check(key: &str) -> Result<(), CarrierError> {
     match key.split('/').any(str::is_empty) {
         true => Err(CarrierError(format!("'{key}' is not a key; write parts separated by single slashes"))),
@@ -203,19 +203,19 @@ impl Tokens {
     }
 }
 
-type Known = Arc<[Arc<Entry<OnMessage>>]>;
+type Subscribers = Arc<[Arc<Entry<OnMessage>>]>;
 
 struct MemoryPublisher {
     /// `None` if messages are for other processes, of which there are none.
     hub: Option<Arc<Hub>>,
     key: String,
     /// Its subscribers, and the number of changes at which they were looked up, plus one.
-    known: Mutex<(u64, Known)>,
+    known: Mutex<(u64, Subscribers)>,
 }
 
 impl MemoryPublisher {
-    fn subscribers(&self) -> Known {
-        let Some(hub) = &self.hub else { return Known::default() };
+    fn subscribers(&self) -> Subscribers {
+        let Some(hub) = &self.hub else { return Subscribers::default() };
         let changes = hub.changes.load(Ordering::Acquire) + 1;
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if known.0 != changes {

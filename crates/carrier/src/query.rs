@@ -34,7 +34,7 @@ pub struct Query {
     pub key: String,
     /// Encoded content.
     pub payload: Bytes,
-    /// What proves the asker; may be empty.
+    /// Proof of the sender; may be empty.
     pub attachment: Bytes,
     responder: Arc<dyn Respond>,
 }

@@ -1,5 +1,6 @@
-//! What our programs share on the command line: arguments and settings files, the log, results and progress, and the
+//! Shared by the programs on the command line: arguments and settings files, the log, results and progress, and the
 //! signals that end a program.
+#![allow(missing_docs)] // Used in this repository alone.
 mod in_full;
 mod log;
 mod parse;

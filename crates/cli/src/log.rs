@@ -1,5 +1,3 @@
-//! The log of a program.
-
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
@@ -35,8 +33,8 @@ fn init(default: &str) {
     let _ = log.try_init();
 }
 
-/// Whether a text is to be logged for the first time in this process: what holds for a whole link, or for a policy, is not said
-/// again for each session.
+/// True if a text is to be logged for the first time in this process: a message about a whole link or a policy is not
+/// repeated for each session.
 pub fn is_news(text: &str) -> bool {
     static SAID: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(text.into())

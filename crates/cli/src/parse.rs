@@ -52,15 +52,11 @@ where
     }
 }
 
-/// Tests of programs call this: it checks that every flag for a whole number refuses -1 with a message that names the
-/// range.
-///
-/// # Errors
-/// The first flag that does not.
+/// For the tests of programs: checks that every flag for a whole number refuses -1 with a message that names the range.
 pub fn check_whole_numbers<C: CommandFactory>() -> Result<(), String> {
     let mut checked = 0;
     check_in(&lets_flags_judge_numbers(C::command()), &mut checked)?;
-    if checked > 0 { Ok(()) } else { Err("there is no such flag".into()) }
+    if checked > 0 { Ok(()) } else { Err("no flag takes a whole number".into()) }
 }
 
 fn check_in(command: &Command, checked: &mut usize) -> Result<(), String> {
@@ -79,7 +75,7 @@ fn check_in(command: &Command, checked: &mut usize) -> Result<(), String> {
         for line in [vec![flag.clone(), "-1".into()], vec![format!("{flag}=-1")]] {
             let args = std::iter::once(String::new()).chain(line);
             let said = match alone.clone().try_get_matches_from(args) {
-                Ok(_) => "it is taken".into(),
+                Ok(_) => "-1 is accepted".into(),
                 Err(error) => error.to_string(),
             };
             if !said.contains("invalid value '-1'") || !said.contains("whole number") || !said.contains(" from ") {

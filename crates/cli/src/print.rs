@@ -5,19 +5,13 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 
 use fiatlux_proto::plain_lines;
 
-/// Writes results to stdout, control characters of strangers' texts escaped. It is no error if the reader has closed it, as
-/// `head` does.
-///
-/// # Errors
-/// They cannot be written, for example because the disk is full.
+/// Writes results to stdout, control characters of strangers' texts escaped. A reader that has closed it, as `head`
+/// does, is no error.
 pub fn print(text: impl AsRef<str>) -> io::Result<()> {
     write(&plain_lines(text.as_ref()))
 }
 
 /// As [`print()`], for a text whose first line is the result: a terminal shows that in bold.
-///
-/// # Errors
-/// As [`print()`].
 pub fn print_headed(text: impl AsRef<str>) -> io::Result<()> {
     let text = plain_lines(text.as_ref());
     match text.split_once('\n') {
@@ -46,7 +40,7 @@ fn write(text: &str) -> io::Result<()> {
     }
 }
 
-/// Whether to write colours: to a terminal that has them, unless the variable `NO_COLOR` is set.
+/// True for a terminal that has colours, unless the variable `NO_COLOR` is set.
 pub(crate) fn has_colour(stream: &impl IsTerminal) -> bool {
     colours(stream.is_terminal(), |name| std::env::var(name).ok())
 }

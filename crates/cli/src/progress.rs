@@ -18,7 +18,7 @@ const SETTLING_S: f64 = 10.0;
 pub struct ProgressLine {
     start: Instant,
     is_terminal: bool,
-    /// When to show the next update, and whether one is on the screen.
+    /// Time of the next update, and whether one is on the screen.
     state: Mutex<(Instant, bool)>,
     end: Mutex<End>,
 }
@@ -58,12 +58,11 @@ impl ProgressLine {
         format!("{}:{:02}", left / 60, left % 60)
     }
 
-    /// Units of work for each second since the start.
+    /// Units of work per second since the start.
     pub fn rate(&self, done: u64) -> f64 {
         done as f64 / self.start.elapsed().as_secs_f64().max(1e-9)
     }
 
-    /// Clears the line, so that other text can follow.
     pub fn clear(&self) {
         self.write_over(|| ());
     }
@@ -78,7 +77,7 @@ impl ProgressLine {
     }
 }
 
-/// When work is expected to end, smoothed: an episode that ends long before its horizon does not make it jump.
+/// The expected end of work, smoothed: an episode that ends long before its horizon does not make it jump.
 #[derive(Debug, Default)]
 struct End {
     /// Time of the last estimate, and the smoothed end, s after the start.
@@ -120,7 +119,8 @@ mod tests {
         }
     }
 
-    /// At a steady pace the time left counts down; when half of the work is gone at once, it takes seconds to say so.
+    /// Guards that the time left counts down at a steady pace, and takes seconds to follow when half of the work is
+    /// gone at once.
     #[test]
     fn the_time_left_does_not_jump() {
         let mut end = End::default();
@@ -136,6 +136,6 @@ mod tests {
             before = Some(left_s);
         }
         assert!(largest < 3.0, "{largest} s between two updates");
-        assert_eq!(before, Some(0.0), "all is done");
+        assert_eq!(before, Some(0.0), "all work is done");
     }
 }

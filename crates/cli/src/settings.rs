@@ -18,7 +18,6 @@ use toml::{Spanned, Value};
 
 const SETTINGS: &str = "settings";
 
-/// Why a settings file is refused.
 #[derive(Debug, Error)]
 enum SettingsError {
     #[error("cannot read the settings file {}", path.display())]
@@ -37,11 +36,7 @@ pub fn parse_with_settings<C: Parser>() -> C {
     parse_with_settings_from(std::env::args_os()).unwrap_or_else(|error: clap::Error| error.exit())
 }
 
-/// As [`parse_with_settings`], for given arguments; the first one is the program's name.
-///
-/// # Errors
-/// A wrong command line, or a settings file that cannot be read or has an unknown key or a wrong value; the message names
-/// file and line.
+/// As [`parse_with_settings`], for given arguments; the first one is the program's name. An error names file and line.
 pub fn parse_with_settings_from<C: Parser>(
     args: impl IntoIterator<Item = impl Into<OsString>>,
 ) -> Result<C, clap::Error> {
@@ -60,8 +55,8 @@ pub fn parse_with_settings_from<C: Parser>(
     C::from_arg_matches(&command.try_get_matches_from_mut(args)?).map_err(|error| error.format(&mut command))
 }
 
-/// Tests of programs call this to check the example of a settings file: every flag has a key there, possibly commented
-/// out as `# key = value`, and all values are valid.
+/// For the tests of programs: checks the example of a settings file. Every flag must have a key there, possibly
+/// commented out as `# key = value`, and all values must be valid.
 ///
 /// # Errors
 /// The first mistake in the file.

@@ -10,9 +10,6 @@ use tokio::signal::unix::{SignalKind, signal};
 pub const INTERRUPTED: u8 = 130;
 
 /// A flag that Ctrl-C or SIGTERM sets, so that the program can end cleanly. A second signal ends it at once.
-///
-/// # Errors
-/// The system cannot start a thread or install a signal handler.
 pub fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);

@@ -1,16 +1,16 @@
-//! Files that appear whole.
+//! Files that are written completely or not at all.
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
-/// Writes a file whole or not at all: next to its place, then moved there. An existing file keeps its permissions; what is no
-/// regular file, such as `/dev/stdout`, is written directly.
+/// Writes a file completely or not at all: under another name, then moved. An existing file keeps its permissions; a
+/// target that is not a regular file, such as `/dev/stdout`, is written directly.
 ///
 /// # Errors
-/// The system's: the place, the space. What was at `path` is then unchanged.
+/// On failure, `path` is unchanged.
 pub fn write_whole(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
-    // Through links: the file that they name is replaced, not the link.
+    // Follows links: the target is replaced, not the link.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let there = fs::metadata(path).ok();
     if there.as_ref().is_some_and(|there| !there.is_file()) {
@@ -40,7 +40,7 @@ mod tests {
         write_whole(&file, "old").unwrap();
         fs::set_permissions(&file, PermissionsExt::from_mode(0o640)).unwrap();
         symlink(&file, &link).unwrap();
-        // A reader that opened the old one still has all of it.
+        // A reader that opened the old file still has all of it.
         let open = fs::File::open(&file).unwrap();
         write_whole(&link, "new").unwrap();
         assert_eq!(

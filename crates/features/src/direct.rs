@@ -9,7 +9,6 @@ use crate::plane::Plane;
 /// Output pixels that are multiplied before the next: their windows stay in the cache for all output channels.
 const CHUNK: usize = 96;
 
-/// A convolution with its weights packed.
 #[derive(Debug, Clone)]
 pub(crate) struct Direct {
     panels: Panels,
@@ -28,10 +27,11 @@ impl Direct {
         Self { panels, bias: bias.clone(), inputs, kernel, stride }
     }
 
-    /// Reads `input` (with a border of at least half the window) and writes `output`, whose size decides how far.
+    /// Reads `input` (with a border of at least half the window) and writes `output`, whose size gives the number of
+    /// pixels.
     #[inline(always)]
     pub fn run<S: Simd>(&self, simd: S, input: &Plane, output: &mut Plane, finish: Finish) {
-        // The pixels of one row of the window follow each other in memory, so that a tap is a whole row.
+        // The pixels of one row of the window are adjacent in memory, so a tap is a whole row.
         let edge = input.border - self.kernel / 2;
         let mut taps = [0; 7];
         for (ky, tap) in taps[..self.kernel].iter_mut().enumerate() {

@@ -1,8 +1,8 @@
 //! A convolution with its batch norm folded in.
 
-use crate::weights::Filled;
+use crate::weights::LayerWeights;
 
-/// What batch norm adds to the variance; torchvision's default.
+/// Added to the variance by batch norm; torchvision's default.
 const EPSILON: f64 = 1e-5;
 
 /// A convolution with bias: `weight * g / sqrt(v + e)` and `b - m * g / sqrt(v + e)`, computed in f64.
@@ -18,7 +18,7 @@ pub(crate) struct Folded {
 }
 
 impl Folded {
-    pub fn new(Filled { layer, tensors }: &Filled) -> Self {
+    pub fn new(LayerWeights { layer, tensors }: &LayerWeights) -> Self {
         let [conv, gain, shift, mean, variance] = tensors;
         let scales: Vec<f64> =
             gain.iter().zip(variance).map(|(&g, &v)| f64::from(g) / (f64::from(v) + EPSILON).sqrt()).collect();

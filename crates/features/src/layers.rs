@@ -1,9 +1,8 @@
-//! The network's shape: its convolutions and their tensors, named and ordered as in torchvision's `resnet18` (He et
+//! The network's layers: its convolutions and their tensors, named and ordered as in torchvision's `resnet18` (He et
 //! al., "Deep Residual Learning for Image Recognition", 2015, table 1).
 
 use std::convert::Infallible;
 
-/// Channels of the four stages.
 pub(crate) const STAGES: [usize; 4] = [64, 128, 256, 512];
 
 /// A convolution without bias and the batch norm behind it.
@@ -11,7 +10,6 @@ pub(crate) const STAGES: [usize; 4] = [64, 128, 256, 512];
 pub(crate) struct Layer {
     /// Name of the convolution's tensors, such as `layer2.0.downsample.0`.
     pub conv: String,
-    /// Name of the batch norm's tensors.
     pub norm: String,
     pub inputs: usize,
     pub outputs: usize,
@@ -42,7 +40,7 @@ impl Layer {
     }
 }
 
-/// Something for each of the 20 convolutions.
+/// A value for each of the 20 convolutions.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Network<T> {
     pub first: T,
@@ -50,7 +48,7 @@ pub(crate) struct Network<T> {
     pub blocks: Vec<Block<T>>,
 }
 
-/// A residual block. Without `shortcut` its input is added as it is.
+/// A residual block. Without `shortcut` its input is added unchanged.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Block<T> {
     pub conv1: T,
@@ -58,7 +56,6 @@ pub(crate) struct Block<T> {
     pub shortcut: Option<T>,
 }
 
-/// Shape of ResNet-18, layer by layer.
 pub(crate) fn network() -> Network<Layer> {
     let mut blocks = Vec::new();
     let mut inputs = STAGES[0];
@@ -79,7 +76,7 @@ pub(crate) fn network() -> Network<Layer> {
 }
 
 impl<T> Network<T> {
-    /// Goes through the convolutions in torchvision's order: the first, then those of each block, the shortcut's last.
+    /// Visits the convolutions in torchvision's order: the first, then those of each block, the shortcut's last.
     pub fn try_map<U, E>(&self, mut f: impl FnMut(&T) -> Result<U, E>) -> Result<Network<U>, E> {
         let first = f(&self.first)?;
         let block = |block: &Block<T>| {
@@ -92,13 +89,12 @@ impl<T> Network<T> {
         Ok(Network { first, blocks: self.blocks.iter().map(block).collect::<Result<_, _>>()? })
     }
 
-    /// Like [`Network::try_map`], with what cannot fail.
+    /// Like [`Network::try_map`], without errors.
     pub fn map<U>(&self, mut f: impl FnMut(&T) -> U) -> Network<U> {
         let Ok(network) = self.try_map(|item| Ok::<_, Infallible>(f(item)));
         network
     }
 
-    /// All in the same order.
     pub fn iter(&self) -> impl Iterator<Item = &T> {
         let blocks =
             self.blocks.iter().flat_map(|block| [&block.conv1, &block.conv2].into_iter().chain(&block.shortcut));

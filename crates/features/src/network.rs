@@ -13,10 +13,9 @@ use crate::tiles::{F2, F4};
 use crate::winograd::{Scratch, Winograd};
 use crate::{FeatureError, Weights};
 
-/// Numbers that describe one image.
 pub const FEATURES: usize = 512;
 
-/// Both sides of an image are multiples of it: the network halves them five times.
+/// Both sides of an image must be multiples of it: the network halves them five times.
 pub const SIDE_STEP: usize = 32;
 
 /// The longest side of an image, in pixels.
@@ -28,7 +27,7 @@ pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 /// Standard deviation of each colour over ImageNet.
 pub const STD: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// A convolution by the way that is fastest for it.
+/// A convolution in the form that is fastest for it.
 #[derive(Debug)]
 enum Conv {
     Direct(Direct),
@@ -37,7 +36,7 @@ enum Conv {
     Large(Winograd<F4, 6, 4>),
 }
 
-/// From this number of channels on tiles are small.
+/// From this number of channels on, tiles are small.
 const SMALL_TILES: usize = 512;
 
 impl Conv {
@@ -97,7 +96,7 @@ pub struct ResNet18 {
     level: Level,
     label: String,
     convs: Arc<Network<Conv>>,
-    /// What a byte of each colour becomes.
+    /// The normalised value of each byte, by colour.
     normalised: [[f32; 3]; 256],
     planes: Planes,
     scratch: Scratch,
@@ -133,12 +132,10 @@ impl ResNet18 {
         }
     }
 
-    /// Label of the weights.
     pub fn label(&self) -> &str {
         &self.label
     }
 
-    /// The features of the last image.
     pub fn last(&self) -> &[f32; FEATURES] {
         &self.features
     }
@@ -192,7 +189,7 @@ impl ResNet18 {
             let (before, stages) = stages.split_at_mut(i);
             let Stage { image, between } = &mut stages[0];
             for Block { conv1, conv2, shortcut } in blocks {
-                // The shortcut's way is written first, and the other is added to it in place.
+                // The shortcut's result is written first, and the other is added to it in place.
                 match (shortcut, before.last()) {
                     (Some(shortcut), Some(before)) => {
                         conv(conv1, &before.image, between, Finish::Relu);

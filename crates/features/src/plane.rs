@@ -3,15 +3,15 @@
 /// The largest tile that is written at once, in pixels.
 const TILE: usize = 4;
 
-/// An image of `channels` numbers a pixel, channels innermost, inside a border of zeros that stands for the padding of
-/// the convolution that reads it. Writers leave the border alone.
+/// An image of `channels` numbers per pixel, channels innermost, with a border of zeros: the padding of the convolution
+/// that reads it. Writers leave the border unchanged.
 #[derive(Debug)]
 pub(crate) struct Plane {
     pub data: Vec<f32>,
     pub height: usize,
     pub width: usize,
     pub channels: usize,
-    /// Pixels of border on each side. Below and to the right there are as many more as fill the last tile of 4 x 4.
+    /// Pixels of border on each side. Below and to the right, more pixels complete the last tile of 4 x 4.
     pub border: usize,
 }
 
@@ -27,12 +27,12 @@ impl Plane {
         (self.width.next_multiple_of(TILE) + 2 * self.border) * self.channels
     }
 
-    /// Where a pixel's numbers start.
+    /// Index of a pixel's first number.
     pub fn at(&self, y: usize, x: usize) -> usize {
         (y + self.border) * self.pitch() + (x + self.border) * self.channels
     }
 
-    /// Where the numbers of a pixel of the bordered image start.
+    /// Index of the first number of a pixel of the bordered image.
     pub fn at_bordered(&self, y: usize, x: usize) -> usize {
         y * self.pitch() + x * self.channels
     }

@@ -3,7 +3,7 @@
 
 use fearless_simd::{Simd, f32x8};
 
-/// How `IN` pixels and a window of 3 make `OUT = IN - 2` pixels with `IN` products.
+/// Makes `OUT = IN - 2` pixels from `IN` pixels and a window of 3, with `IN` products.
 pub(crate) trait Tile<const IN: usize, const OUT: usize> {
     /// Transform of a window: `G g`.
     fn weights(g: [f64; 3]) -> [f64; IN];

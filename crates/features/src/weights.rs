@@ -1,4 +1,4 @@
-//! The network's numbers: from a file, or drawn from a seed.
+//! The network's weights: from a file, or drawn from a seed.
 
 use std::io::Read;
 use std::path::Path;
@@ -20,7 +20,7 @@ const FILE_LIMIT: u64 = 256 << 20;
 
 /// A layer with its tensors, in the order of [`Layer::tensors`].
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Filled {
+pub(crate) struct LayerWeights {
     pub layer: Layer,
     pub tensors: [Vec<f32>; 5],
 }
@@ -28,14 +28,14 @@ pub(crate) struct Filled {
 /// The weights of a ResNet-18 without its classifier, all finite, and where they come from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    network: Network<Filled>,
+    network: Network<LayerWeights>,
     label: String,
 }
 
 impl Weights {
     /// Reads a safetensors file with torchvision's `resnet18` state dict in f32, of at most 256 MiB. `fc.*` and
-    /// `*.num_batches_tracked` are ignored; any other tensor that the network has not is an error, for then the file is
-    /// another network's.
+    /// `*.num_batches_tracked` are ignored; any other unknown tensor is an error, because the file is another
+    /// network's.
     pub fn from_safetensors(path: impl AsRef<Path>) -> Result<Self, FeatureError> {
         let path = path.as_ref();
         let unreadable = |source| FeatureError::Read { path: path.to_owned(), source };
@@ -84,25 +84,25 @@ impl Weights {
         Self { network, label: format!("{SEEDED_NAME}:{seed}") }
     }
 
-    /// What identifies the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of
-    /// the file in hexadecimal.
+    /// The name of the weights in records: `fiatlux-resnet18-seeded/1:SEED`, or `safetensors:` and the SHA-256 of the
+    /// file in hexadecimal.
     pub fn label(&self) -> String {
         self.label.clone()
     }
 
     /// The weights as the bytes of a safetensors file, without the classifier.
     pub fn to_safetensors(&self) -> Vec<u8> {
-        fiatlux_safetensors::write(self.network.iter().flat_map(|Filled { layer, tensors }| {
+        fiatlux_safetensors::write(self.network.iter().flat_map(|LayerWeights { layer, tensors }| {
             layer.tensors().into_iter().zip(tensors).map(|((name, shape), numbers)| (name, shape, numbers.as_slice()))
         }))
     }
 
-    pub(crate) fn network(&self) -> &Network<Filled> {
+    pub(crate) fn network(&self) -> &Network<LayerWeights> {
         &self.network
     }
 }
 
-fn read_layer(file: &File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
+fn read_layer(file: &File<'_>, layer: &Layer) -> Result<LayerWeights, FeatureError> {
     let mut tensors = <[Vec<f32>; 5]>::default();
     for ((name, shape), numbers) in layer.tensors().into_iter().zip(&mut tensors) {
         *numbers = file.tensor(&name, &shape)?;
@@ -113,14 +113,14 @@ fn read_layer(file: &File<'_>, layer: &Layer) -> Result<Filled, FeatureError> {
             return Err(FeatureError::Number { tensor: name, expected, found: numbers[index], index });
         }
     }
-    Ok(Filled { layer: layer.clone(), tensors })
+    Ok(LayerWeights { layer: layer.clone(), tensors })
 }
 
-fn draw_layer(random: &mut Pcg64Mcg, layer: &Layer) -> Filled {
+fn draw_layer(random: &mut Pcg64Mcg, layer: &Layer) -> LayerWeights {
     const UNIT: f64 = 1.0 / (1_u64 << 53) as f64;
     let bound = (6.0 / layer.fan_in() as f64).sqrt();
     let mut weight = || ((2.0 * ((random.next_u64() >> 11) as f64 * UNIT) - 1.0) * bound) as f32;
     let conv = (0..layer.outputs * layer.fan_in()).map(|_| weight()).collect();
     let all = |value: f32| vec![value; layer.outputs];
-    Filled { layer: layer.clone(), tensors: [conv, all(1.0), all(0.0), all(0.0), all(1.0)] }
+    LayerWeights { layer: layer.clone(), tensors: [conv, all(1.0), all(0.0), all(0.0), all(1.0)] }
 }

@@ -59,7 +59,7 @@ impl<T: Tile<IN, OUT>, const IN: usize, const OUT: usize> Winograd<T, IN, OUT> {
         let chunk = CHUNK.min(tiles);
         let tile_pitch = chunk * self.inputs + GAP;
         let product_pitch = chunk * self.outputs + GAP;
-        // Grows only: what stands there is overwritten before it is read.
+        // Only grows: old values are overwritten before they are read.
         grow(&mut scratch.tiles, IN * IN * tile_pitch);
         grow(&mut scratch.products, IN * IN * product_pitch);
         let rows: [usize; CHUNK] = std::array::from_fn(|i| i * self.inputs);
@@ -181,7 +181,7 @@ mod tests {
     use crate::direct::Direct;
     use crate::layers::Layer;
     use crate::tiles::{F2, F4};
-    use crate::weights::Filled;
+    use crate::weights::LayerWeights;
 
     const CHANNELS: usize = 16;
 
@@ -213,7 +213,7 @@ mod tests {
         };
         let all = |value| vec![value; CHANNELS];
         let tensors = [numbers(CHANNELS * CHANNELS * 9), all(1.0), numbers(CHANNELS), all(0.0), all(1.0)];
-        let folded = Folded::new(&Filled { layer, tensors });
+        let folded = Folded::new(&LayerWeights { layer, tensors });
         let direct = Direct::new(&folded);
         let small = Winograd::<F2, 4, 2>::new(&folded);
         let large = Winograd::<F4, 6, 4>::new(&folded);

@@ -20,7 +20,6 @@ pub const GEAR_FILES: [ModelFile; 2] = [
     },
 ];
 
-/// Network of GEAR-SONIC's decoder.
 pub const DECODER: ModelFile = ModelFile {
     names: &["model_decoder.onnx", "decoder.onnx"],
     inputs: 994,
@@ -37,9 +36,6 @@ const GEAR_SOURCE: &str = "github.com/NVlabs/GR00T-WholeBodyControl (folder deco
 
 impl ModelFile {
     /// Reads and checks the network in a folder.
-    ///
-    /// # Errors
-    /// As for [`Model::read`], or a list of digests that cannot be parsed.
     pub fn read(&self, folder: &Path) -> Result<Model, ForeignError> {
         let candidates: Vec<PathBuf> = self.names.iter().map(|name| folder.join(name)).collect();
         let path = candidates.iter().find(|path| path.exists()).unwrap_or(&candidates[0]);
@@ -48,7 +44,7 @@ impl ModelFile {
     }
 }
 
-/// The digest that the folder's list gives for a file; `None` without a list or without such a line.
+/// The digest that the folder's list gives for a file; `None` if there is no list or no such line.
 fn digest_of(folder: &Path, file: &Path) -> Result<Option<String>, ForeignError> {
     let path = folder.join(SHA256_LIST);
     let text = match std::fs::read_to_string(&path) {

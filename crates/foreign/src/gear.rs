@@ -17,7 +17,6 @@ pub(crate) const NAME: &str = "gear";
 /// Size of a frame: command 3, height 1, torso 3, angular velocity 3, gravity 3, positions 29, velocities 29, action
 /// 15.
 const FRAME: usize = 86;
-/// Number of frames in an observation.
 const FRAMES: usize = 6;
 /// The standing network runs while the commanded velocity is shorter than this.
 const STANDS_BELOW: f64 = 0.05;
@@ -26,7 +25,7 @@ const ACTION_SCALE: f64 = 0.25;
 /// Factor on joint velocities.
 const VELOCITY_SCALE: f64 = 0.05;
 
-/// Which of two public sources to follow where they disagree.
+/// The public source to follow where two disagree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reading {
     /// The makers' configuration, `g1_gear_wbc.yaml` in NVlabs/GR00T-WholeBodyControl.
@@ -66,8 +65,7 @@ impl fmt::Display for Reading {
 impl FromStr for Reading {
     type Err = String;
 
-    /// # Errors
-    /// A message that lists the known readings.
+    /// The error lists the known readings.
     fn from_str(name: &str) -> Result<Self, String> {
         [Self::Nvidia, Self::Lerobot]
             .into_iter()
@@ -91,18 +89,12 @@ pub struct Gear {
 
 impl Gear {
     /// Reads the networks `Balance.onnx` and `Walk.onnx` in a folder.
-    ///
-    /// # Errors
-    /// As for [`Model::read`].
     pub fn read(folder: &Path) -> Result<[Model; 2], ForeignError> {
         let [stand, walk] = GEAR_FILES;
         Ok([stand.read(folder)?, walk.read(folder)?])
     }
 
     /// Starts an episode. The session's joint positions are relative to `q0`, rad.
-    ///
-    /// # Errors
-    /// `q0` has fewer than 29 joints.
     pub fn new([stand, walk]: &[Model; 2], reading: Reading, q0: &[f64]) -> Result<Self, ForeignError> {
         Ok(Self {
             stand: stand.runner(),
@@ -115,9 +107,6 @@ impl Gear {
     }
 
     /// Takes sensor data and a command, and writes the targets of the first 15 joints (legs and waist), rad.
-    ///
-    /// # Errors
-    /// [`ForeignError::Sensed`], [`ForeignError::Command`], or a network that fails; `targets` is unchanged then.
     pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command, targets: &mut [f64]) -> Result<(), ForeignError> {
         sensed::check(NAME, sensed)?;
         let mut numbers = Command::NAMES.into_iter().zip(command.numbers());

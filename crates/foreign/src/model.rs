@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::ForeignError;
 use crate::onnx::{Network, Refusal};
 
-/// Largest file that is read: three times the size of GEAR-SONIC's decoder.
+/// Maximum size of a file: three times the size of GEAR-SONIC's decoder.
 const FILE_LIMIT: u64 = 128 << 20;
 /// First bytes of a file that Git LFS did not fetch.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
@@ -20,11 +20,9 @@ const LFS_POINTER: &[u8] = b"version https://git-lfs";
 pub struct ModelFile {
     /// Accepted file names; the first that exists is read.
     pub names: &'static [&'static str],
-    /// Size of the network's input.
     pub inputs: usize,
-    /// Size of the network's output.
     pub outputs: usize,
-    /// Where its makers publish the file.
+    /// The page where its makers publish the file.
     pub source: &'static str,
 }
 
@@ -40,8 +38,8 @@ impl Model {
     /// Reads a network; if `digest` (64 lower-case hexadecimal digits) is given, the file's SHA-256 must equal it.
     ///
     /// # Errors
-    /// [`ForeignError`], with the path: missing (the message says where to get it), too large, another digest, not
-    /// ONNX, weights in another file, another shape, or numbers that are not finite.
+    /// [`ForeignError`], with the path: missing (the message names the source), too large, another digest, not ONNX,
+    /// weights in another file, another shape, or numbers that are not finite.
     pub fn read(path: &Path, file: &ModelFile, digest: Option<&str>) -> Result<Self, ForeignError> {
         let unreadable = |source: std::io::Error| match source.kind() {
             std::io::ErrorKind::NotFound => ForeignError::Missing { path: path.into(), source_of: file.source },
@@ -66,9 +64,6 @@ impl Model {
     }
 
     /// Loads a network from memory; errors call it `path`.
-    ///
-    /// # Errors
-    /// As for [`Model::read`], except those of reading the file.
     pub fn from_bytes(bytes: &[u8], path: &Path, file: &ModelFile) -> Result<Self, ForeignError> {
         let network = Network::load(bytes, file.inputs, file.outputs).map_err(|refusal| match refusal {
             Refusal::Problem(problem) => ForeignError::Onnx { path: path.into(), problem },
@@ -90,12 +85,10 @@ impl Model {
         &self.digest
     }
 
-    /// Size of the network's input.
     pub fn inputs(&self) -> usize {
         self.file.inputs
     }
 
-    /// Size of the network's output.
     pub fn outputs(&self) -> usize {
         self.file.outputs
     }
@@ -113,7 +106,7 @@ pub(crate) struct Runner {
 }
 
 impl Runner {
-    /// Runs the network once. It allocates nothing.
+    /// Runs the network once, without allocation.
     ///
     /// # Errors
     /// A number of the output is not finite; `output` is unchanged then.

@@ -5,7 +5,7 @@
 //! bytes -> Graph (file.rs) -> values and steps, with every shape known (load.rs, operators.rs) -> Network -> run
 //! ```
 //!
-//! All that follows from the file alone is computed at load. What is left are steps over one block of numbers, the arena:
+//! Everything that depends on the file alone is computed at load. The rest are steps over one block of numbers, the arena:
 //! a step reads what earlier steps wrote before it. So a run allocates nothing.
 mod arrange;
 mod file;

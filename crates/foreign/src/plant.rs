@@ -1,4 +1,4 @@
-//! What a controller was made for: joints, control step and gains.
+//! The conditions that a controller was made for: joints, control step and gains.
 
 use std::str::FromStr;
 
@@ -10,21 +10,20 @@ use crate::{BODY, ForeignError, Reading, gear, sonic};
 /// Gains count as equal if their relative difference is smaller: armatures are published with five digits or more.
 const TOLERANCE: f64 = 1e-3;
 
-/// What to do if joints that the controller moves have other gains than it was made for.
+/// The rule for joints with other gains than the controller was made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GainsRule {
-    /// The session is refused.
+    /// Refuse the session.
     #[default]
     Own,
-    /// Accept it, and name the joints.
+    /// Accept the session, with a warning that names the joints.
     Any,
 }
 
 impl FromStr for GainsRule {
     type Err = String;
 
-    /// A message that lists the known rules.
-    /// A text that names the known rules.
+    /// The error lists the known rules.
     fn from_str(name: &str) -> Result<Self, String> {
         match name {
             "own" => Ok(Self::Own),
@@ -48,9 +47,6 @@ pub struct Plant {
 
 impl Plant {
     /// The plant of GEAR's decoupled controller, which moves legs and waist.
-    ///
-    /// # Errors
-    /// None in practice: this version's robot is tested to load.
     pub fn gear(reading: Reading) -> Result<Self, ForeignError> {
         let gains = match reading {
             Reading::Nvidia => GainSet::Gear,
@@ -60,9 +56,6 @@ impl Plant {
     }
 
     /// The plant of GEAR-SONIC, which moves legs, waist and arms.
-    ///
-    /// # Errors
-    /// None in practice: this version's robot is tested to load.
     pub fn sonic() -> Result<Self, ForeignError> {
         Self::new(sonic::NAME, GainSet::Sonic, BODY)
     }

@@ -2,7 +2,7 @@ use fiatlux_wbc::{Sensed, first_unsound};
 
 use crate::{BODY, ForeignError};
 
-/// Refuses an observation that lacks a term which the controllers read, or that is not finite.
+/// Refuses an observation that lacks a term of the controllers, or has one that is not finite.
 pub(crate) fn check(controller: &'static str, sensed: &Sensed<'_>) -> Result<(), ForeignError> {
     let terms: [(&'static str, &[f64], usize); 4] = [
         ("base_angular_velocity", &sensed.base_angular_velocity, 3),

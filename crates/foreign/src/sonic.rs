@@ -36,18 +36,12 @@ pub struct Sonic {
 
 impl Sonic {
     /// Reads `model_decoder.onnx` in a folder.
-    ///
-    /// # Errors
-    /// As for [`Model::read`].
     pub fn read(folder: &Path) -> Result<Model, ForeignError> {
         DECODER.read(folder)
     }
 
     /// Starts an episode with a history at rest, upright and in the controller's posture. The session's joint positions
     /// are relative to `q0`, rad.
-    ///
-    /// # Errors
-    /// `q0` has fewer than 29 joints.
     pub fn new(decoder: &Model, q0: &[f64]) -> Result<Self, ForeignError> {
         let mut observation = [0.0; INPUTS];
         observation[GRAVITY..].iter_mut().skip(2).step_by(3).for_each(|down| *down = -1.0);
@@ -60,9 +54,6 @@ impl Sonic {
     }
 
     /// Takes sensor data and a token, and writes the targets of the first 29 joints (legs, waist and arms), rad.
-    ///
-    /// # Errors
-    /// [`ForeignError::Sensed`], [`ForeignError::Token`], or a network that fails; `targets` is unchanged then.
     pub fn step(&mut self, sensed: &Sensed<'_>, meant: &Token, targets: &mut [f64]) -> Result<(), ForeignError> {
         sensed::check(NAME, sensed)?;
         token::check(meant)?;

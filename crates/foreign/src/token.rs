@@ -5,11 +5,11 @@ use std::path::Path;
 
 use crate::ForeignError;
 
-/// How many numbers a token has.
+/// Number of values of a token.
 pub const TOKEN: usize = 64;
-/// Largest absolute value in a token; the makers' client skips motions beyond it. An encoder gives -1 to 1.
+/// Maximum absolute value in a token; the makers' client skips motions beyond it. An encoder gives -1 to 1.
 pub const TOKEN_LIMIT: f32 = 1.25;
-/// Largest file that is read, bytes: 20 hours of tokens.
+/// Maximum size of a file, bytes: 20 hours of tokens.
 const FILE_LIMIT: u64 = 1 << 30;
 
 /// A motion in the code of an encoder or a model.
@@ -50,9 +50,6 @@ pub struct RecordedTokens {
 impl RecordedTokens {
     /// Reads a text file with one token on each line: 64 numbers, separated by spaces or commas, as `numpy.savetxt`
     /// writes them. Empty lines and lines that begin with `#` are ignored.
-    ///
-    /// # Errors
-    /// The file cannot be read, is over 1 GiB or has no token; or a line, named by its number, is not a token.
     pub fn read(path: &Path) -> Result<Self, ForeignError> {
         let unreadable = |source| ForeignError::Read { path: path.into(), source };
         let mut text = String::new();
@@ -86,7 +83,7 @@ impl RecordedTokens {
         }
         match tokens.is_empty() {
             false => Ok(Self { tokens }),
-            true => Err(ForeignError::Tokens { path: path.into(), line: 1, problem: "the file has no token".into() }),
+            true => Err(ForeignError::Tokens { path: path.into(), line: 1, problem: "it has no token".into() }),
         }
     }
 }
@@ -99,16 +96,13 @@ impl TokenSource for RecordedTokens {
 }
 
 /// Makes a token from a model's numbers.
-///
-/// # Errors
-/// [`ForeignError::Width`]: not 64 numbers; [`ForeignError::Token`]: one of them is not finite or over the limit.
 pub fn token_of(numbers: &[f64]) -> Result<Token, ForeignError> {
     let numbers: &[f64; TOKEN] = numbers.try_into().map_err(|_| ForeignError::Width { found: numbers.len() })?;
     let token = numbers.map(|number| number as f32);
     check(&token).map(|()| token)
 }
 
-/// Refuses values that are not finite or over the limit.
+/// Refuses values that are not finite or exceed the limit.
 pub(crate) fn check(token: &Token) -> Result<(), ForeignError> {
     match token.iter().position(|value| value.is_nan() || value.abs() > TOKEN_LIMIT) {
         None => Ok(()),

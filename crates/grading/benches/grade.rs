@@ -1,4 +1,4 @@
-//! How long grading takes: 48 bags of 6,000 rows, and each part of the work. `cargo bench -p fiatlux-grading [-- BAGS
+//! The time of grading: 48 bags of 6,000 rows, and each part of the work. `cargo bench -p fiatlux-grading [-- BAGS
 //! ROWS]`
 
 #[path = "../tests/common/mod.rs"]

@@ -1,4 +1,4 @@
-//! From graded bags to results: which bags are scored, which are left out, and which cannot share a table.
+//! Assembles results from graded bags: sorts out which are scored, which are excluded, and which cannot share a table.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,55 +6,55 @@ use fiatlux_proto::v3;
 use fiatlux_rules::{Benchmark, Episode, Protocol, Rate, SeedScore, Spread, SubtaskScore, Summary, Task, manifest};
 
 use crate::conditions::compared;
-use crate::episode::Graded;
+use crate::episode::GradedEpisode;
 use crate::flaw::Flaw;
 use crate::results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, Score, Scores, SeedRow,
     TaskResult, Versions,
 };
-use crate::run::{Run, failed};
+use crate::run::{RunJournals, failed};
 use crate::{Conditions, GradeOptions, ScoreError, Series};
 
-/// What became of one bag.
+/// A bag that was graded, or could not be.
 #[derive(Debug)]
-pub(crate) struct Judged {
+pub(crate) struct GradedBag {
     /// Path of the bag, relative to the folder of the results.
     pub bag: String,
-    /// Header and verdicts, or why the bag cannot be read at all.
-    pub content: Result<Content, (Fault, String)>,
+    /// Header and verdicts, or the reason why the bag cannot be read.
+    pub content: Result<BagContent, (Fault, String)>,
 }
 
 /// A bag that could be read, at least in part.
 #[derive(Debug)]
-pub(crate) struct Content {
+pub(crate) struct BagContent {
     pub header: v3::EpisodeHeader,
-    /// What is wrong with the file; `None` for a whole bag, whose rows can still have a [`Graded::flaw`].
+    /// The fault of the file; `None` for a whole bag, whose rows can still have a [`GradedEpisode::flaw`].
     pub damage: Option<(Fault, String)>,
-    pub graded: Graded,
+    pub graded: GradedEpisode,
 }
 
 /// A bag on its way into the tables.
-struct Entry {
+struct TableEntry {
     bag: String,
     header: v3::EpisodeHeader,
-    graded: Graded,
+    graded: GradedEpisode,
 }
 
-impl Entry {
+impl TableEntry {
     fn key(&self) -> (Task, u64, u64) {
         (self.graded.summary.task, self.header.seed, self.header.episode)
     }
 }
 
 /// Sorts loose bags, sets aside those that cannot be scored, and sums up the rest.
-pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Results, ScoreError> {
+pub(crate) fn assemble(judged: Vec<GradedBag>, options: &GradeOptions) -> Result<Results, ScoreError> {
     let (mut entries, mut excluded) = (Vec::new(), Vec::new());
-    for Judged { bag, content } in judged {
+    for GradedBag { bag, content } in judged {
         match content {
             Err((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, None)),
-            Ok(Content { header, damage, graded }) => match fault(damage, &graded) {
+            Ok(BagContent { header, damage, graded }) => match fault(damage, &graded) {
                 Some((reason, detail)) => excluded.push(excluded_bag(bag, reason, detail, Some((&header, &graded)))),
-                None => entries.push(Entry { bag, header, graded }),
+                None => entries.push(TableEntry { bag, header, graded }),
             },
         }
     }
@@ -63,22 +63,22 @@ pub(crate) fn assemble(judged: Vec<Judged>, options: &GradeOptions) -> Result<Re
     roll_up(entries, excluded, None, options)
 }
 
-/// As [`assemble`], but for a run: takes the bags of the episodes that were played, each with the episode's index.
+/// As [`assemble`], but for a run: takes the bags of the played episodes, each with the episode's index.
 pub(crate) fn assemble_run(
-    run: &Run,
-    judged: Vec<(usize, Judged)>,
+    run: &RunJournals,
+    judged: Vec<(usize, GradedBag)>,
     options: &GradeOptions,
 ) -> Result<Results, ScoreError> {
     let (mut entries, mut excluded, mut lost) = (Vec::new(), Vec::new(), BTreeMap::new());
-    for (index, Judged { bag, content }) in judged {
+    for (index, GradedBag { bag, content }) in judged {
         let ((reason, detail), content) = match content {
             Err(fault) => (fault, None),
-            Ok(Content { header, damage, graded }) => {
+            Ok(BagContent { header, damage, graded }) => {
                 let altered = || run.disagreement(index, &header, &graded).map(|detail| (Fault::Altered, detail));
                 match fault(damage, &graded).or_else(altered) {
                     Some(fault) => (fault, Some((header, graded))),
                     None => {
-                        entries.push(Entry { bag, header, graded });
+                        entries.push(TableEntry { bag, header, graded });
                         continue;
                     }
                 }
@@ -93,15 +93,15 @@ pub(crate) fn assemble_run(
     roll_up(entries, excluded, Some((run, failures)), options)
 }
 
-fn sort(entries: &mut [Entry]) {
+fn sort(entries: &mut [TableEntry]) {
     entries.sort_by(|a, b| a.key().cmp(&b.key()).then_with(|| a.bag.cmp(&b.bag)));
 }
 
 /// Sums up sorted entries and the failures of a run.
 fn roll_up(
-    entries: Vec<Entry>,
+    entries: Vec<TableEntry>,
     mut excluded: Vec<ExcludedBag>,
-    run: Option<(&Run, Vec<RunFailure>)>,
+    run: Option<(&RunJournals, Vec<RunFailure>)>,
     options: &GradeOptions,
 ) -> Result<Results, ScoreError> {
     check_conditions(&entries)?;
@@ -112,7 +112,7 @@ fn roll_up(
         .collect();
     let failed = || failures.iter().map(|(task, failure)| Episode { seed: failure.seed, summary: failed(*task) });
 
-    let episode = |entry: &Entry, summary| Episode { seed: entry.header.seed, summary };
+    let episode = |entry: &TableEntry, summary| Episode { seed: entry.header.seed, summary };
     let with_rows: Vec<Episode> = entries.iter().map(|entry| episode(entry, entry.graded.summary)).collect();
     let episodes: Vec<Episode> = with_rows.iter().copied().chain(failed()).collect();
     let conditions = match (entries.first(), &run) {
@@ -130,12 +130,12 @@ fn roll_up(
         Some((run, _)) => run.seeds(),
         None => entries.iter().map(|entry| entry.header.seed).collect(),
     };
-    let ticket = |entry: &Entry| Some(entry.header.run.as_ref()?.run.clone());
+    let ticket = |entry: &TableEntry| Some(entry.header.run.as_ref()?.run.clone());
     let without_journal: BTreeSet<String> = match run {
         Some(_) => BTreeSet::new(),
         None => entries.iter().filter_map(ticket).filter(|run| !run.is_empty()).collect(),
     };
-    let played = Played {
+    let played = EpisodeSet {
         episodes: &episodes,
         strict: strict.as_deref(),
         with_rows: &with_rows,
@@ -166,25 +166,24 @@ fn roll_up(
 }
 
 impl Scores {
-    /// Scores of loose episodes by the published judge and, where there are verdicts of it, by the strict one. `ends` counts a
-    /// task's episodes by the cause of their end.
+    /// Scores of loose episodes by the published judge and, if there are verdicts of it, by the strict one. `ends`
+    /// counts a task's episodes by the cause of their end.
     pub fn of(episodes: &[Episode], strict: Option<&[Episode]>, ends: impl Fn(Task) -> BTreeMap<String, u64>) -> Self {
-        Played { episodes, strict, with_rows: episodes, registered: None }.scores(ends)
+        EpisodeSet { episodes, strict, with_rows: episodes, registered: None }.scores(ends)
     }
 }
 
 /// Episodes from which scores are made, by both judges.
-struct Played<'a> {
+struct EpisodeSet<'a> {
     /// By the published judge.
     episodes: &'a [Episode],
     strict: Option<&'a [Episode]>,
-    /// Those that have rows: a failure without rows has no length and no effort.
+    /// Those with rows: a failure without rows has no length and no effort.
     with_rows: &'a [Episode],
-    /// Seeds of a run.
     registered: Option<&'a BTreeSet<u64>>,
 }
 
-impl Played<'_> {
+impl EpisodeSet<'_> {
     fn scores(&self, ends: impl Fn(Task) -> BTreeMap<String, u64>) -> Scores {
         let benchmark = Benchmark::of(self.episodes);
         let of = |score: &SubtaskScore| {
@@ -207,14 +206,14 @@ impl Played<'_> {
 }
 
 /// Rows of all episodes, sorted by task, seed and index.
-fn rows(entries: Vec<Entry>, failures: &[(Task, &RunFailure)], is_strict: bool) -> Vec<EpisodeRow> {
+fn rows(entries: Vec<TableEntry>, failures: &[(Task, &RunFailure)], is_strict: bool) -> Vec<EpisodeRow> {
     let failed = failures.iter().map(|(task, failure)| ((*task, failure.seed, 0), failed_row(failure, is_strict)));
     let mut rows: Vec<_> = entries.into_iter().map(|entry| (entry.key(), episode_row(entry))).chain(failed).collect();
     rows.sort_by_key(|(key, _)| *key);
     rows.into_iter().map(|(_, row)| row).collect()
 }
 
-fn fault(damage: Option<(Fault, String)>, graded: &Graded) -> Option<(Fault, String)> {
+fn fault(damage: Option<(Fault, String)>, graded: &GradedEpisode) -> Option<(Fault, String)> {
     // An aborted episode's bag may be whole, and a cut bag has no result: the file's state comes first.
     if damage.is_some() {
         return damage;
@@ -238,7 +237,7 @@ fn excluded_bag(
     bag: String,
     reason: Fault,
     detail: String,
-    content: Option<(&v3::EpisodeHeader, &Graded)>,
+    content: Option<(&v3::EpisodeHeader, &GradedEpisode)>,
 ) -> ExcludedBag {
     ExcludedBag {
         bag,
@@ -254,8 +253,8 @@ fn excluded_bag(
 
 /// Keeps one bag for each episode. A copy with the same rows is listed as such. Two different recordings are an error:
 /// the name of a file must not decide which one counts.
-fn without_copies(entries: Vec<Entry>, excluded: &mut Vec<ExcludedBag>) -> Result<Vec<Entry>, ScoreError> {
-    let mut kept: Vec<Entry> = Vec::with_capacity(entries.len());
+fn without_copies(entries: Vec<TableEntry>, excluded: &mut Vec<ExcludedBag>) -> Result<Vec<TableEntry>, ScoreError> {
+    let mut kept: Vec<TableEntry> = Vec::with_capacity(entries.len());
     for entry in entries {
         match kept.last().filter(|last| last.key() == entry.key() && last.header.policy == entry.header.policy) {
             Some(first) if first.graded.digest == entry.graded.digest => {
@@ -278,7 +277,7 @@ fn without_copies(entries: Vec<Entry>, excluded: &mut Vec<ExcludedBag>) -> Resul
     Ok(kept)
 }
 
-fn check_conditions(entries: &[Entry]) -> Result<(), ScoreError> {
+fn check_conditions(entries: &[TableEntry]) -> Result<(), ScoreError> {
     let Some(first) = entries.first() else { return Ok(()) };
     let expected = compared(&first.header);
     for entry in &entries[1..] {
@@ -339,7 +338,7 @@ fn of_all(seed: u64, ran: &[SeedScore], weight_total: f64) -> SeedScore {
     }
 }
 
-fn ends(task: Task, entries: &[Entry], failures: &[(Task, &RunFailure)]) -> BTreeMap<String, u64> {
+fn ends(task: Task, entries: &[TableEntry], failures: &[(Task, &RunFailure)]) -> BTreeMap<String, u64> {
     let of_entries = entries.iter().filter(|entry| entry.graded.summary.task == task).map(|entry| &entry.graded.end);
     let of_failures = failures.iter().filter(|(other, _)| *other == task).map(|(_, failure)| &failure.cause);
     let mut ends = BTreeMap::new();
@@ -406,8 +405,8 @@ fn overall(episodes: &[Episode], strict: Option<&[Episode]>) -> Overall {
     }
 }
 
-fn episode_row(entry: Entry) -> EpisodeRow {
-    let Entry { bag, header, graded } = entry;
+fn episode_row(entry: TableEntry) -> EpisodeRow {
+    let TableEntry { bag, header, graded } = entry;
     let (summary, strict) = (graded.summary, graded.strict);
     EpisodeRow {
         task: summary.task.to_string(),
@@ -469,7 +468,7 @@ fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
     }
 }
 
-fn versions(entries: &[Entry]) -> Versions {
+fn versions(entries: &[TableEntry]) -> Versions {
     let each = |value: fn(&v3::EpisodeHeader) -> String| {
         let values: BTreeSet<String> = entries.iter().map(|entry| value(&entry.header)).collect();
         values.into_iter().filter(|value| !value.is_empty()).collect()

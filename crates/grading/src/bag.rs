@@ -1,4 +1,4 @@
-//! Reads one bag and feeds it to the grader.
+//! Reads one bag and passes it to the grader.
 
 use std::path::Path;
 
@@ -8,14 +8,14 @@ use fiatlux_cli::in_full;
 use fiatlux_wire::{layout_of, read_row};
 
 use crate::GradeOptions;
-use crate::assemble::Content;
+use crate::assemble::BagContent;
 use crate::episode::Grader;
 use crate::results::Fault;
 
 /// Grades a bag by the published thresholds; returns the key of the server that signed it, if any.
 ///
 /// # Errors
-/// Why the bag would not be scored: it cannot be read, is cut, or contradicts itself.
+/// The reason why the bag would not be scored: it cannot be read, is cut, or contradicts itself.
 pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
     let content = read(path, &GradeOptions::default(), None).map_err(|(_, reason)| reason)?;
     let flaw = content.graded.flaw.as_ref();
@@ -25,12 +25,12 @@ pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
     }
 }
 
-/// Grades a bag up to its end, or to the first thing that cannot be read.
+/// Grades a bag up to its end, or to the first record that cannot be read.
 pub(crate) fn read(
     path: &Path,
     options: &GradeOptions,
     patience: Option<Patience>,
-) -> Result<Content, (Fault, String)> {
+) -> Result<BagContent, (Fault, String)> {
     // The message must not depend on the folder from which the bag was graded.
     let folder = path.parent().map(|folder| folder.join("").display().to_string()).filter(|folder| !folder.is_empty());
     let in_full = |error: &dyn std::error::Error| match &folder {
@@ -80,7 +80,7 @@ pub(crate) fn read(
         step += 1;
     }
     if damage.is_none() {
-        damage = bag.check_rest(&states.into_seen()).err().as_ref().map(damaged);
+        damage = bag.check_rest(&states.into_read()).err().as_ref().map(damaged);
     }
-    Ok(Content { header: header.clone(), damage, graded: grader.finish(bag.result()) })
+    Ok(BagContent { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }

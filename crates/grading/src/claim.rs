@@ -1,12 +1,12 @@
-//! What a `results.json` says, compared with the bags in its folder.
+//! Compares a `results.json` with the bags in its folder.
 
 use std::path::Path;
 
 use crate::flaw::first_difference;
 use crate::{EpisodeRow, Fault, Results};
 
-/// Where the `results.json` in this folder says otherwise than `results`, which its bags gave, in a sentence; `None` where it
-/// agrees, or there is none.
+/// The first contradiction between the `results.json` in this folder and `results`, which its bags gave, as a sentence;
+/// `None` if they agree, or there is no file.
 pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
     let file = folder.join("results.json");
     if !file.is_file() {
@@ -25,10 +25,10 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
     }
     if claim.run.is_none() && results.run.is_some() {
         return Some(format!(
-            "{name} is of loose bags, but its folder has the journal of a run: grade the folder again"
+            "{name} is of loose bags, but its folder has the journal of a run; grade the folder again"
         ));
     }
-    // What JSON rounds, it rounds in both.
+    // Rounds both alike.
     let results: Results = serde_json::from_str(&results.to_json().ok()?).ok()?;
     let difference = first_difference(&comparable(&results, &results), &comparable(&claim, &results))?;
     let (field, bags, claimed) = (difference.field, difference.found, difference.recorded);
@@ -41,10 +41,10 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
     } else {
         String::new()
     };
-    Some(format!("{name} says otherwise than the bags: {field} is {bags} by the bags, {claimed} in the file{hint}"))
+    Some(format!("{name} contradicts the bags: {field} is {bags} by the bags, {claimed} in the file{hint}"))
 }
 
-/// Whether a file has some of the episodes of the bags, and no others.
+/// True if a file has some of the bags' episodes, and no others.
 fn is_part(claim: &Results, results: &Results) -> bool {
     let is_same = |a: &EpisodeRow, b: &EpisodeRow| {
         (&a.task, a.seed, a.episode, &a.state_digest) == (&b.task, b.seed, b.episode, &b.state_digest)
@@ -53,7 +53,7 @@ fn is_part(claim: &Results, results: &Results) -> bool {
     claim.episodes.len() < results.episodes.len() && claim.episodes.iter().all(is_there)
 }
 
-/// Leaves out what depends on where and by which version the bags were graded.
+/// Removes the fields that depend on where and by which version the bags were graded.
 fn comparable(results: &Results, versions_of: &Results) -> Results {
     let mut results = Results { versions: versions_of.versions.clone(), ..results.clone() };
     // Files of older versions lack it; it follows from the seeds' rows.

@@ -1,8 +1,8 @@
 //! Compares two runs, episode by episode.
 //!
-//! Episodes are paired by task, seed and index: the same room and the same start. What differs within a pair is then the
-//! policy alone, so a test on the differences needs no assumption about rooms. [`sign_flip_p`] is the test, for successes
-//! and for gate progress alike.
+//! Episodes are paired by task, seed and index: the same room and the same start. Only the policies then differ within a
+//! pair, so a test on the differences needs no assumption about rooms. [`sign_flip_p`] is the test, for successes and for
+//! gate progress alike.
 
 mod exact;
 
@@ -22,98 +22,60 @@ use crate::{RESULTS_VERSION, Results};
 /// Gate progress is counted in steps of one over this number, which is exact for gates of up to ten criteria.
 const PROGRESS_STEPS: f64 = 2520.0;
 
-/// Conditions that the policy chooses; they may differ between A and B, for `observations` already limits what it
+/// Conditions that the policy chooses; they may differ between A and B, because `observations` already limits what it
 /// senses.
 const OF_THE_POLICY: [&str; 2] = ["sensors", "weights"];
 
-/// Why two results cannot be compared.
 #[derive(Debug, Error)]
 pub enum CompareError {
-    /// A file cannot be opened or read.
     #[error("cannot read {}", .file.display())]
-    Read {
-        /// Path of the results file.
-        file: PathBuf,
-        /// The system's error, which says why.
-        source: std::io::Error,
-    },
-    /// A file is not JSON in the form of `results.json`.
+    Read { file: PathBuf, source: std::io::Error },
     #[error("{} is not a results.json of this scorer; grade its bags again", .file.display())]
-    Form {
-        /// Path of the results file.
-        file: PathBuf,
-        /// The parser's error, with its line and column.
-        source: serde_json::Error,
-    },
-    /// A file has another [`RESULTS_VERSION`].
+    Form { file: PathBuf, source: serde_json::Error },
     #[error(
         "{} has form {found} of results.json, and this scorer reads {RESULTS_VERSION}; grade its bags again",
         .file.display()
     )]
-    Version {
-        /// Path of the results file.
-        file: PathBuf,
-        /// The `versions.results` of the file.
-        found: u64,
-    },
-    /// A and B were played or judged under different conditions.
+    Version { file: PathBuf, found: u64 },
     #[error("{field} is {a} in A and {b} in B; results compare under the same conditions, or with --any-conditions")]
-    Conditions {
-        /// Name of a field in `conditions`.
-        field: String,
-        /// Its value in A, as JSON.
-        a: String,
-        /// Its value in B, as JSON.
-        b: String,
-    },
-    /// A file lists one episode twice.
+    Conditions { field: String, a: String, b: String },
     #[error("{} has {task}, seed {seed}, episode {episode} twice", .file.display())]
-    Twice {
-        /// Path of the results file.
-        file: PathBuf,
-        /// Task of the episode, such as `S01`.
-        task: String,
-        /// Layout seed of the episode.
-        seed: u64,
-        /// Index of the episode.
-        episode: u64,
-    },
-    /// A and B share no episode.
+    Twice { file: PathBuf, task: String, seed: u64, episode: u64 },
     #[error("no episode of A has the task, seed and index of one of B; play both on the same seeds")]
     NoPairs,
 }
 
 /// The part of `results.json` that a comparison reads.
 #[derive(Debug, Deserialize)]
-struct Run {
+struct ComparedResults {
     policy: String,
-    episodes: Vec<Episode>,
+    episodes: Vec<ComparedEpisode>,
     conditions: BTreeMap<String, Value>,
     versions: BTreeMap<String, Value>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct Episode {
+struct ComparedEpisode {
     task: String,
     seed: u64,
     episode: u64,
     success: bool,
     gate_progress: f64,
-    /// Verdict of the strict judge; `null` where the episode was played by protocol `published`.
+    /// Verdict of the strict judge; `null` if the episode was played by protocol `published`.
     #[serde(default)]
     strict_success: Option<bool>,
     #[serde(default)]
     strict_progress: Option<f64>,
 }
 
-impl Episode {
-    /// Success and gate progress by the strict judge; `None` without them.
+impl ComparedEpisode {
+    /// Success and gate progress by the strict judge.
     fn strict(&self) -> Option<(bool, f64)> {
         self.strict_success.zip(self.strict_progress)
     }
 }
 
-impl TryFrom<&Results> for Run {
+impl TryFrom<&Results> for ComparedResults {
     type Error = serde_json::Error;
 
     fn try_from(results: &Results) -> Result<Self, serde_json::Error> {
@@ -121,7 +83,7 @@ impl TryFrom<&Results> for Run {
             Value::Object(fields) => fields.into_iter().collect(),
             _ => BTreeMap::new(),
         };
-        let episodes = results.episodes.iter().map(|row| Episode {
+        let episodes = results.episodes.iter().map(|row| ComparedEpisode {
             task: row.task.clone(),
             seed: row.seed,
             episode: row.episode,
@@ -139,16 +101,15 @@ impl TryFrom<&Results> for Run {
     }
 }
 
-type Key = (String, u64, u64);
+type EpisodeKey = (String, u64, u64);
 
 /// Outcome of a comparison. Its JSON is the output of `scorer compare --json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The run named first. Differences are A less B.
-    pub a: Side,
-    /// The run named second.
-    pub b: Side,
-    /// Which judge's success and progress are compared: `strict` where every episode has them, else `published`.
+    /// The run named first. Differences are A minus B.
+    pub a: ComparedRun,
+    pub b: ComparedRun,
+    /// The judge whose success and progress are compared: `strict` if every episode has them, else `published`.
     pub success: String,
     /// Fields of `conditions` that differ; empty unless differences were allowed.
     pub different_conditions: Vec<String>,
@@ -158,31 +119,23 @@ pub struct Comparison {
     pub overall: Option<Pairs>,
 }
 
-/// One of the two runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Side {
-    /// Name of the run's policy.
+pub struct ComparedRun {
     pub policy: String,
-    /// Path of its results file, or the name given to [`compare_results`].
     pub file: PathBuf,
-    /// Episodes that the other run does not have, and which are left out.
+    /// Episodes that the other run does not have; they are left out.
     pub unpaired: usize,
 }
 
-/// Pairs of episodes, and what their differences show.
+/// Pairs of episodes, and tests on their differences.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pairs {
     /// Id of the task, such as `S01`, or `all`.
     pub task: String,
-    /// Number of pairs of episodes.
     pub pairs: usize,
-    /// Number of pairs in which A succeeded.
     pub successes_a: usize,
-    /// Number of pairs in which B succeeded.
     pub successes_b: usize,
-    /// Pairs in which A alone succeeded.
     pub only_a: usize,
-    /// Pairs in which B alone succeeded.
     pub only_b: usize,
     /// Exact two-sided p-value of the sign test (McNemar) on `only_a` and `only_b`.
     pub success_p: f64,
@@ -192,21 +145,18 @@ pub struct Pairs {
     pub progress_b: f64,
     /// Exact two-sided p-value of the sign-flip test on the differences in gate progress.
     pub progress_p: f64,
-    /// Score of A less that of B over these pairs: half success rate, half gate progress. Over all tasks it is weighted
-    /// like S.
+    /// Score of A minus that of B over these pairs: half success rate, half gate progress. Over all tasks it is
+    /// weighted like S.
     pub score_difference: f64,
 }
 
 impl Comparison {
-    /// Whether episodes were left out because the other run does not have them.
+    /// True if episodes were left out because the other run does not have them.
     pub fn has_unpaired(&self) -> bool {
         self.a.unpaired + self.b.unpaired > 0
     }
 
-    /// The comparison as JSON: indented, with a newline at the end.
-    ///
-    /// # Errors
-    /// None in practice: every key is a string.
+    /// The comparison as indented JSON, with a newline at the end.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
@@ -221,7 +171,7 @@ impl Comparison {
             let _ = writeln!(out, "DIFFERENT CONDITIONS: {}", plain(&self.different_conditions.join(", ")));
         }
         if self.has_unpaired() {
-            let _ = writeln!(out, "Without a partner: {} of A, {} of B", self.a.unpaired, self.b.unpaired);
+            let _ = writeln!(out, "Not paired: {} of A, {} of B", self.a.unpaired, self.b.unpaired);
         }
         let _ = writeln!(
             out,
@@ -267,16 +217,13 @@ pub fn compare(a: &Path, b: &Path, any_conditions: bool) -> Result<Comparison, C
     pair_up(read(a)?, read(b)?, any_conditions)
 }
 
-/// As [`compare`], for results in memory. Errors and [`Side::file`] use the names given here.
-///
-/// # Errors
-/// As for [`compare`], except those of reading files.
+/// As [`compare`], for results in memory. Errors and [`ComparedRun::file`] use the names given here.
 pub fn compare_results(
     (name_a, a): (&str, &Results),
     (name_b, b): (&str, &Results),
     any_conditions: bool,
 ) -> Result<Comparison, CompareError> {
-    let run = |name: &str, results: &Results| match Run::try_from(results) {
+    let run = |name: &str, results: &Results| match ComparedResults::try_from(results) {
         Ok(run) => Ok((PathBuf::from(name), run)),
         Err(source) => Err(CompareError::Form { file: name.into(), source }),
     };
@@ -284,8 +231,8 @@ pub fn compare_results(
 }
 
 fn pair_up(
-    (file_a, a): (PathBuf, Run),
-    (file_b, b): (PathBuf, Run),
+    (file_a, a): (PathBuf, ComparedResults),
+    (file_b, b): (PathBuf, ComparedResults),
     any_conditions: bool,
 ) -> Result<Comparison, CompareError> {
     let different = different_conditions(&a, &b);
@@ -317,15 +264,15 @@ fn pair_up(
         different_conditions: different.into_iter().map(|(field, ..)| field).collect(),
         tasks: pairs.iter().map(|(task, pairs)| summary(task, pairs)).collect(),
         overall,
-        a: Side { policy: a.policy, file: file_a, unpaired: of_a.len() - paired },
-        b: Side { policy: b.policy, file: file_b, unpaired: of_b.len() - paired },
+        a: ComparedRun { policy: a.policy, file: file_a, unpaired: of_a.len() - paired },
+        b: ComparedRun { policy: b.policy, file: file_b, unpaired: of_b.len() - paired },
     })
 }
 
-fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
+fn read(path: &Path) -> Result<(PathBuf, ComparedResults), CompareError> {
     let file = if path.is_dir() { path.join("results.json") } else { path.to_owned() };
     let text = std::fs::read(&file).map_err(|source| CompareError::Read { file: file.clone(), source })?;
-    let mut run: Run =
+    let mut run: ComparedResults =
         serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
     // Scorers before this field wrote nothing, because there was only one version.
     run.conditions.entry("action_delay_ms".into()).or_insert(0.into());
@@ -336,18 +283,18 @@ fn read(path: &Path) -> Result<(PathBuf, Run), CompareError> {
     Ok((file, run))
 }
 
-/// Fields of the conditions that differ, with both values; the policy's own are left out.
-fn different_conditions(a: &Run, b: &Run) -> Vec<(String, Value, Value)> {
+/// Fields of the conditions that differ, with both values, except the policy's own.
+fn different_conditions(a: &ComparedResults, b: &ComparedResults) -> Vec<(String, Value, Value)> {
     let names: BTreeSet<&String> = a.conditions.keys().chain(b.conditions.keys()).collect();
-    let value = |run: &Run, name: &String| run.conditions.get(name).cloned().unwrap_or_default();
+    let value = |run: &ComparedResults, name: &String| run.conditions.get(name).cloned().unwrap_or_default();
     let both = names.into_iter().map(|name| (name.clone(), value(a, name), value(b, name)));
     both.filter(|(name, a, b)| a != b && !OF_THE_POLICY.contains(&name.as_str())).collect()
 }
 
-fn by_key(file: &Path, run: &Run) -> Result<BTreeMap<Key, Episode>, CompareError> {
+fn by_key(file: &Path, run: &ComparedResults) -> Result<BTreeMap<EpisodeKey, ComparedEpisode>, CompareError> {
     let mut found = BTreeMap::new();
     for episode in &run.episodes {
-        let Episode { task, seed, episode: index, .. } = episode.clone();
+        let ComparedEpisode { task, seed, episode: index, .. } = episode.clone();
         if found.insert((task.clone(), seed, index), episode.clone()).is_some() {
             return Err(CompareError::Twice { file: file.to_owned(), task, seed, episode: index });
         }
@@ -363,8 +310,8 @@ struct Pair {
 }
 
 impl Pair {
-    fn new(a: &Episode, b: &Episode, strict: bool) -> Self {
-        let judged = |episode: &Episode| {
+    fn new(a: &ComparedEpisode, b: &ComparedEpisode, strict: bool) -> Self {
+        let judged = |episode: &ComparedEpisode| {
             let published = (episode.success, episode.gate_progress);
             if strict { episode.strict().unwrap_or(published) } else { published }
         };

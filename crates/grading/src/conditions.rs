@@ -7,75 +7,53 @@ use fiatlux_proto::v3;
 use fiatlux_rules::{BENCHMARK_VERSION, Task, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
-/// Conditions that all episodes of a table share.
+/// Conditions that all episodes of a table share; `RESULTS.md` describes the fields.
 ///
 /// Four words say how a run was played, each independent of the others: [`protocol`](Self::protocol),
 /// [`seeds`](Self::seeds), [`observations`](Self::observations) and [`time`](Self::time). Each combination has a
 /// ranking of its own. Any other departure from the benchmark is a deviation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditions {
-    /// Version of the benchmark that the episodes were played in: its rooms, its physics and its rules.
     #[serde(default)]
     pub benchmark_version: u32,
-    /// Which gates end an episode: `published` or `strict`.
     #[serde(default)]
     pub protocol: String,
-    /// Who chose the rooms: `public`, known to everyone, or `hosted`, drawn by the server once the run was registered.
     #[serde(default)]
     pub seeds: String,
-    /// What the policy could sense: `standard`, what a robot senses, as published; `privileged`, also the exact state or
-    /// the judge's verdict; `other` where a deviation changes what is sensed.
     #[serde(default)]
     pub observations: String,
-    /// `lockstep` or `real time`.
     #[serde(default)]
     pub time: String,
-    /// Name of the set of gains, such as `fiatlux`.
     pub gains: String,
-    /// Name of the robot, such as `g1_inspire`.
     pub robot: String,
-    /// Whether the start state and the sensors are noisy.
     pub noise: bool,
-    /// What the benchmark varies and these episodes kept fixed: `layout`, `start`, `hand_friction`, `light`, `tint`,
-    /// `sensors`.
     #[serde(default)]
     pub fixed: Vec<String>,
-    /// Sizes of props: `published`, `random`, or the factors that differ from 1.
     #[serde(default)]
     pub prop_scale: String,
-    /// Sensors that the policy could read, with the rate in Hz or `look`.
     #[serde(default)]
     pub sensors: Vec<String>,
-    /// Label of the weights of the camera's features; empty without features.
     #[serde(default)]
     pub weights: String,
-    /// Label of the user's own meshes in which pictures show the robot; empty with the built-in shapes, or where no
-    /// sensor sees the meshes.
     #[serde(default)]
     pub meshes: String,
-    /// Delay of every action, ms.
     #[serde(default)]
     pub action_delay_ms: u32,
-    /// Causes that ended the episodes where the session chose them; empty where the task did.
     pub end_on_overridden: Vec<String>,
-    /// Whether the run has a place in the ranking of its four words: true if `deviations` is empty.
     #[serde(default)]
     pub ranked: bool,
-    /// Each departure from the benchmark, as a sentence.
     pub deviations: Vec<String>,
     /// Thresholds that this grading judged by, by name.
     pub thresholds: BTreeMap<String, f64>,
     /// Names of those among them that this grading set in place of the recorded ones.
     pub thresholds_set: Vec<String>,
-    /// Whether criteria were counted as in the published numbers, and not from the reset state.
+    /// Criteria were counted as in the published numbers, and not from the reset state.
     pub published_counting: bool,
-    /// SHA-256 of the robot model, hexadecimal.
     pub model_digest: String,
-    /// SHA-256 of the scene config, hexadecimal.
     pub scene_digest: String,
 }
 
-/// What is compared between bags: names and values in the words of a report.
+/// The conditions that are compared between bags: names and values in the words of a report.
 pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
@@ -191,7 +169,7 @@ impl Conditions {
         }
     }
 
-    /// Conditions of a run without a bag, as far as its registration says them.
+    /// Conditions of a run without a bag, from its registration.
     pub(crate) fn unplayed(spec: &v3::RunSpec) -> Self {
         let request = spec.session.clone().unwrap_or_default();
         let header = v3::EpisodeHeader { mode: request.mode, ..v3::EpisodeHeader::default() };
@@ -218,7 +196,7 @@ fn action_delay_ms(header: &v3::EpisodeHeader) -> u32 {
     header.request.as_ref().map_or(0, |request| request.action_delay_ms)
 }
 
-/// How long a whole-body command stays in force in real time, s, by PROTOCOL.md.
+/// Time for which a whole-body command stays in force in real time, s, by PROTOCOL.md.
 const COMMAND_TIMEOUT_S: f64 = 0.5;
 
 fn observations(header: &v3::EpisodeHeader) -> &'static str {
@@ -255,7 +233,7 @@ fn robot(header: &v3::EpisodeHeader) -> &str {
 /// Value of `prop_scale` for props of the benchmark's sizes.
 const PUBLISHED: &str = "published";
 
-/// What stays fixed although the benchmark varies it.
+/// Conditions that are fixed in these episodes, although the benchmark varies them.
 fn fixed(header: &v3::EpisodeHeader) -> Vec<&'static str> {
     let random = header.randomization.unwrap_or_default();
     let switches = [
@@ -286,7 +264,7 @@ fn prop_scale(header: &v3::EpisodeHeader) -> String {
     if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
 }
 
-/// The sensors, where the contact sensor that a task's body comes with has one name: limbs in `climb`, hands elsewhere.
+/// The sensors, with one name for the contact sensor of a task's body: limbs in `climb`, hands in other tasks.
 fn comparable_sensors(header: &v3::EpisodeHeader) -> Vec<String> {
     let climbs = header.task == Task::Climb.to_string();
     let own = |sensor: String| match sensor.strip_prefix("limb_contact@") {
@@ -311,27 +289,27 @@ fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
     sensors
 }
 
-/// Whether the policy could read the camera's features.
+/// True if the policy could read the camera's features.
 fn senses_features(header: &v3::EpisodeHeader) -> bool {
     header.sensors.iter().any(|sensor| !sensor.bag_only && ["features", "flat"].contains(&&*sensor.name))
 }
 
-/// Label of the weights of the camera's features; empty where the policy could not read them.
+/// Label of the weights of the camera's features; empty if the policy could not read them.
 fn weights(header: &v3::EpisodeHeader) -> &str {
     if senses_features(header) { &header.weights } else { "" }
 }
 
-/// Whether the policy could read features of an untrained network: only weights from a file count as trained.
+/// True if the policy could read features of an untrained network: only weights from a file count as trained.
 fn is_untrained(header: &v3::EpisodeHeader) -> bool {
     senses_features(header) && !header.weights.starts_with("safetensors:")
 }
 
-/// Label of the meshes; empty where no sensor of the session sees them.
+/// Label of the meshes; empty if no sensor of the session sees them.
 fn meshes(header: &v3::EpisodeHeader) -> &str {
     if sees(header) { &header.meshes } else { "" }
 }
 
-/// Whether the policy could read anything computed from a camera's image.
+/// True if the policy could read anything computed from a camera's image.
 fn sees(header: &v3::EpisodeHeader) -> bool {
     header.sensors.iter().any(|sensor| !sensor.bag_only && is_of_images(&sensor.name))
 }
@@ -367,7 +345,7 @@ mod tests {
         [&conditions.protocol, &conditions.seeds, &conditions.observations, &conditions.time].map(String::as_str)
     }
 
-    /// `evaluate --tasks all,climb` gives one table.
+    /// Guards that `evaluate --tasks all,climb` gives one table.
     #[test]
     fn the_contact_sensor_of_a_tasks_own_body_is_no_difference() {
         let with = |task: &str, contact: &str| v3::EpisodeHeader {
@@ -379,7 +357,7 @@ mod tests {
         assert_ne!(compared(&with("S05", "limb_contact")), compared(&with("S05", "hand_contact")));
     }
 
-    /// What varies, the sizes of props and the sensors are conditions; what only the bag has is not.
+    /// Guards that randomization, sizes of props and sensors are conditions, and that fields of a single bag are not.
     #[test]
     fn sessions_that_differ_are_told_apart() {
         let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..pinned() };
@@ -444,7 +422,7 @@ mod tests {
         let in_bag = v3::Sensor { bag_only: true, recorded: true, ..v3::Sensor::from("camera") };
         let mut recorded = header();
         recorded.sensors.push(in_bag);
-        assert_eq!(compared(&recorded), compared(&header()), "what the bag alone has");
+        assert_eq!(compared(&recorded), compared(&header()), "fields of a single bag");
         let delayed = |action_delay_ms| v3::EpisodeHeader {
             request: Some(v3::OpenRequest { action_delay_ms, ..v3::OpenRequest::default() }),
             ..header()
@@ -453,7 +431,7 @@ mod tests {
         assert_eq!(compared(&delayed(0)), compared(&header()));
     }
 
-    /// Other meshes are other conditions only for a policy that sees pictures of them.
+    /// Guards that other meshes are other conditions only for a policy that sees pictures of them.
     #[test]
     fn meshes_count_where_they_are_seen() {
         let header = |sensor: &str, meshes: &str| v3::EpisodeHeader {

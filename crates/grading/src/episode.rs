@@ -9,83 +9,68 @@ use fiatlux_wire::{
 use thiserror::Error;
 
 use crate::Series;
-use crate::flaw::{Difference, Flaw, Sums, first_difference};
+use crate::flaw::{Difference, Flaw, RowSums, first_difference};
 use crate::request::contradiction;
-use crate::series::Recorder;
+use crate::series::SeriesBuilder;
 
-/// Why an episode cannot be graded from its header.
 #[derive(Debug, Error)]
 pub enum HeaderError {
-    /// The bag has another major version of the protocol.
     #[error(
         "the bag is of protocol {found}, this scorer reads {PROTOCOL}; grade it with the scorer of its own version, or \
          record the episode again"
     )]
-    Protocol {
-        /// Protocol version of the bag.
-        found: v3::Version,
-    },
-    /// The bag has a later minor version, whose header may bind fields that this version does not know.
+    Protocol { found: v3::Version },
+    /// A later minor version may bind header fields that this version does not know.
     #[error(
         "the bag is of protocol {found}, this scorer reads up to {PROTOCOL}; grade it with a scorer of its version"
     )]
-    Newer {
-        /// Protocol version of the bag.
-        found: v3::Version,
-    },
-    /// One of the thresholds to set is unknown, or its value is out of range.
+    Newer { found: v3::Version },
     #[error("the threshold cannot be set")]
     Threshold(#[from] ThresholdError),
-    /// The header's description of the episode, or the scene's constants, cannot be converted.
     #[error("cannot read the header; the bag may come from another version")]
     Wire(#[from] WireError),
-    /// The rows have a layout that this version cannot digest.
     #[error("the bag's digest has the layout {0}, this scorer knows {known}; use the scorer of that version", known = fiatlux_rules::manifest().layout)]
     Layout(String),
 }
 
-/// What the rows of an episode say.
+/// The grade of an episode, from its rows.
 #[derive(Debug, Clone)]
-pub struct Graded {
+pub struct GradedEpisode {
     /// Verdict of the published judge, from the rows alone.
     pub summary: Summary,
     /// Verdict of the strict judge; `None` for an episode that was played by protocol `published`.
     pub strict: Option<Summary>,
     /// Cause of the end by the published rules of this grading; else the recorded cause.
     pub end: String,
-    /// All conditions that could end it and that its last published row met.
+    /// All end conditions that its last published row met.
     pub causes: Vec<String>,
-    /// Thresholds that it was judged by.
     pub thresholds: Thresholds,
     /// SHA-256 chain over its rows, hexadecimal.
     pub digest: String,
     /// Number of judged steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
-    /// What the report's figure shows, thinned out.
     pub series: Series,
-    /// Remarks for a reader, in words.
     pub notes: Vec<String>,
-    /// Key of the server that signed the result; `None` where it is not signed.
+    /// Key of the server that signed the result.
     pub signer: Option<PublicKey>,
-    /// Why it is not scored; `None` where it is scored.
+    /// The reason why it is not scored; `None` if it is scored.
     pub flaw: Option<Flaw>,
 }
 
-/// Grades one episode, row by row.
 #[derive(Debug)]
 pub struct Grader {
     judges: Judges,
     rewards: Rewards,
     digest: RowDigest,
-    /// Where the header contradicts itself.
+    /// A contradiction within the header.
     header_flaw: Option<Flaw>,
-    /// Where its request does.
+    /// A contradiction between its request and the header.
     contradiction: Option<Difference>,
     header_digest: String,
     is_lockstep: bool,
-    sums: Sums,
+    sums: RowSums,
     row_flaw: Option<Flaw>,
-    recorder: Recorder,
+    recorder: SeriesBuilder,
     next_step: u64,
     gap: Option<String>,
     steps_in_gate: u64,
@@ -94,9 +79,6 @@ pub struct Grader {
 
 impl Grader {
     /// Starts an episode with this header; `set` replaces thresholds of the header, as `key=value`.
-    ///
-    /// # Errors
-    /// [`HeaderError`] where the header holds something that this version does not know.
     pub fn new(header: &v3::EpisodeHeader, set: &[String], published_counting: bool) -> Result<Self, HeaderError> {
         let protocol = header.protocol.unwrap_or_default();
         if !is_compatible(&protocol) {
@@ -125,9 +107,9 @@ impl Grader {
             contradiction: contradiction(header),
             header_digest: header_digest(header),
             is_lockstep: header.mode() == v3::Mode::Lockstep,
-            sums: Sums::default(),
+            sums: RowSums::default(),
             row_flaw: None,
-            recorder: Recorder::default(),
+            recorder: SeriesBuilder::default(),
             next_step: 0,
             gap: None,
             steps_in_gate: 0,
@@ -160,13 +142,13 @@ impl Grader {
         self.recorder.push(judge.hand_force_n(), &judge.verdict().criteria);
     }
 
-    /// Takes the place of the next row where that row cannot be read. No row may follow.
+    /// Stands for the next row if that row cannot be read. No row may follow.
     pub fn refuse(&mut self, step: u64, error: &WireError) {
         self.row_flaw.get_or_insert_with(|| Flaw::Row { step, problem: error.to_string() });
     }
 
     /// Ends the grading, and compares the rows with the recorded result.
-    pub fn finish(self, result: Option<&v3::EpisodeResult>) -> Graded {
+    pub fn finish(self, result: Option<&v3::EpisodeResult>) -> GradedEpisode {
         let judge = self.judges.of(Protocol::Published);
         let summary = judge.summary();
         let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
@@ -191,7 +173,7 @@ impl Grader {
             notes.push("the pelvis reached working height".into());
         }
         if strict.is_some_and(|judge| judge.verdict().leapt) {
-            notes.push("the robot leapt or dropped, which strict does not accept".into());
+            notes.push("the robot leapt or dropped, which strict does not allow".into());
         }
         if let Some(result) = result {
             let counts = [
@@ -205,7 +187,7 @@ impl Grader {
         }
         let gate = &summary.task.spec().gate;
         let criteria = gate.criteria_of(self.judges.protocol()).map(|criterion| criterion.name).collect();
-        Graded {
+        GradedEpisode {
             thresholds: judge.thresholds().clone(),
             strict: strict.map(|judge| judge.summary()),
             series: self.recorder.finish(criteria),
@@ -269,8 +251,7 @@ impl Grader {
             end: Some(end_message(&judge.summary(), cause, causes, digest.into())),
             unconverged: self.sums.unconverged,
             steps_outside_box: self.sums.steps_outside_box,
-            // In how many steps an action came too late is not in the rows: only the actions of a real-time episode say
-            // it.
+            // The rows do not show which actions came too late: only the actions of a real-time episode do.
             missed_steps: if self.is_lockstep { 0 } else { recorded.missed_steps },
             total_reward: self.sums.reward,
             published: Some(judgement_message(self.judges.of(Protocol::Published))),

@@ -6,10 +6,7 @@ use fiatlux_bag::BagFiles;
 
 use crate::ScoreError;
 
-/// All bags and runs in these files and folders, subfolders included, and recordings that were never finished.
-///
-/// # Errors
-/// [`ScoreError`]: a path that does not exist, or nothing of all that in any of them.
+/// All bags, runs and unfinished recordings in these files and folders, to any depth.
 pub fn find_bags(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     let found = BagFiles::find(paths)?;
     if found.bags.is_empty() && found.unfinished.is_empty() && found.runs.is_empty() {
@@ -19,7 +16,7 @@ pub fn find_bags(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     Ok(found)
 }
 
-/// The run that all paths belong to; `None` where there are loose bags only.
+/// The run that all paths belong to; `None` if there are only loose bags.
 pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
     let Some(first) = found.runs.first() else { return Ok(None) };
     let is_inside = |path: &PathBuf| path.starts_with(first);
@@ -29,7 +26,7 @@ pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
     }
 }
 
-/// A path relative to a folder, with `/` between its parts; unchanged where the two have no common root.
+/// A path relative to a folder, with `/` between its parts; unchanged if the two have no common root.
 pub(crate) fn relative(path: &Path, folder: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
     let (Ok(target), Ok(base)) = (absolute(path), absolute(folder)) else {

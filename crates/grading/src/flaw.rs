@@ -1,32 +1,28 @@
-//! Why an episode is not scored.
+//! The reasons why an episode is not scored.
 
 use fiatlux_proto::plain;
 use fiatlux_rules::Row;
 use serde::Serialize;
 use serde_json::Value;
 
-/// Longest value in a message, characters.
+/// Maximum length of a value in a message, characters.
 const MAX_SHOWN: usize = 80;
 
-/// Why an episode is listed, but not scored.
+/// The reason why an episode is listed, but not scored.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Flaw {
-    /// It was stopped before its end.
     Aborted,
-    /// It has no result.
     Unended,
-    /// Its rows do not follow each other, or do not reach its end.
+    /// Rows are missing, or do not reach the end.
     Gap(String),
     /// Its result has no digest of a header.
     Unbound,
     /// The result was made under another header.
     Header {
-        /// Digest of the header in the bag.
         header: String,
-        /// Digest of the header that the result names.
         result: String,
     },
-    /// The digest chain starts from an episode that the header does not describe.
+    /// The digest chain starts from another episode than the header describes.
     Identity {
         /// Start of the chain, computed from task, seeds, drives, thresholds and the rest of the header.
         found: String,
@@ -37,27 +33,20 @@ pub enum Flaw {
     Request(Difference),
     /// The signature does not belong to the result.
     Signature,
-    /// The rows are not those of the result.
     Altered {
-        /// Digest of the rows.
         rows: String,
-        /// Digest that the result names.
         result: String,
     },
-    /// The result contradicts the rows.
     Result(Difference),
-    /// A row lacks a number, or has one that no row can have.
+    /// A row lacks a number, or has an impossible one.
     Row {
-        /// Control step of the row.
         step: u64,
-        /// Which number, and why it is refused.
         problem: String,
     },
     /// The sum of squared actions is not finite.
     NotFinite,
 }
 
-/// A field with two values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
     /// Path of the field, with dots between its parts.
@@ -111,15 +100,15 @@ impl std::fmt::Display for Flaw {
     }
 }
 
-/// Sums over rows that no judge keeps.
+/// Sums over rows that no judge computes.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Sums {
+pub(crate) struct RowSums {
     pub unconverged: u64,
     pub steps_outside_box: u64,
     pub reward: f64,
 }
 
-impl Sums {
+impl RowSums {
     pub fn push(&mut self, row: &Row) {
         self.unconverged += u64::from(row.unconverged);
         // The action of row 0 is the staged posture.

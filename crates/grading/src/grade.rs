@@ -8,28 +8,24 @@ use std::time::{Duration, Instant};
 use fiatlux_bag::Patience;
 use fiatlux_rules::Thresholds;
 
-use crate::assemble::{Judged, assemble, assemble_run};
+use crate::assemble::{BagContent, GradedBag, assemble, assemble_run};
 use crate::find::{find_bags, relative, run_of};
 use crate::results::{Fault, Results};
-use crate::run::Run;
+use crate::run::RunJournals;
 use crate::{GradeOptions, ScoreError, bag};
 
-/// Patience that ends so long after reading began.
+/// Patience that ends at a time after reading began.
 pub fn patience(limit: Duration) -> Patience {
     let end = OnceLock::new();
     Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit))
 }
 
-/// How far a grading has come.
+/// The state of a grading in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Progress {
-    /// Number of bags that are finished.
+pub struct GradeProgress {
     pub bags_done: usize,
-    /// Number of bags to grade.
     pub bags: usize,
-    /// Bytes of the finished bags.
     pub bytes_done: u64,
-    /// Bytes of all bags.
     pub bytes: u64,
 }
 
@@ -47,47 +43,52 @@ pub struct Progress {
 pub fn grade(
     paths: &[PathBuf],
     options: &GradeOptions,
-    progress: &(dyn Fn(Progress) + Sync),
+    progress: &(dyn Fn(GradeProgress) + Sync),
 ) -> Result<Results, ScoreError> {
     let mut thresholds = Thresholds::default();
     options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
     let found = find_bags(paths)?;
     let folder = options.folder();
     if let Some(run) = run_of(&found)? {
-        return grade_run(&Run::read(run)?, options, progress);
+        return grade_run(&RunJournals::read(run)?, options, progress);
     }
 
-    let unfinished = found.unfinished.iter().map(|path| Judged {
+    let unfinished = found.unfinished.iter().map(|path| GradedBag {
         bag: relative(path, folder),
-        content: Err((Fault::Unfinished, "its recording was never finished; the recorder may still be at work".into())),
+        content: Err((Fault::Unfinished, "its recording was never finished; its recorder may still be running".into())),
     });
-    let mut judged: Vec<Judged> = unfinished.collect();
+    let mut judged: Vec<GradedBag> = unfinished.collect();
     let contents = each_bag(&found.bags, options, progress)?;
-    judged
-        .extend(found.bags.iter().zip(contents).map(|(path, content)| Judged { bag: relative(path, folder), content }));
+    judged.extend(
+        found.bags.iter().zip(contents).map(|(path, content)| GradedBag { bag: relative(path, folder), content }),
+    );
     assemble(judged, options)
 }
 
-fn grade_run(run: &Run, options: &GradeOptions, progress: &(dyn Fn(Progress) + Sync)) -> Result<Results, ScoreError> {
+fn grade_run(
+    run: &RunJournals,
+    options: &GradeOptions,
+    progress: &(dyn Fn(GradeProgress) + Sync),
+) -> Result<Results, ScoreError> {
     let (there, lost): (Vec<_>, Vec<_>) = run.bags().into_iter().partition(|(_, path)| path.is_file());
     let paths: Vec<PathBuf> = there.iter().map(|(_, path)| path.clone()).collect();
     let read = there.into_iter().zip(each_bag(&paths, options, progress)?);
-    let gone =
-        || Err((Fault::Lost, "the journal says that it was played, but its bag is missing; restore the file".into()));
+    let gone = || Err((Fault::Lost, "by the journal it was played, but its bag is missing; restore the file".into()));
     let all = read.chain(lost.into_iter().map(|lost| (lost, gone())));
     let judged =
-        all.map(|((index, path), content)| (index, Judged { bag: relative(&path, options.folder()), content }));
+        all.map(|((index, path), content)| (index, GradedBag { bag: relative(&path, options.folder()), content }));
     assemble_run(run, judged.collect(), options)
 }
 
-type Content = Result<crate::assemble::Content, (Fault, String)>;
+type BagResult = Result<BagContent, (Fault, String)>;
 
-/// The bags' contents, in the order given. The largest bags are graded first, so that no thread starts one at the end.
+/// Grades the bags, and returns them in the order given. The largest are graded first, so that no thread starts one at
+/// the end.
 fn each_bag(
     bags: &[PathBuf],
     options: &GradeOptions,
-    progress: &(dyn Fn(Progress) + Sync),
-) -> Result<Vec<Content>, ScoreError> {
+    progress: &(dyn Fn(GradeProgress) + Sync),
+) -> Result<Vec<BagResult>, ScoreError> {
     let sizes: Vec<u64> = bags.iter().map(|path| path.metadata().map_or(0, |data| data.len())).collect();
     let mut order: Vec<usize> = (0..bags.len()).collect();
     order.sort_by_key(|i| (std::cmp::Reverse(sizes[*i]), *i));
@@ -96,7 +97,7 @@ fn each_bag(
         n => n,
     };
     let next = AtomicUsize::new(0);
-    let start = Progress { bags_done: 0, bags: bags.len(), bytes_done: 0, bytes: sizes.iter().sum() };
+    let start = GradeProgress { bags_done: 0, bags: bags.len(), bytes_done: 0, bytes: sizes.iter().sum() };
     let done = Mutex::new(start);
     let work = || {
         let mut contents = Vec::new();
@@ -110,7 +111,7 @@ fn each_bag(
         }
         contents
     };
-    let mut contents: Vec<(usize, Content)> = std::thread::scope(|scope| {
+    let mut contents: Vec<(usize, BagResult)> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..workers.min(bags.len())).map(|_| scope.spawn(work)).collect();
         let results = threads.into_iter().map(|thread| thread.join().map_err(|_| ScoreError::Worker));
         results.collect::<Result<Vec<_>, _>>()

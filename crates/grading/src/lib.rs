@@ -29,6 +29,7 @@
 //! # std::fs::remove_dir_all(folder).unwrap();
 //! # Ok::<(), fiatlux_grading::ScoreError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod assemble;
 mod bag;
 mod claim;
@@ -49,16 +50,16 @@ pub mod tables;
 
 pub use bag::check_bag;
 pub use claim::false_claim;
-pub use compare::{CompareError, Comparison, Pairs, Side, compare, compare_results};
+pub use compare::{CompareError, ComparedRun, Comparison, Pairs, compare, compare_results};
 pub use conditions::Conditions;
-pub use episode::{Graded, Grader, HeaderError};
+pub use episode::{GradedEpisode, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;
 pub use flaw::{Difference, Flaw, first_difference};
-pub use grade::{Progress, grade, patience};
+pub use grade::{GradeProgress, grade, patience};
 pub use options::GradeOptions;
 pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,
 };
-pub use series::{Held, MAX_BUCKETS, Series};
+pub use series::{CriterionHeld, MAX_BUCKETS, Series};

@@ -1,5 +1,3 @@
-//! Options of a grading.
-
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -8,19 +6,16 @@ use std::time::Duration;
 pub struct GradeOptions {
     /// Thresholds in place of the recorded ones, as `key=value`.
     pub set: Vec<String>,
-    /// Whether to count criteria as the published numbers do.
     pub published_counting: bool,
-    /// Number of threads; 0 means one for each core.
+    /// Number of threads; 0 means one per core.
     pub workers: usize,
-    /// Longest time to read one bag; `None` means no limit. Of a bag that takes longer only the beginning counts, so it is
-    /// excluded.
+    /// Time limit for reading one bag; `None` means no limit. A bag that takes longer counts as cut, and is excluded.
     pub time_limit: Option<Duration>,
     /// The folder of the results, to which names of bags are relative; empty means the current one.
     pub relative_to: PathBuf,
 }
 
 impl GradeOptions {
-    /// The folder to which names of bags are relative.
     pub(crate) fn folder(&self) -> &Path {
         if self.relative_to.as_os_str().is_empty() { Path::new(".") } else { &self.relative_to }
     }

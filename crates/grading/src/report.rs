@@ -1,6 +1,6 @@
 //! The report: one self-contained page, in light and dark, without scripts.
 //!
-//! Whatever comes from a bag is escaped. The same results give the same bytes.
+//! Text from a bag is escaped. The same results give the same bytes.
 
 mod episodes;
 mod figure;
@@ -14,7 +14,7 @@ mod summary;
 use std::fmt::Write;
 use std::path::Path;
 
-use episodes::Place;
+use episodes::FigureSource;
 use markup::escape;
 use summary::{run_lines, subtasks, summary};
 
@@ -31,13 +31,13 @@ pub fn html(results: &Results) -> String {
     page(results, &|_| false)
 }
 
-/// The report as one HTML page for a folder. If the replay of an episode lies next to its bag, under the bag's name
-/// with `.html`, the episode links to it.
+/// The report as one HTML page for a folder. If the replay of an episode is next to its bag, under the bag's name with
+/// `.html`, the episode links to it.
 pub fn html_in(results: &Results, folder: &Path) -> String {
     page(results, &|replay| folder.join(replay).is_file())
 }
 
-/// `has_replay` says whether a file exists, by its path relative to the page's folder.
+/// `has_replay` tells if a file exists, by its path relative to the page's folder.
 fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -51,7 +51,7 @@ fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     }
     sections::extra_tasks(&mut out, results);
     if !results.episodes.is_empty() {
-        episodes::section(&mut out, results, Place::File(has_replay));
+        episodes::section(&mut out, results, FigureSource::File(has_replay));
     }
     sections::excluded(&mut out, results);
     sections::conditions(&mut out, results);

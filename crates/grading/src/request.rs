@@ -1,4 +1,4 @@
-//! Whether the request in a header fits the rest of it, without a simulation.
+//! Checks, without a simulation, that the request in a header fits the rest of it.
 
 use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale};
 use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
@@ -6,24 +6,24 @@ use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
 use crate::conditions::ROBOT;
 use crate::flaw::{Difference, first_difference};
 
-/// What stands in a header for what a request leaves out.
+/// Value in a header for gains that a request leaves out.
 const GAINS: &str = "fiatlux";
 const REWARD: &str = "benchmark";
 const IMAGE_SIDE: u32 = 256;
 
-/// The first field of a header that is not what its request asked for, by the request and in the header; `None` if all are, or
+/// The first field of a header that differs from its request, by the request and in the header; `None` if all agree, or
 /// if the header has no request.
 pub(crate) fn contradiction(header: &EpisodeHeader) -> Option<Difference> {
     let request = header.request.as_ref()?;
     first_difference(&asked(request, header), header)
 }
 
-/// A header with what its request asks for; the rest is as recorded, as are the delay of actions and the weights, which it has
-/// in the request alone.
+/// A header with the fields that its request asks for; the rest is as recorded, as are the delay of actions and the
+/// weights, which are only in the request.
 fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
     let or = |text: &str, default: &str| if text.is_empty() { default.to_owned() } else { text.to_ascii_lowercase() };
     let side = |side| if side == 0 { IMAGE_SIDE } else { side };
-    // What cannot be read stays as it is: then it differs.
+    // An unreadable value stays as it is, and then differs.
     let task = request.task.parse().map_or(request.task.clone(), |task: Task| task.short_id().into());
     let protocol = request.episode_protocol.parse().map_or("", Protocol::name);
     let randomization = request.randomization.unwrap_or_default();
@@ -58,7 +58,7 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
     }
     let names = |header: &EpisodeHeader| header.sensors.iter().map(|sensor| sensor.name.clone()).collect::<Vec<_>>();
     if request.sensors.iter().any(|sensor| !sensor.bag_only) {
-        // Their order and their rates are the server's.
+        // Their order and their rates are the server's choice.
         asked.sensors.retain(|sensor| request.sensors.iter().any(|asked| asked.name == sensor.name));
         let known = names(&asked);
         asked.sensors.extend(request.sensors.iter().filter(|sensor| !known.contains(&sensor.name)).cloned());
@@ -66,7 +66,7 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
     asked
 }
 
-/// Sizes, from a request in which 0 stands for 1.
+/// Sizes, from a request in which 0 means 1.
 fn prop_scale(asked: &PropScale) -> PropScale {
     let factor = |factor: f64| if factor == 0.0 { 1.0 } else { factor };
     PropScale {

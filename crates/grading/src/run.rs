@@ -1,62 +1,60 @@
-//! The folder of a run: what its journals say of each episode, over all servers that took part.
+//! The folder of a run: its journals' record of each episode, over all servers that took part.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use fiatlux_access::{PublicKey, Signer, journal_signer};
 use fiatlux_bag::run::{
-    ABANDONED, Episode, Ledger, NOT_RUN, Played, Registration, State, is_torn, journal_of, journals,
+    ABANDONED, EpisodeState, Ledger, LedgerEpisode, NOT_RUN, PlayedEpisode, Registration, is_torn, journal_of, journals,
 };
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket};
 use fiatlux_rules::{Summary, Task};
 
 use crate::ScoreError;
-use crate::episode::Graded;
+use crate::episode::GradedEpisode;
 use crate::find::relative;
 use crate::results::{Fault, RunFailure, RunResult};
 
-/// Cause of an episode that was still with a session when the journal ended.
+/// Cause of an episode that a session still had when the journal ended.
 const OPEN: &str = "open";
 /// Cause of an episode that was played, but whose bag is missing or cannot be scored.
 const BAG_LOST: &str = "bag lost";
 
-/// A run, as told by all of its journals.
+/// A run, from all of its journals.
 #[derive(Debug)]
-pub(crate) struct Run {
+pub(crate) struct RunJournals {
     folder: PathBuf,
     /// Registration in the first journal; the others agree in the fields used here.
     registration: Registration,
     servers: BTreeSet<String>,
     finished: bool,
-    /// Keys of the servers that signed their journals to the end: of all of them, or nobody's.
+    /// Keys of the servers that signed their finished journals; empty if one of the journals is not signed.
     signers: BTreeSet<PublicKey>,
     /// By index.
-    pub episodes: Vec<Standing>,
+    pub episodes: Vec<RunEpisode>,
     notes: Vec<String>,
 }
 
-/// What became of an episode of the run.
 #[derive(Debug)]
-pub(crate) struct Standing {
+pub(crate) struct RunEpisode {
     pub task: Task,
     pub seed: u64,
     /// Number of attempts on all servers.
     attempts: u32,
     /// Number of attempts that ended because a server died.
     lost: u32,
-    pub outcome: Outcome,
+    pub outcome: EpisodeOutcome,
 }
 
 #[derive(Debug)]
-pub(crate) enum Outcome {
+pub(crate) enum EpisodeOutcome {
     /// The line of the journal, and the number of the attempt.
-    Played(Played, u32),
-    /// The cause, and further details in words.
+    Played(PlayedEpisode, u32),
+    /// The cause, and further details.
     Failed(String, String),
 }
 
-impl Run {
-    /// Reads the journals in the folder of a run.
+impl RunJournals {
     pub fn read(folder: &Path) -> Result<Self, ScoreError> {
         let paths = journals(folder)?;
         let ledgers = paths.iter().map(Ledger::read).collect::<Result<Vec<_>, _>>()?;
@@ -73,9 +71,9 @@ impl Run {
         for (index, planned) in first.episodes.iter().enumerate() {
             let task = planned.task.parse().map_err(|source| ScoreError::Task { path: paths[0].clone(), source })?;
             let on = ledgers.iter().map(|ledger| (&*ledger.registration().server, &ledger.episodes()[index]));
-            let on: Vec<(&str, &Episode)> = on.collect();
+            let on: Vec<(&str, &LedgerEpisode)> = on.collect();
             let name = format!("{task}, seed {}", planned.seed);
-            episodes.push(Standing {
+            episodes.push(RunEpisode {
                 task,
                 seed: planned.seed,
                 attempts: on.iter().map(|(_, episode)| episode.attempts).sum(),
@@ -86,8 +84,7 @@ impl Run {
         Ok(Self {
             folder: folder.into(),
             servers: ledgers.iter().map(|ledger| ledger.registration().server.clone()).collect(),
-            // One journal that says so is enough: the other servers begin no more episodes, and one of them may be
-            // dead.
+            // One finished journal is enough: the other servers begin no more episodes, and one of them may be dead.
             finished: ledgers.iter().any(Ledger::is_finished),
             signers,
             registration: first,
@@ -96,21 +93,19 @@ impl Run {
         })
     }
 
-    /// Index and bag of each episode that was played, whether or not the bag exists.
+    /// Index and bag of each episode that was played; the bag may be missing.
     pub fn bags(&self) -> Vec<(usize, PathBuf)> {
-        let bag = |(index, episode): (usize, &Standing)| match &episode.outcome {
-            Outcome::Played(played, _) => Some((index, self.folder.join(&played.bag))),
-            Outcome::Failed(..) => None,
+        let bag = |(index, episode): (usize, &RunEpisode)| match &episode.outcome {
+            EpisodeOutcome::Played(played, _) => Some((index, self.folder.join(&played.bag))),
+            EpisodeOutcome::Failed(..) => None,
         };
         self.episodes.iter().enumerate().filter_map(bag).collect()
     }
 
-    /// The policy's name, as registered.
     pub fn policy(&self) -> &str {
         &self.registration.spec.policy
     }
 
-    /// What the run was registered with.
     pub fn spec(&self) -> &fiatlux_proto::v3::RunSpec {
         &self.registration.spec
     }
@@ -120,10 +115,10 @@ impl Run {
         self.episodes.iter().map(|episode| episode.seed).collect()
     }
 
-    /// How a bag differs from the one that the journal names for this episode; `None` where it is the same.
-    pub fn disagreement(&self, index: usize, header: &EpisodeHeader, graded: &Graded) -> Option<String> {
+    /// The first difference between a bag and the one that the journal names for this episode.
+    pub fn disagreement(&self, index: usize, header: &EpisodeHeader, graded: &GradedEpisode) -> Option<String> {
         let episode = self.episodes.get(index)?;
-        let Outcome::Played(played, attempt) = &episode.outcome else { return None };
+        let EpisodeOutcome::Played(played, attempt) = &episode.outcome else { return None };
         let RunTicket { run, episode: place, attempt: ticket_attempt, hosted, policy_version, policy_link } =
             header.run.clone().unwrap_or_default();
         let Registration { run: name, spec, .. } = &self.registration;
@@ -140,19 +135,19 @@ impl Run {
             ("the digest of its rows", graded.digest.to_ascii_lowercase(), played.digest.to_ascii_lowercase()),
         ];
         let (field, found, expected) = fields.into_iter().find(|(_, found, expected)| found != expected)?;
-        Some(format!("the bag is not the one in the journal: {field} is '{found}', the journal has '{expected}'"))
+        Some(format!("the bag is not the one in the journal: {field} is '{found}', but '{expected}' in the journal"))
     }
 
     /// The episodes that count as failures, by index: those of the journals, and those whose bags are `lost`.
     pub fn failures(&self, lost: &BTreeMap<usize, (Fault, String)>) -> Vec<RunFailure> {
-        let failure = |(index, episode): (usize, &Standing)| {
+        let failure = |(index, episode): (usize, &RunEpisode)| {
             let (cause, detail) = match (&episode.outcome, lost.get(&index)) {
-                (Outcome::Played(..), None) => return None,
-                (Outcome::Played(..), Some((Fault::Altered, detail))) => {
+                (EpisodeOutcome::Played(..), None) => return None,
+                (EpisodeOutcome::Played(..), Some((Fault::Altered, detail))) => {
                     (Fault::Altered.name().to_owned(), detail.clone())
                 }
-                (Outcome::Played(..), Some((_, detail))) => (BAG_LOST.to_owned(), detail.clone()),
-                (Outcome::Failed(cause, detail), _) => (cause.clone(), detail.clone()),
+                (EpisodeOutcome::Played(..), Some((_, detail))) => (BAG_LOST.to_owned(), detail.clone()),
+                (EpisodeOutcome::Failed(cause, detail), _) => (cause.clone(), detail.clone()),
             };
             Some(RunFailure {
                 index: index as u64,
@@ -171,7 +166,7 @@ impl Run {
         let spec = &self.registration.spec;
         let mut failed = BTreeMap::new();
         failures.iter().for_each(|failure| *failed.entry(failure.cause.clone()).or_insert(0) += 1);
-        let count = |is: fn(&Standing) -> bool| self.episodes.iter().filter(|episode| is(episode)).count() as u64;
+        let count = |is: fn(&RunEpisode) -> bool| self.episodes.iter().filter(|episode| is(episode)).count() as u64;
         let folder = relative(&self.folder, relative_to);
         RunResult {
             name: self.registration.run.clone(),
@@ -193,7 +188,7 @@ impl Run {
     }
 }
 
-/// What is odd about the journals as files. Two of one server are refused: which one is true, only their owner can say.
+/// Remarks on the journals as files. Two journals of one server are refused: only their owner knows which one is true.
 fn journal_notes(paths: &[PathBuf], ledgers: &[Ledger]) -> Result<Vec<String>, ScoreError> {
     let (mut notes, mut of_server) = (Vec::new(), BTreeMap::new());
     for (path, ledger) in paths.iter().zip(ledgers) {
@@ -205,7 +200,7 @@ fn journal_notes(paths: &[PathBuf], ledgers: &[Ledger]) -> Result<Vec<String>, S
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if is_torn(path)? {
             notes.push(format!(
-                "{name} ends in half a line, which does not count: its server died there, or it was cut"
+                "{name} ends in a partial line, which does not count: its server died there, or it was cut"
             ));
         }
         if *path != journal_of(path.parent().unwrap_or(Path::new("")), server) {
@@ -215,7 +210,7 @@ fn journal_notes(paths: &[PathBuf], ledgers: &[Ledger]) -> Result<Vec<String>, S
     Ok(notes)
 }
 
-/// Who signed the journals, where all are signed. That one of a hosted run is not is worth a note.
+/// The signers of the journals, if all are signed. A hosted run without signatures gets a remark.
 fn signers(paths: &[PathBuf], ledgers: &[Ledger], notes: &mut Vec<String>) -> Result<BTreeSet<PublicKey>, ScoreError> {
     let mut signers = BTreeSet::new();
     let mut all = true;
@@ -230,7 +225,7 @@ fn signers(paths: &[PathBuf], ledgers: &[Ledger], notes: &mut Vec<String>) -> Re
                 all = false;
                 if ledger.is_hosted() && ledger.is_finished() {
                     let server = &ledger.registration().server;
-                    notes.push(format!("the journal of {server} is not signed: nobody vouches that it is whole"));
+                    notes.push(format!("the journal of {server} is not signed, so it may be incomplete"));
                 }
             }
         }
@@ -238,7 +233,7 @@ fn signers(paths: &[PathBuf], ledgers: &[Ledger], notes: &mut Vec<String>) -> Re
     Ok(if all { signers } else { BTreeSet::new() })
 }
 
-/// What an episode amounts to that counts as a failure.
+/// The summary of an episode that counts as a failure.
 pub(crate) fn failed(task: Task) -> Summary {
     Summary {
         task,
@@ -265,12 +260,12 @@ fn different(first: &Registration, second: &Registration) -> Option<&'static str
     fields.into_iter().find(|(_, is_same)| !is_same).map(|(field, _)| field)
 }
 
-/// What became of an episode on all servers. The first attempt counts, so of two plays the one that was begun first
+/// The outcome of an episode over all servers. The first attempt counts, so of two plays the one that was begun first
 /// does.
-fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Outcome {
-    let begun = |episode: &Episode| episode.opened_ms.unwrap_or(u64::MAX);
+fn outcome(name: &str, on: Vec<(&str, &LedgerEpisode)>, notes: &mut Vec<String>) -> EpisodeOutcome {
+    let begun = |episode: &LedgerEpisode| episode.opened_ms.unwrap_or(u64::MAX);
     let played = on.iter().filter_map(|(server, episode)| match &episode.state {
-        State::Played(played) => Some((*server, *episode, played)),
+        EpisodeState::Played(played) => Some((*server, *episode, played)),
         _ => None,
     });
     let Some((server, episode, played)) = played.min_by_key(|(server, episode, _)| (begun(episode), *server)) else {
@@ -278,7 +273,7 @@ fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Ou
     };
     for (other, also) in on.iter().filter(|(other, _)| *other != server) {
         match also.state {
-            State::Played(_) => {
+            EpisodeState::Played(_) => {
                 notes.push(format!("{name} was played on {server} and on {other}; {server} began it first and counts"));
             }
             _ if begun(also) < begun(episode) => {
@@ -287,20 +282,20 @@ fn outcome(name: &str, on: Vec<(&str, &Episode)>, notes: &mut Vec<String>) -> Ou
             _ => {}
         }
     }
-    Outcome::Played(played.clone(), episode.attempts)
+    EpisodeOutcome::Played(played.clone(), episode.attempts)
 }
 
-/// The most informative reason among servers that did not play an episode: `not run` only where all of them say so.
-fn failure(on: &[(&str, &Episode)]) -> Outcome {
+/// The most informative reason among servers that did not play an episode: `not run` only if all of them say so.
+fn failure(on: &[(&str, &LedgerEpisode)]) -> EpisodeOutcome {
     let said = on.iter().map(|(_, episode)| match &episode.state {
-        State::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),
-        State::Failed { cause } if cause == ABANDONED => (2, cause.as_str()),
-        State::Failed { cause } => (3, cause.as_str()),
-        State::Waiting if episode.attempts > episode.lost => (2, ABANDONED),
-        State::Open { .. } => (1, OPEN),
-        State::Waiting | State::Played(_) => (0, NOT_RUN),
+        EpisodeState::Failed { cause } if cause == NOT_RUN => (0, cause.as_str()),
+        EpisodeState::Failed { cause } if cause == ABANDONED => (2, cause.as_str()),
+        EpisodeState::Failed { cause } => (3, cause.as_str()),
+        EpisodeState::Waiting if episode.attempts > episode.lost => (2, ABANDONED),
+        EpisodeState::Open { .. } => (1, OPEN),
+        EpisodeState::Waiting | EpisodeState::Played(_) => (0, NOT_RUN),
     });
     let (rank, cause) = said.max_by_key(|(rank, _)| *rank).unwrap_or((0, NOT_RUN));
     let why = on.iter().map(|(_, episode)| &episode.abandoned).find(|why| rank == 2 && !why.is_empty());
-    Outcome::Failed(cause.to_owned(), why.cloned().unwrap_or_default())
+    EpisodeOutcome::Failed(cause.to_owned(), why.cloned().unwrap_or_default())
 }

@@ -1,32 +1,26 @@
-//! The data of an episode's figure, thinned out to what a screen can show.
+//! The data of an episode's figure, reduced to what a screen can show.
 
 use fiatlux_rules::{CONTROL_DT, Criteria};
 
-/// Largest number of points in a figure.
 pub const MAX_BUCKETS: usize = 300;
 
-/// In how many rows of a bucket a criterion held.
+/// The share of a bucket's rows in which a criterion held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Held {
-    /// In none of its rows.
+pub enum CriterionHeld {
     #[default]
     No,
-    /// In some of its rows.
     Partly,
-    /// In all of its rows.
     Throughout,
 }
 
-/// What the figure of an episode shows: rows, from row 0 on, in equal buckets of time.
+/// The figure of an episode: rows, from row 0 on, in equal buckets of time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {
     /// Names of the criteria, in the order of the gate.
     pub criteria: Vec<&'static str>,
-    /// For each criterion, one value for each bucket.
-    pub held: Vec<Vec<Held>>,
+    pub held: Vec<Vec<CriterionHeld>>,
     /// Largest contact force of a bulb on a hand body in each bucket, N.
     pub hand_force_n: Vec<f64>,
-    /// Number of rows in the episode.
     pub rows: usize,
     /// Time of the largest force, s.
     pub peak_time_s: f64,
@@ -40,15 +34,15 @@ impl Series {
     }
 }
 
-/// Collects rows; [`Recorder::finish`] thins them out.
+/// Collects rows; [`SeriesBuilder::finish`] reduces them to buckets.
 #[derive(Debug, Default)]
-pub(crate) struct Recorder {
+pub(crate) struct SeriesBuilder {
     bits: Vec<u16>,
     force: Vec<f32>,
 }
 
-impl Recorder {
-    /// Takes the next row: the largest contact force of a bulb on a hand body, and the criteria that hold.
+impl SeriesBuilder {
+    /// Adds a row: the largest contact force of a bulb on a hand body, and the criteria that hold.
     pub(crate) fn push(&mut self, hand_force_n: f64, criteria: &Criteria) {
         let bits = criteria.as_slice().iter().enumerate().fold(0, |bits, (i, held)| bits | u16::from(*held) << i);
         self.bits.push(bits);
@@ -60,9 +54,9 @@ impl Recorder {
         let buckets = rows.min(MAX_BUCKETS);
         let spans: Vec<_> = (0..buckets).map(|i| i * rows / buckets..(i + 1) * rows / buckets).collect();
         let held_in = |lane: usize, bits: &[u16]| match bits.iter().filter(|bits| *bits >> lane & 1 == 1).count() {
-            0 => Held::No,
-            all if all == bits.len() => Held::Throughout,
-            _ => Held::Partly,
+            0 => CriterionHeld::No,
+            all if all == bits.len() => CriterionHeld::Throughout,
+            _ => CriterionHeld::Partly,
         };
         let peak_of = |force: &[f32]| f64::from(force.iter().copied().fold(0.0, f32::max));
         let peak = peak_of(&self.force);
@@ -83,18 +77,21 @@ impl Recorder {
 mod tests {
     use super::*;
 
-    /// A single differing row among 6,001 shows in its bucket, both in the lane and in the force.
+    /// Guards that a single differing row among 6,001 shows in its bucket, both in the lane and in the force.
     #[test]
     fn no_single_row_is_lost() {
-        let mut recorder = Recorder { bits: vec![0b01; 6001], force: vec![1.0; 6001] };
+        let mut recorder = SeriesBuilder { bits: vec![0b01; 6001], force: vec![1.0; 6001] };
         recorder.bits[4321] = 0b10;
         recorder.force[4321] = 51.0;
         let series = recorder.finish(vec!["a", "b"]);
         let bucket = (0..MAX_BUCKETS).find(|i| series.time_of(i + 1) > 4321.0 * CONTROL_DT).expect("inside");
         assert_eq!((series.rows, series.hand_force_n.len()), (6001, MAX_BUCKETS));
         for i in 0..MAX_BUCKETS {
-            let expected =
-                if i == bucket { (Held::Partly, Held::Partly, 51.0) } else { (Held::Throughout, Held::No, 1.0) };
+            let expected = if i == bucket {
+                (CriterionHeld::Partly, CriterionHeld::Partly, 51.0)
+            } else {
+                (CriterionHeld::Throughout, CriterionHeld::No, 1.0)
+            };
             assert_eq!((series.held[0][i], series.held[1][i], series.hand_force_n[i]), expected, "{i}");
         }
         assert!((series.peak_time_s - 86.42).abs() < 1e-9);
@@ -102,10 +99,10 @@ mod tests {
 
     #[test]
     fn short_episodes_keep_every_row() {
-        let recorder = Recorder { bits: vec![0, 1], force: vec![0.0, 2.0] };
+        let recorder = SeriesBuilder { bits: vec![0, 1], force: vec![0.0, 2.0] };
         let series = recorder.finish(vec!["a"]);
-        assert_eq!(series.held, [[Held::No, Held::Throughout]]);
+        assert_eq!(series.held, [[CriterionHeld::No, CriterionHeld::Throughout]]);
         assert_eq!((series.time_of(1), series.time_of(2)), (CONTROL_DT, 2.0 * CONTROL_DT));
-        assert_eq!(Recorder::default().finish(vec!["a"]).hand_force_n.len(), 0);
+        assert_eq!(SeriesBuilder::default().finish(vec!["a"]).hand_force_n.len(), 0);
     }
 }

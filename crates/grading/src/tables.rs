@@ -27,7 +27,7 @@ pub fn seeds(seeds: &[u64]) -> String {
     parts.into_iter().map(part).collect::<Vec<_>>().join(", ")
 }
 
-/// Longest list of seeds that is shown, bytes.
+/// Maximum length of a list of seeds, bytes.
 const MAX_LIST: usize = 200;
 
 /// Number and list of the layout seeds, such as `4 layout seeds (0..3)`.
@@ -40,7 +40,7 @@ fn counted(list: &[u64]) -> String {
     let list = seeds(list);
     match (count, ends) {
         (1, _) => format!("layout seed {list}"),
-        // Hosted seeds are drawn one by one, and have up to 16 digits.
+        // Hosted seeds are random, and have up to 16 digits.
         (n, Some((least, most))) if list.len() > MAX_LIST => format!("{n} layout seeds (from {least} to {most})"),
         (n, _) => format!("{n} layout seeds ({list})"),
     }
@@ -69,8 +69,8 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
-/// How many subtasks S is over, such as `over 1 of 12 subtasks: not comparable`. In a run these are all, and those that were not
-/// registered count 0.
+/// The number of subtasks in S, such as `over 1 of 12 subtasks: not comparable`. In a run these are all, and those that
+/// were not registered count 0.
 pub(crate) fn coverage(results: &Results) -> String {
     let (counted, all) = (results.score.subtasks, fiatlux_rules::Task::SUBTASKS.len() as u64);
     let rest = match results.missing.len() {
@@ -81,8 +81,8 @@ pub(crate) fn coverage(results: &Results) -> String {
     format!("over {counted} of {all} subtasks{rest}")
 }
 
-/// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a run they
-/// score 0. Nothing where no subtask was scored: then there is no S.
+/// Subtasks without a scored episode, and those without one under some of the seeds, in lines. S leaves them out; in a
+/// run they score 0. Empty if no subtask was scored: then there is no S.
 pub(crate) fn missing(results: &Results) -> Vec<String> {
     if results.subtasks.is_empty() || results.missing.is_empty() {
         return Vec::new();
@@ -115,7 +115,7 @@ pub(crate) fn count(n: usize, noun: &str) -> String {
     format!("{n} {noun}{s}")
 }
 
-/// A force in newtons, with as many digits as are useful.
+/// A force in newtons, with a useful number of digits.
 pub(crate) fn force(newtons: f64) -> String {
     if newtons >= 100.0 { format!("{newtons:.0}") } else { format!("{newtons:.1}") }
 }

@@ -1,4 +1,4 @@
-//! How long pages take while files are uploaded: asks a running `scorer serve` for its pages, alone and during 50 uploads of
+//! Measures pages while files are uploaded: asks a running `scorer serve` for its pages, alone and during 50 uploads of
 //! 10 MB at once, and prints p50, p99 and the longest of each.
 //!
 //!     page_times ADDRESS TOKEN_FILE [ROUNDS]
@@ -6,7 +6,7 @@
 //! ADDRESS is HOST:PORT. The account should have `--submissions-a-day 100000`. Each round is a submission of 50 files that are
 //! no bags, so it is refused in the end. Pages are asked for every 5 ms on one connection each, as browsers that come anew do; the
 //! runs that are listed are asked for too.
-#![allow(clippy::unwrap_used)] // What fails here is shown, and ends it.
+#![allow(clippy::unwrap_used)] // A failure is shown, and ends the example.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -57,7 +57,7 @@ impl Target {
         answer
     }
 
-    /// Asks for one page after the other until it is stopped, or has done so that often; how long each took.
+    /// Requests one page after the other until it is stopped, or has sent `most` requests; returns the time of each.
     async fn pages(&self, pages: &[String], most: usize, stop: &AtomicBool) -> Vec<Duration> {
         let mut times = Vec::new();
         for page in pages.iter().cycle().take(most) {
@@ -74,7 +74,7 @@ impl Target {
     }
 }
 
-/// A content of its own for each round and place.
+/// A unique content for each round and place.
 fn content(round: usize, place: usize) -> Vec<u8> {
     let mut bytes = vec![b'x'; BYTES];
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos();
@@ -96,7 +96,7 @@ fn print(what: &str, times: &mut [Duration]) {
 }
 
 fn main() {
-    // Uploads on a thread of their own: what is measured shall not wait for them here.
+    // Uploads have a thread of their own, so that the measured requests do not wait for them here.
     let args: Vec<String> = std::env::args().skip(1).collect();
     let [host, token, rest @ ..] = &args[..] else { panic!("page_times HOST:PORT TOKEN_FILE [ROUNDS]") };
     let rounds: usize = rest.first().map_or(5, |rounds| rounds.parse().unwrap());

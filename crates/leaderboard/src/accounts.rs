@@ -1,4 +1,4 @@
-//! Accounts and their tokens: who may submit, and what an administrator can change.
+//! Accounts and their tokens: permission to submit, and what an administrator can change.
 //!
 //! A token is `fiatlux_ID_SECRET`: 16 and 64 hexadecimal digits. The store keeps its SHA-256; the secret is 256 random
 //! bits, so a digest gives nothing away and needs no salt.
@@ -14,45 +14,25 @@ use crate::{Entry, Store, StoreError, SubmissionId};
 const PREFIX: &str = "fiatlux_";
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
-/// Longest lifetime of a token, days.
 pub const MAX_DAYS: u32 = 3650;
 
-/// Why an account, a token or a submission could not be changed.
 #[derive(Debug, Error)]
 pub enum AccountError {
-    /// The store could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The name of a new account has other characters than it may, or too many.
     #[error("'{name}' cannot be the name of an account; use 1 to 64 letters, digits, - or _")]
-    Name {
-        /// The name as the caller gave it.
-        name: String,
-    },
-    /// An account of this name exists already.
+    Name { name: String },
     #[error("the account '{name}' exists already; choose another name, or change it with `scorer admin change`")]
     Exists { name: String },
-    /// No account has this name.
     #[error("there is no account '{name}'; `scorer admin accounts` lists all of them")]
-    NoAccount {
-        /// The name as the caller gave it.
-        name: String,
-    },
-    /// No token has this id, or it was revoked before.
+    NoAccount { name: String },
     #[error("there is no token '{id}', or it is revoked already; `scorer admin accounts` lists all of them")]
-    NoToken {
-        /// The id as the caller gave it.
-        id: String,
-    },
-    /// No submission has this id.
+    NoToken { id: String },
     #[error("there is no submission {id}; `scorer admin submissions` lists all of them")]
-    NoSubmission {
-        /// The id as the caller gave it.
-        id: SubmissionId,
-    },
+    NoSubmission { id: SubmissionId },
 }
 
-/// Why a request is not let in. The message tells its sender nothing new about other accounts.
+/// A request is refused. The message tells its sender nothing new about other accounts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub(crate) enum Denied {
     #[error("the request has no token; send the header Authorization: Bearer TOKEN")]
@@ -67,10 +47,8 @@ pub(crate) enum Denied {
     Closed,
 }
 
-/// How much an account may submit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quota {
-    /// Submissions that it may begin within 24 hours.
     pub submissions_a_day: u32,
     /// Bytes of all its submissions together.
     pub max_bytes: u64,
@@ -90,10 +68,6 @@ impl Quota {
 }
 
 impl Store {
-    /// Creates an account.
-    ///
-    /// # Errors
-    /// [`AccountError`]: the name cannot be one, or is taken.
     pub async fn make_account(&self, name: &str, quota: Quota) -> Result<(), AccountError> {
         if !is_name(name) {
             return Err(AccountError::Name { name: name.into() });
@@ -110,9 +84,6 @@ impl Store {
 
     /// Sets the limits that are given, and closes the account or opens it again. The tokens of a closed account are refused;
     /// its submissions stay.
-    ///
-    /// # Errors
-    /// [`AccountError`]: there is no such account.
     pub async fn set_account(
         &self,
         name: &str,
@@ -131,10 +102,8 @@ impl Store {
         if self.change_account(&account).await? { Ok(()) } else { Err(no_account()) }
     }
 
-    /// Creates a token that is valid for `days`, at most [`MAX_DAYS`]. The store keeps only its digest, so show it now.
-    ///
-    /// # Errors
-    /// [`AccountError`]: there is no such account; the system's random source failed.
+    /// Creates a token that is valid for `days`, at most [`MAX_DAYS`]. The store keeps only its digest, so it must be
+    /// shown now.
     pub async fn make_token(&self, account: &str, days: u32) -> Result<String, AccountError> {
         if self.account(account).await?.is_none() {
             return Err(AccountError::NoAccount { name: account.into() });
@@ -158,17 +127,11 @@ impl Store {
     }
 
     /// Revokes a token at once and for good; `id` is the 16 digits after `fiatlux_`.
-    ///
-    /// # Errors
-    /// [`AccountError::NoToken`].
     pub async fn revoke_token(&self, id: &str) -> Result<(), AccountError> {
         if self.revoke(id).await? { Ok(()) } else { Err(AccountError::NoToken { id: id.into() }) }
     }
 
     /// All accounts, by name, each with its tokens, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`].
     pub async fn list_accounts(&self) -> Result<Vec<(Account, Vec<TokenRow>)>, StoreError> {
         let mut listed = Vec::new();
         for account in self.accounts().await? {
@@ -178,26 +141,17 @@ impl Store {
         Ok(listed)
     }
 
-    /// All submissions, whatever their state, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`].
+    /// All submissions in any state, oldest first.
     pub async fn list_submissions(&self) -> Result<Vec<Entry>, StoreError> {
         self.every(None).await
     }
 
     /// The last lines of the audit log, newest last.
-    ///
-    /// # Errors
-    /// [`StoreError`].
     pub async fn list_audit(&self, most: u32) -> Result<Vec<AuditRow>, StoreError> {
         self.audit_log(most.into()).await
     }
 
     /// Refuses a submission, which takes it out of all tables. Its bags stay.
-    ///
-    /// # Errors
-    /// [`AccountError::NoSubmission`].
     pub async fn refuse_submission(&self, id: SubmissionId, reason: &str) -> Result<(), AccountError> {
         if self.entry(id).await?.is_none() {
             return Err(AccountError::NoSubmission { id });
@@ -206,9 +160,6 @@ impl Store {
     }
 
     /// Removes a submission and the bags that no other one uses. This cannot be undone; the submitter may send it again.
-    ///
-    /// # Errors
-    /// [`AccountError::NoSubmission`].
     pub async fn remove_submission(&self, id: SubmissionId) -> Result<(), AccountError> {
         if self.remove(id, "admin").await? { Ok(()) } else { Err(AccountError::NoSubmission { id }) }
     }
@@ -233,7 +184,6 @@ impl Store {
     }
 }
 
-/// The public part of a token.
 fn id_in(token: &str) -> Option<&str> {
     let (id, secret) = token.strip_prefix(PREFIX)?.split_once('_')?;
     let is_hex = |text: &str, length| text.len() == length && text.bytes().all(|byte| byte.is_ascii_hexdigit());

@@ -57,7 +57,7 @@ async fn openapi() -> Response {
 }
 
 async fn nothing() -> Problem {
-    Problem::missing("there is nothing at this address; /api/openapi.json lists all addresses")
+    Problem::missing("nothing is at this address; /api/openapi.json lists all addresses")
 }
 
 async fn not_so() -> Problem {
@@ -68,7 +68,7 @@ async fn not_so() -> Problem {
     )
 }
 
-/// Answers as long as the process lives, whatever the state of the store.
+/// Answers as long as the process lives, in any state of the store.
 async fn health() -> &'static str {
     "ok\n"
 }

@@ -21,98 +21,67 @@ use thiserror::Error;
 
 use crate::store::Digest;
 use crate::submission::{MAX_NAME, is_file_name};
-use crate::{Manifest, ManifestError, State};
+use crate::{Manifest, ManifestError, Stage};
 use http::{Answer, Http};
 
-/// How often a failed request is tried again as long as no byte gets through.
+/// Number of tries of a failed request while no byte gets through.
 const TRIES: u32 = 8;
-/// How long it waits before the second try; twice as long before each further one, up to [`MAX_PAUSE`].
+/// Pause before the second try; it doubles with each further one, up to [`MAX_PAUSE`].
 const PAUSE: Duration = Duration::from_millis(500);
 const MAX_PAUSE: Duration = Duration::from_secs(60);
-/// How often it asks how a submission goes on.
+/// Pause between two requests for the state of a submission.
 const POLL: Duration = Duration::from_secs(2);
 
-/// Why a submission failed.
 #[derive(Debug, Error)]
 pub enum SubmitError {
-    /// The folder to submit cannot be searched for bags.
     #[error(transparent)]
     Find(#[from] FindError),
-    /// A bag or the journal of a run cannot be read.
     #[error("cannot read the bags to submit")]
     Bag(#[from] BagError),
-    /// A file of the submission cannot be opened or read.
     #[error("cannot read {}", path.display())]
     Read {
         path: PathBuf,
-        /// The operating system's error.
         #[source]
         source: std::io::Error,
     },
-    /// The folder to submit holds no bags.
     #[error("there is no bag in {}; name the folder of a run, or of *.mcap files", path.display())]
     NoBags { path: PathBuf },
-    /// The folder to submit holds several runs; a submission is one run.
     #[error("{} holds {runs} runs; submit each of them separately", path.display())]
-    Runs {
-        path: PathBuf,
-        /// Number of runs in it, 2 or more.
-        runs: usize,
-    },
-    /// The service does not accept a file of this name.
+    Runs { path: PathBuf, runs: usize },
     #[error(
         "the service does not accept a file named '{name}'; use only letters, digits, -, _ and ., {MAX_NAME} at most"
     )]
-    Name {
-        /// Name of the file, without its folder.
-        name: String,
-    },
-    /// A field of the manifest is wrong.
+    Name { name: String },
     #[error(transparent)]
     Manifest(#[from] ManifestError),
-    /// The address of the service is not a URL of a host.
     #[error("'{url}' is not the address of a service; write https://HOST or http://HOST:PORT")]
-    Url {
-        /// The address as the caller gave it.
-        url: String,
-    },
-    /// The service did not answer, after several tries.
+    Url { url: String },
     #[error("{url} does not answer ({reason}); start again later: the service keeps what has arrived")]
-    Unanswered {
-        url: String,
-        /// What went wrong with the last try.
-        reason: String,
-    },
-    /// The service refused a request; trying again does not help.
+    Unanswered { url: String, reason: String },
     #[error("the service refuses the request ({code}): {message}")]
     Refused {
-        /// The kind of refusal, one word such as `token`; the HTTP status where the service gives none.
+        /// One word such as `token`; the HTTP status if the service gives none.
         code: String,
-        /// The service's own message, which says what to do.
         message: String,
     },
-    /// The answer is not one of a leaderboard of this version.
     #[error("{url} is not a leaderboard, or runs another version: {reason}")]
     Unreadable { url: String, reason: String },
-    /// A file changed while it was sent.
     #[error("{} was changed while it was sent; submit again", path.display())]
     Changed { path: PathBuf },
-    /// The caller asked to stop.
     #[error("stopped; run the same command again to resume")]
     Stopped,
 }
 
-/// The files and the manifest of a submission.
 #[derive(Debug, Clone)]
 pub struct Upload {
-    /// What the submitter says of the policy; fill it in before [`Submit::send`].
+    /// The submitter's description of the policy; fill it in before [`Submit::send`].
     pub manifest: Manifest,
     files: Vec<(String, PathBuf)>,
 }
 
 impl Upload {
-    /// All bags below a folder and, if it is the folder of a run, its journals. The manifest gets the policy's name and, where
-    /// the run has them, its version and link; the caller fills in the rest.
+    /// All bags below a folder and, if it is the folder of a run, its journals. The manifest gets the policy's name
+    /// and, if the run has them, its version and link; the caller fills in the rest.
     ///
     /// # Errors
     /// [`SubmitError`]: no bag, several runs, names that the service does not accept.
@@ -163,7 +132,6 @@ fn name_of(path: &Path) -> Result<String, SubmitError> {
     name.to_str().map(str::to_owned).ok_or_else(|| SubmitError::Name { name: name.to_string_lossy().into_owned() })
 }
 
-/// What [`Submit`] is doing, and how far it has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SubmitProgress {
     /// Digests of the files are being computed: bytes done, bytes in total.
@@ -174,27 +142,23 @@ pub enum SubmitProgress {
     Verifying(u64, u64),
 }
 
-/// A submission as the service reports it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Submitted {
-    /// Id of the submission, 16 hexadecimal digits.
+    /// 16 hexadecimal digits.
     pub id: String,
-    /// How far the service has come with it.
-    pub state: State,
-    /// Why it was refused; empty otherwise.
+    pub state: Stage,
+    /// The reason of a refusal; else empty.
     pub reason: String,
-    /// How much of it has been confirmed.
     pub badge: crate::Badge,
-    /// Episodes that were verified so far.
     pub episodes_verified: u64,
-    /// Episodes to verify in total; 0 until the submission is graded.
+    /// Total; 0 until the submission is graded.
     pub episodes_to_verify: u64,
     #[serde(default)]
-    files: Vec<Place>,
+    files: Vec<FileStatus>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-struct Place {
+struct FileStatus {
     place: u64,
     name: String,
     bytes: u64,
@@ -210,10 +174,8 @@ pub struct Submit<'a> {
 }
 
 impl<'a> Submit<'a> {
-    /// A client of the service at `url`, such as `https://HOST`. Setting `stop` ends its work with [`SubmitError::Stopped`].
-    ///
-    /// # Errors
-    /// [`SubmitError::Url`].
+    /// A client of the service at `url`, such as `https://HOST`. Setting `stop` ends its work with
+    /// [`SubmitError::Stopped`].
     pub fn to(
         url: &str,
         token: &str,
@@ -223,15 +185,12 @@ impl<'a> Submit<'a> {
         Ok(Self { http: Http::new(url, token)?, progress, stop })
     }
 
-    /// Sends everything that the service does not have yet. When this returns, the service has accepted the submission.
-    ///
-    /// # Errors
-    /// [`SubmitError`].
+    /// Sends all files that the service does not have yet. When this returns, the service has accepted the submission.
     pub fn send(&mut self, upload: &Upload) -> Result<Submitted, SubmitError> {
         upload.manifest.check()?;
         let (paths, wish) = self.announce(upload)?;
         let mut submitted = self.ask("POST", "/api/v1/submissions", Some(wish.to_string()))?;
-        if submitted.state != State::Uploading {
+        if submitted.state != Stage::Uploading {
             return Ok(submitted);
         }
         let whole = submitted.files.iter().map(|file| file.bytes).sum();
@@ -250,14 +209,10 @@ impl<'a> Submit<'a> {
         self.ask("POST", &finish, None)
     }
 
-    /// Waits until a submission is verified or refused.
-    ///
-    /// # Errors
-    /// [`SubmitError`].
     pub fn wait(&mut self, id: &str) -> Result<Submitted, SubmitError> {
         loop {
             let submitted = self.ask("GET", &format!("/api/v1/submissions/{id}"), None)?;
-            if matches!(submitted.state, State::Verified | State::Refused) {
+            if matches!(submitted.state, Stage::Verified | Stage::Refused) {
                 return Ok(submitted);
             }
             let Submitted { episodes_verified, episodes_to_verify, .. } = submitted;
@@ -299,9 +254,9 @@ impl<'a> Submit<'a> {
     }
 
     /// Sends the missing part of a file; after an interruption it asks how much has arrived.
-    fn file(&mut self, id: &str, file: &Place, path: &Path, done: u64, whole: u64) -> Result<(), SubmitError> {
+    fn file(&mut self, id: &str, file: &FileStatus, path: &Path, done: u64, whole: u64) -> Result<(), SubmitError> {
         let read = |source| SubmitError::Read { path: path.into(), source };
-        let (mut received, mut tries) = (file.received, Tries::default());
+        let (mut received, mut tries) = (file.received, FailedTries::default());
         loop {
             let mut source = File::open(path).map_err(read)?;
             source.seek(SeekFrom::Start(received)).map_err(read)?;
@@ -333,15 +288,15 @@ impl<'a> Submit<'a> {
                 return Ok(());
             }
             if there.received > received {
-                tries = Tries::default();
+                tries = FailedTries::default();
             }
             received = there.received.min(file.bytes);
         }
     }
 
-    /// A request without a file, tried again while the service does not answer.
+    /// A request without a file, repeated while the service does not answer.
     fn ask(&mut self, method: &str, address: &str, body: Option<String>) -> Result<Submitted, SubmitError> {
-        let mut tries = Tries::default();
+        let mut tries = FailedTries::default();
         loop {
             let reason = match self.http.ask(method, address, body.as_deref()) {
                 Ok(Answer { status: 200..=299, json }) => {
@@ -367,12 +322,11 @@ impl<'a> Submit<'a> {
     }
 }
 
-/// How often a request came to nothing.
 #[derive(Debug, Default)]
-struct Tries(u32);
+struct FailedTries(u32);
 
-impl Tries {
-    /// Counts one more, and says how long to wait before the next one.
+impl FailedTries {
+    /// Counts one more, and returns the pause before the next one.
     fn again(&mut self, http: &Http, reason: String) -> Result<Duration, SubmitError> {
         self.0 += 1;
         if self.0 > TRIES {

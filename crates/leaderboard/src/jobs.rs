@@ -1,8 +1,8 @@
 //! The work on submissions: each is graded, then its episodes are verified, then it gets its badge and its pictures.
 //!
-//! The state of the store ([`crate::store`]) says what there is to do, and each step is one transaction. A service that is
-//! killed in the middle of a step repeats it after the next start, with the same result: grading depends on the bags alone,
-//! and simulating an episode again gives the same bytes.
+//! The state of the store ([`crate::store`]) determines what there is to do, and each step is one transaction. A service
+//! that is killed in the middle of a step repeats it after the next start, with the same result: grading depends on the
+//! bags alone, and simulating an episode again gives the same bytes.
 
 mod draw;
 mod grade;
@@ -21,11 +21,11 @@ use crate::store::now_ms;
 use crate::{Service, StoreError};
 use verify::Verifiers;
 
-/// How often the grader looks for work without being notified.
+/// Time between two looks for work of the grader without a notification.
 const LOOK: Duration = Duration::from_secs(2);
-/// How long the grader waits after an error of the store.
+/// Pause of the grader after an error of the store.
 const PAUSE: Duration = Duration::from_secs(5);
-/// How often abandoned uploads are removed.
+/// Time between two removals of abandoned uploads.
 const SWEEP: Duration = Duration::from_secs(600);
 /// Age at which an incomplete upload is removed, ms.
 const STALE_MS: i64 = 7 * 24 * 3600 * 1000;
@@ -33,13 +33,12 @@ const STALE_MS: i64 = 7 * 24 * 3600 * 1000;
 /// A sim-server that simulates episodes again to verify them.
 #[derive(Debug, Clone)]
 pub struct Verifier {
-    /// Endpoints and settings of the Zenoh link that leads to it.
+    /// Endpoints and settings of its Zenoh link.
     pub link: LinkArgs,
-    /// Name of the server on that link; `None` if it is the only one.
+    /// `None` if it is the only one on that link.
     pub server: Option<String>,
 }
 
-/// The background work of a service.
 #[derive(Debug)]
 pub struct Jobs {
     stop: Arc<AtomicBool>,
@@ -48,11 +47,8 @@ pub struct Jobs {
 }
 
 impl Jobs {
-    /// Starts to grade, and to verify on each of the servers, `parallel` episodes at a time on each. Without a server,
-    /// episodes wait until the service is started with one. Call it on the Tokio runtime of the service.
-    ///
-    /// # Errors
-    /// The system refuses to start a thread.
+    /// Starts to grade, and to verify `parallel` episodes at a time on each of the servers. Without a server, episodes
+    /// wait until the service is started with one. Must be called on the Tokio runtime of the service.
     pub fn start(
         service: &Arc<Service>,
         verifiers: Vec<Verifier>,
@@ -67,7 +63,7 @@ impl Jobs {
         Ok(Self { stop, tasks: vec![grader, drawer, sweeper], verifiers })
     }
 
-    /// Stops, and blocks until the running simulations have ended. The next service repeats what was left unfinished.
+    /// Stops, and blocks until the running simulations have ended. The next service repeats unfinished work.
     pub fn stop(self) {
         self.stop.store(true, Ordering::Relaxed);
         self.tasks.iter().for_each(JoinHandle::abort);

@@ -37,5 +37,5 @@ pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
 pub use store::{Account, AuditRow, Store, TokenRow};
 pub use submission::{
-    Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, State, SubmissionId, Time, WordError,
+    Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, Stage, SubmissionId, Time, WordError,
 };

@@ -17,25 +17,24 @@ use crate::counts::BUCKETS_MS;
 use crate::{Service, StoreError};
 
 /// Counts down when dropped, even if the request is cancelled halfway.
-struct Counted<'a>(&'a AtomicI64);
+struct OpenCount<'a>(&'a AtomicI64);
 
-impl<'a> Counted<'a> {
+impl<'a> OpenCount<'a> {
     fn new(count: &'a AtomicI64) -> Self {
         count.fetch_add(1, Ordering::Relaxed);
         Self(count)
     }
 }
 
-impl Drop for Counted<'_> {
+impl Drop for OpenCount<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
-/// Counts requests and logs them.
 pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Request, next: Next) -> Response {
     let metrics = &service.metrics;
-    let counted = Counted::new(&metrics.open);
+    let counted = OpenCount::new(&metrics.open);
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().map_or_else(String::new, |path| path.as_str().to_owned());
     let start = Instant::now();
@@ -46,7 +45,7 @@ pub(crate) async fn measure(State(service): State<Arc<Service>>, request: Reques
     if let Some(count) = usize::from(status / 100).checked_sub(1).and_then(|class| metrics.answers.get(class)) {
         count.fetch_add(1, Ordering::Relaxed);
     }
-    // The time of an upload only says how fast its sender is.
+    // The time of an upload only measures its sender's connection.
     if method != axum::http::Method::PUT {
         let ms = taken.as_millis() as u64;
         let at = BUCKETS_MS.iter().position(|end| ms < *end).unwrap_or(BUCKETS_MS.len());
@@ -67,7 +66,6 @@ async fn page(State(service): State<Arc<Service>>) -> Result<Response, Problem> 
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
 }
 
-/// All counters, as Prometheus reads them.
 async fn text(service: &Service) -> Result<String, StoreError> {
     let metrics = &service.metrics;
     let mut out = String::new();
@@ -97,7 +95,7 @@ async fn text(service: &Service) -> Result<String, StoreError> {
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
     for (name, help, count) in [
-        ("refused_total", "Connections and requests of addresses that have too many.", &metrics.refused),
+        ("refused_total", "Connections and requests refused because their address has too many.", &metrics.refused),
         ("uploaded_bytes_total", "Bytes of files received.", &metrics.uploaded_bytes),
         ("graded_total", "Submissions that were graded or refused.", &metrics.graded),
         ("verified_total", "Episodes whose verification has a verdict.", &metrics.verified),

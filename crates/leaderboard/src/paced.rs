@@ -15,11 +15,11 @@ use crate::Pace;
 pub(crate) struct Paced<T> {
     stream: T,
     pace: Pace,
-    /// Since when a write waits for the client.
+    /// Start of the present wait for the client.
     waiting: Option<Instant>,
-    /// Rings when it has waited too long.
+    /// Fires when a write has waited too long.
     alarm: Pin<Box<Sleep>>,
-    /// Time that writes have waited since the rate was last compared, and bytes that the client took in it.
+    /// Time for which writes have waited since the rate was last compared, and bytes that the client read in it.
     waited: Duration,
     taken: u64,
 }
@@ -37,20 +37,20 @@ impl<T> Paced<T> {
                 self.waiting = Some(Instant::now());
                 self.alarm.as_mut().reset(tokio::time::Instant::now() + self.pace.silence);
                 if self.waited.is_zero() {
-                    // What was taken without waiting is no credit.
+                    // Bytes that were sent without waiting do not count.
                     self.taken = 0;
                 }
             }
             ready!(self.alarm.as_mut().poll(context));
-            return slow("the client took nothing for too long");
+            return slow("the client read nothing for too long");
         };
         let written = written?;
         self.taken += written as u64;
         if let Some(since) = self.waiting.take() {
             self.waited += since.elapsed();
             if self.waited > self.pace.start {
-                if (self.taken as f64) < self.pace.least_rate as f64 * self.waited.as_secs_f64() {
-                    return slow("the client takes less than the lowest rate");
+                if (self.taken as f64) < self.pace.min_rate as f64 * self.waited.as_secs_f64() {
+                    return slow("the client reads more slowly than the lowest rate");
                 }
                 (self.waited, self.taken) = (Duration::ZERO, 0);
             }
@@ -105,7 +105,7 @@ mod tests {
     /// Writes to a reader that takes `part` bytes every 10 ms.
     async fn written(part: usize) -> io::Result<()> {
         let (ours, mut theirs) = tokio::io::duplex(1000);
-        let pace = Pace { silence: Duration::from_millis(200), start: Duration::from_millis(300), least_rate: 20_000 };
+        let pace = Pace { silence: Duration::from_millis(200), start: Duration::from_millis(300), min_rate: 20_000 };
         let reader = tokio::spawn(async move {
             let mut buffer = vec![0; part.max(1)];
             while part > 0 && theirs.read(&mut buffer).await.unwrap_or(0) > 0 {
@@ -118,12 +118,12 @@ mod tests {
         done
     }
 
-    /// Guards against clients that take nothing, or so little that an answer would never end.
+    /// Guards against clients that read nothing, or so slowly that an answer would never end.
     #[tokio::test]
     async fn a_slow_reader_is_cut_and_a_fast_one_is_not() {
         written(BYTES).await.unwrap();
         let silent = written(0).await.unwrap_err();
-        assert!(silent.to_string().contains("took nothing"), "{silent}");
+        assert!(silent.to_string().contains("read nothing"), "{silent}");
         let slow = written(20).await.unwrap_err();
         assert!(slow.to_string().contains("lowest rate"), "{slow}");
     }

@@ -1,7 +1,7 @@
 //! The pages, rendered on the server: leaderboard, runs, episodes with their replays, comparisons.
 //!
-//! Everything but the replay works without JavaScript. No address becomes the path of a file, and whatever comes from
-//! a submission is escaped by the templates. The Content-Security-Policy of each page forbids loading from other hosts.
+//! Everything but the replay works without JavaScript. No address becomes the path of a file, and text from a
+//! submission is escaped by the templates. The Content-Security-Policy of each page forbids loading from other hosts.
 
 mod answer;
 mod board;
@@ -33,7 +33,6 @@ const CSS: &str = "text/css; charset=utf-8";
 const BOARD_STYLE: &str = include_str!("../style/board.css");
 const ICON: &str = include_str!("../style/icon.svg");
 
-/// The pages of a service.
 pub(crate) fn router(service: Arc<Service>) -> Router {
     Router::new()
         .route("/", get(board::board))

@@ -1,6 +1,6 @@
-//! What the paper of the benchmark reports for its baselines. Nothing here was played or verified by this project.
+//! Results of the benchmark's paper for its baselines. This project neither played nor verified them.
 
-/// Scores of a policy in the paper: S by its rulebook and its way of counting, over four rooms.
+/// Scores of a policy in the paper: S by its judge and its way of counting, over four rooms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PaperRow {
     pub policy: &'static str,
@@ -19,7 +19,7 @@ pub(crate) const PAPER: [PaperRow; 3] = [
 mod tests {
     use super::PAPER;
 
-    /// The README has the same table.
+    /// Guards that the README has the same table.
     #[test]
     fn the_readme_has_the_same_figures() {
         let readme = include_str!("../../../README.md");

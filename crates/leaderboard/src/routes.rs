@@ -1,4 +1,4 @@
-//! All that the service answers.
+//! All routes of the service.
 
 use std::sync::Arc;
 

@@ -22,28 +22,24 @@ use crate::paced::Paced;
 use crate::visitors::{SEND_BUFFER, Visit, Visitors};
 use crate::{Pace, Service};
 
-/// Longest head of a request, bytes, and the most that is buffered of what a client sends ahead.
+/// Maximum size of the head of a request, bytes, and of the data that a client sends ahead.
 const MAX_HEAD: usize = 32 << 10;
-/// Most headers of a request.
 const MAX_HEADERS: usize = 64;
-/// How long the head of a request may take, counted from the end of the request before it.
+/// Time limit for the head of a request, from the end of the request before it.
 const HEAD_TIME: Duration = Duration::from_secs(10);
-/// How long a connection may live; after that a client must open another one.
+/// Maximum lifetime of a connection; after that a client must open another one.
 const CONNECTION_TIME: Duration = Duration::from_secs(6 * 3600);
-/// How long requests have to end when the service stops.
+/// Time in which requests must end when the service stops.
 const DRAIN: Duration = Duration::from_secs(10);
 /// Wait after the system has refused a connection, for example because file handles ran out.
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// Connections that wait to be accepted.
 const BACKLOG: u32 = 1024;
-/// Most connections to the address for metrics.
+/// Maximum number of connections to the address for metrics.
 const MAX_METRICS_CONNECTIONS: usize = 16;
 
 /// Listens on an address, for [`serve`]; port 0 picks a free one.
-///
-/// # Errors
-/// The system refuses, for example because the port is taken.
 pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     socket.set_reuseaddr(true)?;
@@ -53,10 +49,7 @@ pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     socket.listen(BACKLOG)
 }
 
-/// Answers requests for `/metrics`, and for nothing else, until it is dropped.
-///
-/// # Errors
-/// The listener fails.
+/// Answers only requests for `/metrics`, until it is dropped.
 pub async fn serve_metrics(service: Arc<Service>, listener: TcpListener) -> io::Result<()> {
     let (router, pace) = (crate::metrics::router(Arc::clone(&service)), service.options.pace);
     let open = |_| {
@@ -67,10 +60,7 @@ pub async fn serve_metrics(service: Arc<Service>, listener: TcpListener) -> io::
     Ok(())
 }
 
-/// Answers requests until `stop` completes; then takes no new ones, and gives open ones ten seconds to end.
-///
-/// # Errors
-/// The listener fails.
+/// Answers requests until `stop` completes; then accepts no new ones, and gives open ones ten seconds to end.
 pub async fn serve(
     service: Arc<Service>,
     listener: TcpListener,
@@ -80,7 +70,7 @@ pub async fn serve(
     let router = crate::router(Arc::clone(&service));
     let visitors = Visitors::new(Arc::clone(&service), most_connections);
     let open = |peer| {
-        // Closed at once, if its address has its share.
+        // Closed at once if its address has too many.
         let visit = visitors.connect(peer)?;
         let (service, router) = (Arc::clone(&service), router.clone());
         Some(move |stream, ended| async move {
@@ -93,7 +83,7 @@ pub async fn serve(
     Ok(())
 }
 
-/// Accepts connections until `stop` completes. `open` says how one is answered; `None` closes it.
+/// Accepts connections until `stop` completes. `open` makes the answering task; with `None` the connection is closed.
 async fn accept<Answer, Answering>(
     listener: TcpListener,
     most_connections: usize,
@@ -150,7 +140,7 @@ async fn answer(
     pace: Pace,
     mut ended: watch::Receiver<bool>,
 ) {
-    // Small responses should not wait for each other; if this cannot be set, they do.
+    // Small responses should not wait for each other; a failure to set this only makes them slower.
     drop(stream.set_nodelay(true));
     let service = service_fn(move |mut request: Request<Incoming>| {
         if let Some(visit) = &visit {

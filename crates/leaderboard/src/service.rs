@@ -11,41 +11,39 @@ use crate::counts::Metrics;
 use crate::submission::Limits;
 use crate::{Store, SubmissionId};
 
-/// Most uploads whose content is compared with its digest at once: half of the cores are left to those who read pages.
-const MOST_SEALERS: usize = 4;
-/// Uploads whose bytes are written at once.
+/// Maximum number of uploads whose content is compared with its digest at once: half of the cores are left to pages.
+const MAX_SEALERS: usize = 4;
+/// Maximum number of uploads whose bytes are written at once.
 const WRITERS: usize = 2;
 
-/// How slow a client may be, with its upload and with what it takes of an answer.
+/// The minimum speed of a client, for uploads and for answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// Longest time without a byte; after it the connection is cut.
+    /// Maximum time without a byte; after it the connection is cut.
     pub silence: Duration,
     /// Grace period before the lowest rate is enforced.
     pub start: Duration,
-    /// Lowest average rate, bytes/s.
-    pub least_rate: u64,
+    /// Minimum average rate, bytes/s.
+    pub min_rate: u64,
 }
 
 impl Default for Pace {
     /// 30 s, 20 s, 4,096 bytes/s.
     fn default() -> Self {
-        Self { silence: Duration::from_secs(30), start: Duration::from_secs(20), least_rate: 4096 }
+        Self { silence: Duration::from_secs(30), start: Duration::from_secs(20), min_rate: 4096 }
     }
 }
 
-/// Settings of a service.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
-    /// How large a submission may be.
     pub limits: Limits,
-    /// How slow a client may be; slower ones are cut, and their uploads can be resumed.
+    /// Slower clients are cut; their uploads can be resumed.
     pub pace: Pace,
-    /// Longest pause before the answer to a wrong token, of an address that has sent several.
+    /// Maximum pause before the answer to a wrong token, for an address that has sent several.
     pub token_pause: Duration,
     /// Keys of the operator's own servers, whose signatures make a run *hosted*.
     pub signers: KnownServers,
-    /// Threads that grade; 0 means one for each core.
+    /// Threads that grade; 0 means one per core.
     pub grade_workers: usize,
 }
 
@@ -62,14 +60,11 @@ impl Default for ServiceOptions {
     }
 }
 
-/// The state that handlers and jobs share.
 #[derive(Debug)]
 pub struct Service {
-    /// Submissions, results and bags.
     pub store: Store,
     pub(crate) options: ServiceOptions,
     pub(crate) metrics: Metrics,
-    /// Notified when a submission is received.
     pub(crate) received: Notify,
     pub(crate) sealers: Semaphore,
     pub(crate) writers: Semaphore,
@@ -85,7 +80,7 @@ impl Service {
             options,
             metrics: Metrics::default(),
             received: Notify::new(),
-            sealers: Semaphore::new((cores / 2).clamp(1, MOST_SEALERS)),
+            sealers: Semaphore::new((cores / 2).clamp(1, MAX_SEALERS)),
             writers: Semaphore::new(WRITERS),
             busy: Mutex::default(),
         }

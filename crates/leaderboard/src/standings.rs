@@ -14,32 +14,25 @@ use fiatlux_rules::{SeedOwner, Task};
 
 use crate::{Badge, Division, Entry, SubmissionId};
 
-pub(crate) use played::Played;
-pub(crate) use subtasks::{TaskPlace, TaskTable, Tried, by_task};
+pub(crate) use played::PlayedEpisodes;
+pub(crate) use subtasks::{RankedTask, SubtaskResults, TaskTable, by_task};
 
-/// What a table shows of a submission's results.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standing {
-    /// Version of the benchmark: scores of different ones never share a table.
+    /// Version of the benchmark: scores of different versions never share a table.
     pub version: u32,
-    /// Scores by the strict judge.
     pub strict: Scores,
-    /// Scores by the published judge.
     pub published: Scores,
     /// One cell for each of the twelve subtasks, S01 first.
     pub cells: Vec<Cell>,
-    /// Number of episodes, all twelve subtasks together.
     pub episodes: u64,
-    /// The rooms that were played.
     pub rooms: Rooms,
 }
 
-/// Rooms of a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Rooms {
-    /// Layout seeds, ascending.
     pub seeds: Vec<u64>,
-    /// Whether a server drew them: then their numbers say nothing to a reader.
+    /// A server drew them: their numbers mean nothing to a reader.
     pub hosted: bool,
 }
 
@@ -52,45 +45,35 @@ impl Rooms {
 /// Clean success over all episodes, and S.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Scores {
-    /// Share of clean successes.
     pub clean: f64,
     /// Wilson 95 % interval of `clean`.
     pub interval: [f64; 2],
-    /// Number of clean successes.
     pub hits: u64,
-    /// Mean of S over the seeds.
     pub score: f64,
     /// Sample standard deviation of S over the seeds; `None` with one seed.
     pub std: Option<f64>,
 }
 
-/// A subtask of a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cell {
-    /// Short id of the subtask, such as `S01`.
     pub id: &'static str,
-    /// Name of the subtask in words.
     pub name: &'static str,
-    /// Number of episodes of this subtask.
     pub episodes: u64,
     /// Score s by the strict judge, 0 to 1.
     pub strict: f64,
-    /// Score s by the published judge.
     pub published: f64,
-    /// Share of clean successes by the strict judge.
     pub strict_clean: f64,
     /// Wilson 95 % interval of `strict_clean`.
     pub strict_interval: [f64; 2],
-    /// Share of clean successes by the published judge.
     pub published_clean: f64,
 }
 
-/// Why a submission has no place in a table, as text for the page.
+/// The reason why a submission has no place in a table, as text for the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Obstacle(pub String);
 
 impl Standing {
-    /// The row of a submission with this badge, or why its results have no place in a table.
+    /// The row of a submission with this badge, or the reason why its results have no place in a table.
     pub fn of(results: &Results, badge: Badge) -> Result<Self, Obstacle> {
         let found = |task: Task| results.subtasks.iter().find(|found| found.id == task.short_id());
         let lacking: Vec<_> = Task::SUBTASKS.into_iter().filter(|task| found(*task).is_none()).collect();
@@ -125,29 +108,29 @@ impl Standing {
         })
     }
 
-    /// Whether it has no success and no score by the strict judge, and so no rank.
+    /// True without a success and a score by the strict judge, and so without a rank.
     fn is_zero(&self) -> bool {
         self.strict.hits == 0 && self.strict.score <= 0.0
     }
 }
 
-/// Whether no episode may have been left out, and nobody could train in the rooms.
+/// Checks that no episode may have been left out, and that nobody could train in the rooms.
 fn is_fair(results: &Results, badge: Badge) -> Result<(), Obstacle> {
     if !results.without_journal.is_empty() {
         return Err(Obstacle("its journal is missing: episodes may have been left out".into()));
     }
-    // The seeds that servers draw are far above these, and nobody could train in their rooms.
+    // Seeds that servers draw are far above these, and nobody could train in their rooms.
     if badge != Badge::Hosted && results.seeds.iter().any(|seed| SeedOwner::of(*seed) == SeedOwner::Training) {
         let first = SeedOwner::Training.seeds();
         return Err(Obstacle(match results.conditions.seeds.as_str() {
-            "hosted" => "no server of this site vouches for its hosted rooms".into(),
+            "hosted" => "its hosted rooms are not signed by a server of this site".into(),
             _ => format!("seeds from {} on are for training", first.start()),
         }));
     }
     Ok(())
 }
 
-/// Whether every subtask has the same seeds and indices.
+/// Checks that every subtask has the same seeds and indices.
 fn same_rooms(results: &Results) -> Result<(), Obstacle> {
     let mut rooms: BTreeMap<&str, BTreeSet<(u64, u64)>> = BTreeMap::new();
     for row in results.episodes.iter().filter(|row| Task::SUBTASKS.iter().any(|task| task.short_id() == row.task)) {
@@ -178,26 +161,20 @@ impl Cell {
     }
 }
 
-/// A place in a table.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct RankedEntry {
     /// 1 for the best; rows with equal scores share a rank, and one at zero has none.
     pub rank: Option<usize>,
-    /// The submission that has this place.
     pub entry: Entry,
-    /// Its scores, as the table shows them.
     pub standing: Standing,
 }
 
-/// The ranking of a division.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Table {
-    /// Version of the benchmark.
     pub version: u32,
-    /// Division of all its rows.
     pub division: Division,
     /// Rows of the table, the best first; never empty.
-    pub places: Vec<Place>,
+    pub places: Vec<RankedEntry>,
 }
 
 /// A version of the benchmark, the latest one first, and a division.
@@ -216,14 +193,14 @@ pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
             let by_score = b.strict.clean.total_cmp(&a.strict.clean).then(b.strict.score.total_cmp(&a.strict.score));
             by_score.then(entry_a.received.cmp(&entry_b.received)).then(entry_a.id.cmp(&entry_b.id))
         });
-        let mut places: Vec<Place> = Vec::with_capacity(rows.len());
+        let mut places: Vec<RankedEntry> = Vec::with_capacity(rows.len());
         for (entry, standing) in rows {
             let rank = match places.last() {
                 _ if standing.is_zero() => None,
                 Some(last) if is_equal(&last.standing, &standing) => last.rank,
                 _ => Some(places.len() + 1),
             };
-            places.push(Place { rank, entry, standing });
+            places.push(RankedEntry { rank, entry, standing });
         }
         Table { version: version.0, division, places }
     };
@@ -234,25 +211,23 @@ fn is_equal(a: &Standing, b: &Standing) -> bool {
     (a.strict.clean, a.strict.score) == (b.strict.clean, b.strict.score)
 }
 
-/// What a paired test says of two neighbours in a table.
+/// The result of a paired test on two neighbours in a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Neighbours {
     /// Both played some of the same episodes.
     Tested {
-        /// Number of episodes that both played.
         pairs: usize,
         /// Two-sided p-value of the sign test on successes.
         p: f64,
     },
-    /// They cannot be compared; the text says why.
+    /// They cannot be compared, for this reason.
     Untested(String),
 }
 
-/// A p-value below this says that two neighbours differ.
+/// Two neighbours differ if the p-value is below this.
 pub(crate) const SIGNIFICANT: f64 = 0.05;
 
 impl Neighbours {
-    /// Compares two results, episode by episode.
     pub fn of((id_a, a): (SubmissionId, &Results), (id_b, b): (SubmissionId, &Results)) -> Self {
         match compare_results((&id_a.to_string(), a), (&id_b.to_string(), b), false) {
             Ok(compared) => match compared.overall {
@@ -275,7 +250,7 @@ pub(crate) mod tests {
     use time::OffsetDateTime;
 
     use super::*;
-    use crate::{Manifest, State};
+    use crate::{Manifest, Stage};
 
     /// Results of all subtasks in seeds 64 and 65, each a strict success in the first `passed` subtasks.
     pub fn results(passed: usize) -> Results {
@@ -340,7 +315,7 @@ pub(crate) mod tests {
             account: "lab".into(),
             division: Division::of(results),
             badge: Badge::Replayed,
-            state: State::Verified,
+            state: Stage::Verified,
             reason: String::new(),
             received: OffsetDateTime::UNIX_EPOCH + time::Duration::seconds(id as i64),
             progress: (24, 24),
@@ -355,8 +330,8 @@ pub(crate) mod tests {
         table.places.iter().map(|place| (place.rank.unwrap_or_default(), place.entry.id.0)).collect()
     }
 
-    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above. Nobody is first
-    /// with nothing.
+    /// Guards the order: strict clean success, then strict S; equal rows share a rank, the earlier one above. Nobody
+    /// without a success is first.
     #[test]
     fn the_best_is_first() {
         let mut better_s = results(4);
@@ -387,7 +362,7 @@ pub(crate) mod tests {
         assert_eq!(tables.last().map(|table| table.version), Some(3));
     }
 
-    /// A rate over chosen tasks or rooms would rank above an honest one.
+    /// Guards that a rate over chosen tasks or rooms is not ranked: it would be above an honest one.
     #[test]
     fn chosen_tasks_and_rooms_have_no_place() {
         let refused = |change: &dyn Fn(&mut Results)| {
@@ -402,7 +377,7 @@ pub(crate) mod tests {
         assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
     }
 
-    /// Whoever leaves a run's journal out may also have left bad episodes out.
+    /// Guards that bags of a run need its journal: without it, bad episodes may be left out.
     #[test]
     fn bags_of_a_run_need_its_journal() {
         let mut loose = results(4);
@@ -411,7 +386,7 @@ pub(crate) mod tests {
         assert_eq!(refused.0, "its journal is missing: episodes may have been left out");
     }
 
-    /// A policy may have trained in the rooms from seed 1000 on, except in those that a trusted server drew.
+    /// Guards that rooms for training, from seed 1000 on, are not ranked, except those that a trusted server drew.
     #[test]
     fn rooms_for_training_have_no_place() {
         let with_seed = |seed: u64, badge| {

@@ -1,4 +1,4 @@
-//! What the service stores: submissions, their results and bags, accounts, jobs.
+//! The service's store: submissions, their results and bags, accounts, jobs.
 
 mod accounts;
 mod blobs;
@@ -23,7 +23,7 @@ pub use accounts::{Account, AuditRow, TokenRow};
 pub(crate) use blobs::{Blobs, Digest};
 pub(crate) use pictures::{Picture, Pictures};
 pub(crate) use queue::{EpisodeJob, EpisodePlan, Verdict};
-pub(crate) use submissions::{Begun, Draft, StoredFile};
+pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
 
 const DATABASE: &str = "leaderboard.sqlite";
@@ -31,19 +31,19 @@ const BLOBS: &str = "blobs";
 const INCOMING: &str = "incoming";
 const LOCK: &str = "lock";
 
-/// How long a statement waits for another process, such as an admin command.
+/// Time for which a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
-/// Connections that read the database. One more writes.
+/// Number of connections that read the database. One more writes.
 const READERS: u32 = 8;
-/// Results that are kept in memory.
-const MOST_RESULTS: usize = 256;
+const MAX_RESULTS: usize = 256;
 
 /// The folder of a service: a database, the bags by their content, and incomplete uploads.
 #[derive(Debug, Clone)]
 pub struct Store {
     folder: PathBuf,
     pool: SqlitePool,
-    /// Of one connection: whoever writes waits for it here, and not in SQLite with a connection that others could read with.
+    /// It has one connection: writers wait for it here, and not in SQLite with a connection that others could read
+    /// with.
     writer: SqlitePool,
     pub(crate) blobs: Blobs,
     results: Arc<Mutex<BTreeMap<SubmissionId, Arc<Results>>>>,
@@ -51,9 +51,6 @@ pub struct Store {
 
 impl Store {
     /// Opens the folder; creates what is missing, and upgrades the database to this version.
-    ///
-    /// # Errors
-    /// [`StoreError`]: permissions, space, a database of a later version.
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
         for folder in [folder.to_path_buf(), folder.join(INCOMING)] {
             std::fs::create_dir_all(&folder).map_err(StoreError::io("make", &folder))?;
@@ -74,7 +71,7 @@ impl Store {
         Ok(Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() })
     }
 
-    /// Opens the folder of a service, and makes none.
+    /// Opens the folder of a service, but creates none.
     ///
     /// # Errors
     /// As for [`Store::open`]; [`StoreError::Nothing`]: the folder has no database.
@@ -86,9 +83,6 @@ impl Store {
     }
 
     /// Locks the folder for the one service that may run on it; `None` if another one runs. Keep the file while serving.
-    ///
-    /// # Errors
-    /// [`StoreError::Io`].
     pub fn lock(&self) -> Result<Option<File>, StoreError> {
         let path = self.folder.join(LOCK);
         let file = File::create(&path).map_err(StoreError::io("make", &path))?;
@@ -99,43 +93,28 @@ impl Store {
         }
     }
 
-    /// Removes the halves of bags that a service left which was killed while it took them in. For whoever has the
-    /// [`Store::lock`]: nothing may write bags meanwhile. Returns how many.
-    ///
-    /// # Errors
-    /// [`StoreError::Io`].
+    /// Removes partial bags that were being written when a service was killed; returns their number. The caller must
+    /// have the [`Store::lock`]: nothing may write bags meanwhile.
     pub async fn remove_halves(&self) -> Result<usize, StoreError> {
         self.blobs.remove_staged().await
     }
 
-    /// Whether the database answers.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`]: it does not answer.
+    /// Checks that the database answers.
     pub async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&self.pool).await.map(drop).map_err(StoreError::database("answer"))
     }
 
     /// Every submission that is graded or verified, oldest first.
-    ///
-    /// # Errors
-    /// [`StoreError`].
     pub async fn entries(&self) -> Result<Vec<Entry>, StoreError> {
         self.listed().await
     }
 
-    /// A submission in any state; `None` if none has this id.
-    ///
-    /// # Errors
-    /// [`StoreError`].
+    /// A submission in any state.
     pub async fn entry(&self, id: SubmissionId) -> Result<Option<Entry>, StoreError> {
         self.one(id).await
     }
 
     /// The results of a submission; `None` if it does not exist or is not graded yet.
-    ///
-    /// # Errors
-    /// [`StoreError`].
     pub async fn results(&self, id: SubmissionId) -> Result<Option<Arc<Results>>, StoreError> {
         let known = || self.results.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(found) = known().get(&id) {
@@ -145,12 +124,12 @@ impl Store {
         let bytes = self.blobs.read(&digest).await?;
         let corrupt =
             |error: &dyn ToString| StoreError::corrupt(format!("results.json of submission {id}"), error.to_string());
-        // Megabytes, where there are many episodes.
+        // Megabytes for a submission with many episodes.
         let read = tokio::task::spawn_blocking(move || serde_json::from_slice::<Results>(&bytes));
         let results = read.await.map_err(|error| corrupt(&error))?.map_err(|error| corrupt(&error))?;
         let results = Arc::new(results);
         let mut known = known();
-        if known.len() >= MOST_RESULTS {
+        if known.len() >= MAX_RESULTS {
             known.pop_first();
         }
         known.insert(id, Arc::clone(&results));
@@ -161,11 +140,8 @@ impl Store {
         self.results.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
     }
 
-    /// Path of an episode's bag, a local file whose digest was checked when it was uploaded. `None` if the submission has no
-    /// such episode, or if the episode counts as a failure without a bag.
-    ///
-    /// # Errors
-    /// [`StoreError`].
+    /// Path of an episode's bag, a local file whose digest was checked when it was uploaded. `None` if the submission
+    /// has no such episode, or if the episode counts as a failure without a bag.
     pub async fn bag(
         &self,
         id: SubmissionId,
@@ -178,9 +154,6 @@ impl Store {
 
     /// Copies database and files into another folder, while the service runs; a service can be started on the copy. Files that
     /// the copy has already are kept; incomplete uploads are left out. Returns the number of new files, and their bytes.
-    ///
-    /// # Errors
-    /// [`StoreError`]: permissions, space, a missing file.
     pub async fn backup(&self, to: &Path) -> Result<(u64, u64), StoreError> {
         std::fs::create_dir_all(to).map_err(StoreError::io("make", to))?;
         let fresh = to.join("leaderboard.sqlite.new");
@@ -205,7 +178,10 @@ impl Store {
             }
             let from = self.blobs.local(&digest);
             if !copy.blobs.put_checked(&digest, &from).await? {
-                return Err(StoreError::corrupt(from.display().to_string(), "its content is not that of its name"));
+                return Err(StoreError::corrupt(
+                    from.display().to_string(),
+                    "its content does not match the digest in its name",
+                ));
             }
             files += 1;
             bytes += from.metadata().map_or(0, |data| data.len());
@@ -215,7 +191,6 @@ impl Store {
         Ok((files, bytes))
     }
 
-    /// Folder in which the files of a submission arrive.
     pub(crate) fn incoming(&self, id: SubmissionId) -> PathBuf {
         self.folder.join(INCOMING).join(id.to_string())
     }
@@ -231,7 +206,6 @@ impl Store {
     }
 }
 
-/// The current time, ms since 1970.
 pub(crate) fn now_ms() -> i64 {
     (OffsetDateTime::now_utc().unix_timestamp_nanos() / 1_000_000) as i64
 }

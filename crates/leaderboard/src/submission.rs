@@ -37,60 +37,51 @@ impl FromStr for SubmissionId {
     }
 }
 
-/// A word that cannot be read as what it should name.
+/// A word is not of the expected form.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("not the id of a {what}; write {expected}")]
 pub struct WordError {
-    /// What it should name, such as `submission`.
+    /// The thing that it should name, such as `submission`.
     pub what: &'static str,
-    /// The form it must have.
     pub expected: &'static str,
 }
 
-/// What a submitter says of a policy. This is untrusted text: bounded and without control characters, but it must be
-/// escaped wherever it is shown. Nobody checks that it is true.
+/// The submitter's description of a policy. This is untrusted text: bounded and without control characters, but it must
+/// be escaped wherever it is shown. Nobody checks that it is true.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// The policy's name: 1 to 80 bytes.
+    /// 1 to 80 bytes.
     pub policy: String,
-    /// Its version, up to 80 bytes.
+    /// Up to 80 bytes.
     #[serde(default)]
     pub version: String,
-    /// Who made it: up to 32 names of up to 120 bytes each.
+    /// Up to 32 names of up to 120 bytes each.
     #[serde(default)]
     pub authors: Vec<String>,
-    /// Where it is described: empty, or a URL that begins with `https://` or `http://`, up to 400 bytes.
+    /// Empty, or a URL that begins with `https://` or `http://`, up to 400 bytes.
     #[serde(default)]
     pub link: String,
-    /// Licence of the policy, such as `Apache-2.0`, up to 80 bytes.
+    /// Such as `Apache-2.0`, up to 80 bytes.
     #[serde(default)]
     pub licence: String,
-    /// Anything else that a reader should know, up to 2,000 bytes; may contain line breaks.
+    /// Up to 2,000 bytes; may contain line breaks.
     #[serde(default)]
     pub note: String,
 }
 
-/// Why a field of a manifest is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("manifest: {field} {problem}; {remedy}")]
 pub struct ManifestError {
-    /// Name of the field, such as `link`.
     pub field: &'static str,
-    /// What is wrong with the field.
     pub problem: &'static str,
-    /// What the submitter should do.
     pub remedy: &'static str,
 }
 
-/// Largest number of authors of a submission.
 const MAX_AUTHORS: usize = 32;
 
 impl Manifest {
-    /// Checks the length and the characters of every field.
-    ///
-    /// # Errors
-    /// The first field that is not accepted.
+    /// Checks the length and the characters of every field; the error names the first that is not accepted.
     pub fn check(&self) -> Result<(), ManifestError> {
         let wrong = |field, problem, remedy| Err(ManifestError { field, problem, remedy });
         if self.policy.trim().is_empty() {
@@ -134,7 +125,6 @@ fn is_link(text: &str) -> bool {
     rest.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_alphanumeric()) && rest.chars().all(is_plain))
 }
 
-/// Whether the world waited for the policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
@@ -144,11 +134,10 @@ pub enum Time {
     RealTime,
 }
 
-/// What the policy could sense.
+/// The class of a policy's observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Observations {
-    /// Only what a robot can sense.
     Standard,
     /// Also the exact state of the world, or the judge's verdict.
     Privileged,
@@ -157,9 +146,7 @@ pub enum Observations {
 /// The conditions that a ranking never mixes.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Division {
-    /// Whether the world waited for the policy.
     pub time: Time,
-    /// What the policy could sense.
     pub observations: Observations,
     /// The robot, one of `fiatlux_rules::pins::RANKED_ROBOTS`.
     pub robot: String,
@@ -174,7 +161,7 @@ impl Division {
         Self::of_conditions(&results.conditions)
     }
 
-    /// The division of these conditions, whatever was played; `None` if they are not ranked.
+    /// The division of these conditions, for any episodes; `None` if they are not ranked.
     pub(crate) fn of_conditions(conditions: &Conditions) -> Option<Self> {
         let time = match conditions.time.as_str() {
             "lockstep" => Time::Lockstep,
@@ -193,7 +180,7 @@ impl Division {
         (ranked && is_known).then(|| Self { time, observations, robot: conditions.robot.clone() })
     }
 
-    /// Why results are not ranked, as text for the page; empty if they are.
+    /// The reason why results are not ranked, as text for the page; empty if they are.
     pub fn obstacle(results: &Results) -> String {
         if Self::of(results).is_some() {
             return String::new();
@@ -213,7 +200,7 @@ impl Division {
     }
 }
 
-/// How much of a submission has been confirmed, in ascending order.
+/// The degree to which a submission is confirmed, in ascending order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Badge {
@@ -228,37 +215,32 @@ pub enum Badge {
 /// Stages of a submission, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
-    /// Some files are still missing.
+pub enum Stage {
     Uploading,
     /// All files have arrived and wait to be graded.
     Received,
     /// Its scores are known; its bags are being verified.
     Graded,
-    /// Everything that could be verified was.
+    /// All bags that can be verified are.
     Verified,
     /// It is in no table; only its submitter can still see it, with the reason.
     Refused,
 }
 
-/// A submission as others can see it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// Id of the submission, part of the addresses of its pages.
+    /// Part of the addresses of its pages.
     pub id: SubmissionId,
-    /// What the submitter says of the policy.
     pub manifest: Manifest,
     /// Name of the account that submitted it, which is public.
     pub account: String,
-    /// Where it is ranked; `None` if it is not ranked or not graded yet.
+    /// `None` if it is not ranked or not graded yet.
     pub division: Option<Division>,
-    /// How much of it has been confirmed.
     pub badge: Badge,
-    /// How far the service has come with it.
-    pub state: State,
-    /// Why it was refused; empty otherwise.
+    pub state: Stage,
+    /// The reason of a refusal; else empty.
     pub reason: String,
-    /// When the submission was complete; until then, when it was begun.
+    /// The time at which the submission was complete; until then, at which it was begun.
     pub received: OffsetDateTime,
     /// Episodes verified so far, and episodes to verify in total.
     pub progress: (u64, u64),
@@ -277,7 +259,6 @@ pub(crate) fn word_of<T: DeserializeOwned>(word: &str) -> Result<T, serde_json::
     serde_json::from_value(serde_json::Value::String(word.to_owned()))
 }
 
-/// A file that a submitter has announced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct FileSpec {
     pub name: String,
@@ -285,14 +266,12 @@ pub(crate) struct FileSpec {
     pub sha256: Digest,
 }
 
-/// How large a submission may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest number of files.
     pub files: usize,
-    /// Largest size of one file, bytes.
+    /// Maximum size of one file, bytes.
     pub file_bytes: u64,
-    /// Largest size of all files together, bytes.
+    /// Maximum size of all files together, bytes.
     pub bytes: u64,
 }
 
@@ -303,14 +282,12 @@ impl Default for Limits {
     }
 }
 
-/// Ending of the file name of a bag.
 pub(crate) const BAG: &str = ".mcap";
-/// Ending of the file name of a run's journal.
 pub(crate) const JOURNAL: &str = ".run.jsonl";
-/// Longest file name, bytes.
+/// Maximum length of a file name, bytes.
 pub(crate) const MAX_NAME: usize = 160;
 
-/// Whether a file may have this name: it cannot lead out of a folder, and its ending says what the file is.
+/// True if a file may have this name: it cannot lead out of a folder, and its ending is that of a bag or journal.
 pub(crate) fn is_file_name(name: &str) -> bool {
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let stem = [BAG, JOURNAL].iter().find_map(|ending| name.strip_suffix(ending));

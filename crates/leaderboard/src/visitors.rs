@@ -1,4 +1,4 @@
-//! How much of the service one address may take, and what is kept for small pages.
+//! Limits on the share of the service that one address may use, with a reserve for small pages.
 //!
 //! The address is that of the connection. Behind a proxy on this machine it is the last one in `X-Forwarded-For`.
 
@@ -21,13 +21,13 @@ use crate::api::Problem;
 /// An address may have this share of all connections, ...
 const SHARE_OF_ADDRESS: usize = 8;
 /// ... but at least this many.
-const LEAST_OF_ADDRESS: usize = 4;
-/// Uploads and large answers may have this share of all connections. The rest is kept for small pages.
+const MIN_OF_ADDRESS: usize = 4;
+/// Uploads and large answers may have this share of all connections. The rest is reserved for small pages.
 const SHARE_OF_LARGE: usize = 2;
-/// What the system buffers of an answer that its client does not take, bytes. A fixed size makes progress of a slow client
-/// visible, and bounds what all of them take together.
+/// Size of the system's buffer for an answer, bytes. A fixed size makes the progress of a slow client visible, and
+/// limits the memory of all of them together.
 pub(crate) const SEND_BUFFER: u32 = 128 << 10;
-/// Bodies up to this size are small, bytes: the system's buffer takes them, whether their reader reads or not.
+/// Bodies up to this size are small, bytes: they fit into the system's buffer, even if their reader does not read.
 const SMALL: u64 = SEND_BUFFER as u64;
 /// Wrong tokens that an address may send before it is slowed.
 const FREE_DENIALS: u32 = 3;
@@ -35,10 +35,10 @@ const FREE_DENIALS: u32 = 3;
 const FIRST_PAUSE: Duration = Duration::from_millis(125);
 /// Time without a wrong token after which an address is forgotten.
 const FORGET: Duration = Duration::from_secs(600);
-/// Most addresses whose wrong tokens are counted.
+/// Maximum number of addresses whose wrong tokens are counted.
 const MAX_DENIED: usize = 4096;
 
-/// Who is being served.
+/// The connections of all addresses.
 #[derive(Debug)]
 pub(crate) struct Visitors {
     service: Arc<Service>,
@@ -53,7 +53,7 @@ impl Visitors {
     pub fn new(service: Arc<Service>, most_connections: usize) -> Arc<Self> {
         Arc::new(Self {
             service,
-            most_of_address: (most_connections / SHARE_OF_ADDRESS).max(LEAST_OF_ADDRESS),
+            most_of_address: (most_connections / SHARE_OF_ADDRESS).max(MIN_OF_ADDRESS),
             connections: Mutex::default(),
             large: Arc::new(Semaphore::new((most_connections / SHARE_OF_LARGE).max(1))),
             denied: Mutex::default(),
@@ -64,11 +64,11 @@ impl Visitors {
     /// request.
     pub fn connect(self: &Arc<Self>, peer: IpAddr) -> Option<Arc<Visit>> {
         let peer = peer.to_canonical();
-        let seat = if peer.is_loopback() { None } else { Some(self.seat(peer)?) };
-        Some(Arc::new(Visit { visitors: Arc::clone(self), peer, _seat: seat, held: Mutex::default() }))
+        let slot = if peer.is_loopback() { None } else { Some(self.slot(peer)?) };
+        Some(Arc::new(Visit { visitors: Arc::clone(self), peer, _slot: slot, held: Mutex::default() }))
     }
 
-    fn seat(self: &Arc<Self>, address: IpAddr) -> Option<Seat> {
+    fn slot(self: &Arc<Self>, address: IpAddr) -> Option<ConnectionSlot> {
         let address = network(address);
         let mut connections = lock(&self.connections);
         let count = connections.entry(address).or_insert(0);
@@ -77,10 +77,10 @@ impl Visitors {
             return None;
         }
         *count += 1;
-        Some(Seat { visitors: Arc::clone(self), address })
+        Some(ConnectionSlot { visitors: Arc::clone(self), address })
     }
 
-    /// Counts and logs a wrong token; returns how long its sender must wait for the answer.
+    /// Counts and logs a wrong token; returns the pause before the answer.
     fn deny(&self, address: IpAddr) -> Duration {
         let (address, now) = (network(address), Instant::now());
         let mut denied = lock(&self.denied);
@@ -103,12 +103,12 @@ impl Visitors {
 
 /// One of the connections of an address.
 #[derive(Debug)]
-struct Seat {
+struct ConnectionSlot {
     visitors: Arc<Visitors>,
     address: IpAddr,
 }
 
-impl Drop for Seat {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         let mut connections = lock(&self.visitors.connections);
         if let Some(count) = connections.get_mut(&self.address) {
@@ -125,9 +125,9 @@ impl Drop for Seat {
 pub(crate) struct Visit {
     visitors: Arc<Visitors>,
     peer: IpAddr,
-    _seat: Option<Seat>,
-    /// What the last request took: its answer may still be on the way when its body is already with the system.
-    held: Mutex<(Option<Seat>, Option<OwnedSemaphorePermit>)>,
+    _slot: Option<ConnectionSlot>,
+    /// Held by the last request: its answer may still be on the way when its body has been handed to the system.
+    held: Mutex<(Option<ConnectionSlot>, Option<OwnedSemaphorePermit>)>,
 }
 
 impl Visit {
@@ -152,21 +152,21 @@ impl Visit {
     }
 }
 
-/// Lets a request in, if its address and its kind have a place.
+/// Admits a request if its address and its kind have a free place.
 pub(crate) async fn admit(request: Request, next: Next) -> Response {
     // Without a connection, as in tests, nothing is counted.
     let Some(visit) = request.extensions().get::<Arc<Visit>>().cloned() else { return next.run(request).await };
     let address = visit.address(request.headers());
     *lock(&visit.held) = (None, None);
     if visit.peer.is_loopback() {
-        let Some(seat) = visit.visitors.seat(address) else {
+        let Some(slot) = visit.visitors.slot(address) else {
             let message = format!(
                 "{address} has too many requests at once; try again later (a proxy in front of this service must send \
                  X-Forwarded-For)"
             );
             return refused(Problem::new(StatusCode::TOO_MANY_REQUESTS, "address", message));
         };
-        lock(&visit.held).0 = Some(seat);
+        lock(&visit.held).0 = Some(slot);
     }
     if is_large(request.body())
         && let Err(problem) = visit.take_large()
@@ -192,12 +192,12 @@ fn refused(problem: Problem) -> Response {
     (close, problem).into_response()
 }
 
-/// Whether a body has more bytes than are [`SMALL`], or does not say how many.
+/// True if a body has more bytes than are [`SMALL`], or no known size.
 fn is_large(body: &impl HttpBody) -> bool {
     body.size_hint().exact().is_none_or(|bytes| bytes > SMALL)
 }
 
-/// What counts as one address: of IPv6 it is the network, whose addresses belong to one site.
+/// The key of an address: for IPv6 the network, whose addresses belong to one site.
 fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,

@@ -1,4 +1,4 @@
-//! What it costs to wake a sleeping thread on this machine: by a condition variable, and by a message over TCP. A step in
+//! The cost of waking a sleeping thread on this machine: by a condition variable, and by a message over TCP. A step in
 //! lockstep over the network pays it about six times.
 //!
 //! `cargo run --release -p fiatlux-link --example wake_up`

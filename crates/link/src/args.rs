@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use crate::endpoints::{advise, check_endpoint};
 
-/// Where a program finds the others.
+/// The options of a program's link.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Link (as in Zenoh's tools)")]
 pub struct LinkArgs {
@@ -28,15 +28,14 @@ pub struct LinkArgs {
     /// Turn multicast scouting off if a config file turns it on; without a config file it is off
     #[arg(long)]
     pub no_multicast_scouting: bool,
-    /// Whether the program opens sessions for holders of tokens alone, for the warning about an open listener. Not a flag.
+    /// The program opens sessions only for holders of tokens, which changes the warning about an open listener. Not a
+    /// flag.
     #[arg(skip)]
     pub asks_tokens: bool,
 }
 
-/// Checks an endpoint such as `tcp/HOST:PORT`, for the value of a flag: a wrong one is a usage error.
-///
-/// # Errors
-/// What is wrong with the endpoint, and how to write it.
+/// Checks an endpoint such as `tcp/HOST:PORT`, for the value of a flag: a wrong one is a usage error. The error says
+/// how to write it.
 pub fn parse_endpoint(text: &str) -> Result<String, String> {
     check_endpoint(text).map(|()| text.into()).map_err(|reason| advise(&reason))
 }

@@ -1,4 +1,5 @@
-//! Config of a session: Zenoh's defaults, then a file, then ours where the file is silent, then the flags.
+//! Config of a session: Zenoh's defaults, then a file, then our defaults for keys that the file leaves out, then the
+//! flags.
 
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
@@ -13,7 +14,6 @@ use crate::error::reason_of;
 use crate::honoured;
 use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
 
-/// Role of a program in the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Waits for others: listens, and keeps trying if it has to connect.
@@ -22,7 +22,7 @@ pub enum Role {
     Client,
 }
 
-/// Largest message that is assembled from parts, bytes: twice the limit of a message.
+/// Maximum size of a message that is assembled from parts, bytes: twice the limit of a message.
 const MAX_MESSAGE: usize = 2 * fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 
 const MODE: &str = "mode";
@@ -104,7 +104,7 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     if !args.listen.is_empty() {
         set(&mut config, LISTEN, &json!(args.listen))?;
     } else if !listens {
-        // A server that is told where to connect is found there; Zenoh's own default would open a port to the world.
+        // A server with an address to connect to is found there; Zenoh's own default would open a port to the world.
         let default = role == Role::Server && !connects && !only_connects;
         set(&mut config, LISTEN, &if default { json!([DEFAULT_ENDPOINT]) } else { json!([]) })?;
     }
@@ -144,7 +144,7 @@ fn check_certificates(config: &Config) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// Where a session with this config listens, or else where it connects.
+/// The endpoints where a session with this config listens, or else connects.
 pub fn place(config: &Config) -> String {
     let [listens, connects] = [LISTEN, CONNECT].map(|key| endpoints(&get(config, key)).join(", "));
     if listens.is_empty() { format!("connected to {connects}") } else { format!("listening on {listens}") }
@@ -153,41 +153,40 @@ pub fn place(config: &Config) -> String {
 /// Words in the messages of Zenoh and its TLS library that point to wrong certificates.
 const TLS_FAILURES: &[&str] = &["certificate", "private key"];
 
-/// Longest time to find out whether a port is open.
+/// Time limit of the check whether a port is open.
 const PROBE: Duration = Duration::from_secs(1);
 
-/// What a config asks for, to explain a failure with.
+/// The endpoints of a config, to explain a failure.
 #[derive(Debug)]
-pub struct Plan {
+pub struct EndpointPlan {
     connect: String,
     listen: String,
     timeout_s: f64,
 }
 
-impl Plan {
-    /// Reads endpoints and timeout from a config.
+impl EndpointPlan {
     pub fn of(config: &Config) -> Self {
         let timeout_s = get(config, CONNECT_TIMEOUT).as_f64().unwrap_or(0.0) / 1000.0;
         let [connect, listen] = [CONNECT, LISTEN].map(|key| endpoints(&get(config, key)).join(", "));
         Self { connect, listen, timeout_s }
     }
 
-    /// Whether the session tries to connect for so long that it has to say so. A client soon gives up with an error.
+    /// True if the session tries to connect for so long that it should be logged. A client soon gives up with an error.
     pub fn is_patient(&self) -> bool {
         !(0.0..=CONNECT_TIMEOUT_S).contains(&self.timeout_s)
     }
 
-    /// Whom the session waits for, for a line in the log.
+    /// The peers that the session waits for, for a line in the log.
     pub fn peers(&self) -> String {
         match self.is_answered() {
             true => {
-                format!("{}, where something answers, but opens no session; do user and password fit?", self.connect)
+                format!("{}, which answers, but opens no session; check user and password", self.connect)
             }
-            false => format!("{}, where nothing answers; is the address right and its program running?", self.connect),
+            false => format!("{}, which does not answer; check the address, and that its program runs", self.connect),
         }
     }
 
-    /// Whether a TCP port that the session should connect to is open.
+    /// True if a TCP port that the session should connect to is open.
     fn is_answered(&self) -> bool {
         let mut places = self.connect.split(", ").filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
         places.any(|place| {
@@ -224,9 +223,9 @@ impl Plan {
             if self.is_answered() {
                 return LinkError::Refused { endpoints: self.connect.clone() };
             }
-            // Zenoh only logs why a handshake failed, and reports a time-out.
+            // Zenoh only logs the reason of a failed handshake, and reports a time-out.
             let tls = if self.connect.split(", ").any(is_encrypted) {
-                "; or the certificates do not fit, or are expired: RUST_LOG=zenoh=warn shows more"
+                "; or the certificates do not match or are expired: RUST_LOG=zenoh=warn shows more"
             } else {
                 ""
             };
@@ -264,7 +263,7 @@ mod tests {
         assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
     }
 
-    /// With one server a client goes through whatever it is connected to; several servers are reached only as a peer.
+    /// With one server a client goes through the peer or router that it is connected to; several servers are reached only as a peer.
     #[test]
     fn the_mode_follows_from_the_endpoints() {
         let mode = |endpoints: &[&str], mode, role| {
@@ -309,7 +308,7 @@ mod tests {
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");
         }
-        let plan = Plan { connect: String::new(), listen: "tcp/no.such.invalid:1".into(), timeout_s: 0.0 };
+        let plan = EndpointPlan { connect: String::new(), listen: "tcp/no.such.invalid:1".into(), timeout_s: 0.0 };
         let message = plan.explain("whatever").to_string();
         assert!(
             message.starts_with("--listen tcp/no.such.invalid:1: the host 'no.such.invalid' is not known"),

@@ -1,4 +1,4 @@
-//! Endpoints as Zenoh writes them, and where a config has them.
+//! Endpoints as Zenoh writes them, and their places in a config.
 
 use std::net::{Ipv6Addr, ToSocketAddrs};
 
@@ -14,12 +14,11 @@ const PROTOCOLS: &[&str] = &["tcp", "quic", "unixsock-stream"];
 pub const CONNECT: &str = "connect/endpoints";
 pub const LISTEN: &str = "listen/endpoints";
 
-/// Whether traffic over an endpoint is encrypted.
 pub fn is_encrypted(endpoint: &str) -> bool {
     endpoint.starts_with("quic/")
 }
 
-/// Says what is wrong with an endpoint.
+/// Checks an endpoint; the error names the mistake.
 pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
     let parsed: EndPoint = endpoint.parse().map_err(|_| "is not an endpoint".to_string())?;
     let protocol = parsed.protocol();
@@ -27,7 +26,6 @@ pub fn check_endpoint(endpoint: &str) -> Result<(), String> {
     if protocol.as_str() == "unixsock-stream" { Ok(()) } else { check_address(parsed.address().as_str()) }
 }
 
-/// Says what is wrong with a host and a port.
 fn check_address(address: &str) -> Result<(), String> {
     let (host, port) = address.rsplit_once(':').ok_or_else(|| format!("{address} has no port"))?;
     port.parse::<u16>().map_err(|_| format!("the port '{port}' is not a number from 0 to 65535"))?;
@@ -39,7 +37,7 @@ fn check_address(address: &str) -> Result<(), String> {
     }
 }
 
-/// The first host in a list of endpoints that the system does not know.
+/// The first host in a list of endpoints that the system cannot resolve.
 pub fn unknown_host(endpoints: &str) -> Option<(&str, &str)> {
     endpoints.split(", ").find_map(|endpoint| {
         let (_, address) = endpoint.split_once('/').filter(|(protocol, _)| !protocol.starts_with("unix"))?;
@@ -51,7 +49,7 @@ pub fn unknown_host(endpoints: &str) -> Option<(&str, &str)> {
     })
 }
 
-/// Says why a protocol is not built in.
+/// Checks a protocol; the error says why it is not built in.
 pub fn check_protocol(protocol: &str) -> Result<(), String> {
     let why = match protocol {
         // Zenoh 1.10 reads and writes one TLS connection from two threads without a lock, which rustls forbids: programs died
@@ -65,12 +63,12 @@ pub fn check_protocol(protocol: &str) -> Result<(), String> {
     Err(format!("the protocol {protocol} is not built in{why}, only {}", PROTOCOLS.join(", ")))
 }
 
-/// A message about an endpoint, with how to write one.
+/// Adds to a message how to write an endpoint.
 pub fn advise(reason: &str) -> String {
     format!("{reason}; write tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
 }
 
-/// Whether the config has only Zenoh's defaults there.
+/// True if the config has only Zenoh's defaults at this key.
 pub fn is_silent(config: &Config, key: &str) -> bool {
     get(config, key) == get(&Config::default(), key)
 }

@@ -1,4 +1,4 @@
-//! Finds listening endpoints that anybody can reach without proving who they are.
+//! Finds listening endpoints that everybody can reach without authentication.
 
 use std::net::IpAddr;
 
@@ -39,7 +39,7 @@ pub fn warning(endpoint: &str, asks_tokens: bool) -> String {
     )
 }
 
-/// Whether only this machine can reach an endpoint.
+/// True if only this machine can reach an endpoint.
 fn is_local(endpoint: &str) -> bool {
     let (protocol, address) = endpoint.split_once('/').unwrap_or((endpoint, ""));
     if protocol.starts_with("unix") {
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(of(""), ["quic/0.0.0.0:3", "tcp/0.0.0.0:1"]);
         assert_eq!(of("transport: {link: {tls: {enable_mtls: true}}}"), ["tcp/0.0.0.0:1"]);
         assert_eq!(of("transport: {link: {tls: {enable_mtls: false}}}").len(), 2);
-        assert_eq!(of("transport: {auth: {usrpwd: {user: 'a', password: 'b'}}}").len(), 2, "it asks for none");
+        assert_eq!(of("transport: {auth: {usrpwd: {user: 'a', password: 'b'}}}").len(), 2, "it asks for no password");
         assert!(of("transport: {auth: {usrpwd: {dictionary_file: 'users'}}}").is_empty());
         assert!(of("access_control: {enabled: true, rules: [], subjects: [], policies: []}").is_empty());
         assert!(

@@ -8,8 +8,8 @@ use zenoh::Config;
 use crate::LinkError;
 use crate::endpoints::{self, check_protocol, get, is_silent};
 
-/// Sections that Zenoh parses in any build but uses only in some, with the remedy. Each is accepted with the values of
-/// [`Config::default`], which ask for nothing.
+/// Sections that Zenoh parses in any build but uses only in some, with the remedy. Each may only have the values of
+/// [`Config::default`], which have no effect.
 const NOT_BUILT_IN: &[(&str, &str)] = &[
     (
         "transport/auth/pubkey",
@@ -29,7 +29,7 @@ const ACCESS_CONTROL: &str = "access_control";
 const LINK_PROTOCOLS: &str = "transport/link/protocols";
 const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
 
-/// Refuses whatever this build cannot honour.
+/// Refuses settings that this build cannot honour.
 pub fn check(config: &Config) -> Result<(), LinkError> {
     for &(key, remedy) in NOT_BUILT_IN {
         if !is_silent(config, key) {
@@ -140,7 +140,7 @@ mod tests {
         Config::from_json5(text).unwrap()
     }
 
-    /// Whoever asks for a protection, or for anything else, either gets it or an error.
+    /// Guards that a protection, or any other setting, either works or gives an error.
     #[test]
     fn what_is_not_built_in_is_refused_by_name() {
         for (text, key) in [

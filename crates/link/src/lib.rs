@@ -24,17 +24,17 @@ pub use args::{LinkArgs, LinkMode, parse_endpoint};
 pub use config::Role;
 pub use error::LinkError;
 pub use ports::choose_port;
-pub use waiting::Waiting;
+pub use waiting::WaitLog;
 
-/// Default endpoint: where a server listens and a client looks for it.
+/// Default endpoint: servers listen on it and clients connect to it.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
-/// How long a client that starts waits for its server, s. A server keeps trying without limit.
+/// Time limit for a client that connects to its server, s. A server keeps trying without limit.
 pub const CONNECT_TIMEOUT_S: f64 = 5.0;
 
 /// Carries the messages of sessions over a Zenoh session that was opened elsewhere.
 pub fn carrier(session: &Session) -> Carrier {
-    Carrier::new(over_zenoh::OverZenoh(session.clone()))
+    Carrier::new(over_zenoh::ZenohTransport(session.clone()))
 }
 
 /// A Zenoh session, open until it is closed or dropped.
@@ -42,30 +42,23 @@ pub fn carrier(session: &Session) -> Carrier {
 pub struct Link(Session);
 
 impl Link {
-    /// A Zenoh session that does not leave the process: for what speaks Zenoh itself. Our own parts of one process use
-    /// [`fiatlux_carrier::memory`].
-    ///
-    /// # Errors
-    /// [`LinkError::Open`]: Zenoh could not start its threads.
+    /// A Zenoh session that stays within the process, for tests of code that uses Zenoh itself. The parts of our
+    /// programs use [`fiatlux_carrier::memory`].
     pub fn embedded() -> Result<Self, LinkError> {
         let session = zenoh::open(config::embedded()?).wait();
         session.map(Self).map_err(|source| LinkError::Open { reason: reason_of(&source) })
     }
 
-    /// Carries the messages of sessions over this link.
     pub fn carrier(&self) -> Carrier {
         carrier(&self.0)
     }
 
-    /// The session itself, for what is said about Zenoh alone.
+    /// The session itself, for what concerns Zenoh alone.
     pub fn session(&self) -> &Session {
         &self.0
     }
 
-    /// Closes the session, after everything that was sent before.
-    ///
-    /// # Errors
-    /// [`LinkError::Open`]: Zenoh reports a failure.
+    /// Closes the session, after all messages sent before.
     pub fn close(self) -> Result<(), LinkError> {
         self.0.close().wait().map_err(|source| LinkError::Close { reason: reason_of(&source) })
     }

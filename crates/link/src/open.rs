@@ -7,37 +7,31 @@ use std::time::Duration;
 use zenoh::Wait;
 
 use crate::config::{self, Role};
-use crate::{Link, LinkArgs, LinkError, Waiting, exposure};
+use crate::{Link, LinkArgs, LinkError, WaitLog, exposure};
 
-/// How often a program that opens its session looks for a signal.
+/// Time between two checks for a signal while the session opens.
 const POLL: Duration = Duration::from_millis(20);
 
 impl LinkArgs {
-    /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] if a client has to connect first, and until somebody
-    /// answers if a server has to; a wait is said in the log. A connection that is lost later recovers by itself.
-    ///
-    /// # Errors
-    /// [`LinkError`]: a wrong config or endpoint, or nothing answers.
+    /// Opens the session. Blocks for at most [`crate::CONNECT_TIMEOUT_S`] if a client has to connect first, and until
+    /// somebody answers if a server has to; a long wait is logged. A connection that is lost later recovers by itself.
     pub fn open(&self, role: Role) -> Result<Link, LinkError> {
         self.open_unless(role, &AtomicBool::new(false))
     }
 
-    /// As [`LinkArgs::open`]; setting `stop` ends the wait.
-    ///
-    /// # Errors
-    /// [`LinkError`], also where it was stopped.
+    /// As [`LinkArgs::open`]; setting `stop` ends the wait with an error.
     pub fn open_unless(&self, role: Role, stop: &AtomicBool) -> Result<Link, LinkError> {
         let config = config::layered(self, role)?;
         for endpoint in exposure::exposed(&config) {
             tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
         }
-        let plan = config::Plan::of(&config);
-        // Zenoh tries for ever where a server has to connect, so another thread does that.
+        let plan = config::EndpointPlan::of(&config);
+        // Zenoh tries without end if a server has to connect, so another thread does it.
         let (opened, session) = mpsc::channel();
         let open = move || opened.send(zenoh::open(config).wait());
         let thread = std::thread::Builder::new().name("open".into()).spawn(open);
         thread.map_err(|source| LinkError::Open { reason: source.to_string() })?;
-        let mut waiting = Waiting::default();
+        let mut waiting = WaitLog::default();
         loop {
             match session.recv_timeout(POLL) {
                 Ok(session) => return session.map(Link).map_err(|source| plan.explain(&source.to_string())),
@@ -51,11 +45,7 @@ impl LinkArgs {
         }
     }
 
-    /// Where others find a program that opened its session with these options: `listening on ENDPOINT` or `connected to
-    /// ENDPOINT`.
-    ///
-    /// # Errors
-    /// [`LinkError`]: a wrong config or endpoint.
+    /// The place where others find a program with these options: `listening on ENDPOINT` or `connected to ENDPOINT`.
     pub fn place(&self, role: Role) -> Result<String, LinkError> {
         config::layered(self, role).map(|config| config::place(&config))
     }

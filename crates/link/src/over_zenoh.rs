@@ -14,8 +14,7 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// Carries messages over a Zenoh session.
-pub struct OverZenoh(pub Session);
+pub struct ZenohTransport(pub Session);
 
 fn failed(error: zenoh::Error) -> CarrierError {
     CarrierError(error.to_string())
@@ -49,7 +48,7 @@ fn some(attachment: Vec<u8>) -> Option<Vec<u8>> {
     (!attachment.is_empty()).then_some(attachment)
 }
 
-impl Transport for OverZenoh {
+impl Transport for ZenohTransport {
     fn id(&self) -> String {
         self.0.zid().to_string()
     }

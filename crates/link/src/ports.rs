@@ -3,11 +3,8 @@
 use std::io;
 use std::net::{TcpListener, UdpSocket};
 
-/// Replaces port 0 of an endpoint by a port that is free now, so that a program can say where it listens. Any other
-/// endpoint stays unchanged.
-///
-/// # Errors
-/// No port of that host is free, or the host is not this machine.
+/// Replaces port 0 of an endpoint by a port that is free now, so that a program can log the port on which it listens.
+/// Any other endpoint stays unchanged.
 pub fn choose_port(endpoint: &str) -> io::Result<String> {
     let end = endpoint.find(['?', '#']).unwrap_or(endpoint.len());
     let (locator, options) = endpoint.split_at(end);
@@ -40,6 +37,6 @@ mod tests {
         for same in ["tcp/127.0.0.1:7447", "tcp/127.0.0.1:70", "unixsock-stream//tmp/a:0", "tcp"] {
             assert_eq!(choose_port(same).unwrap(), same);
         }
-        assert!(choose_port("tcp/192.0.2.1:0").is_err(), "no address of this machine");
+        assert!(choose_port("tcp/192.0.2.1:0").is_err(), "not an address of this machine");
     }
 }

@@ -1,4 +1,4 @@
-//! Says what a program waits for.
+//! Logs what a program waits for.
 
 use std::fmt::Display;
 use std::time::{Duration, Instant};
@@ -6,20 +6,20 @@ use std::time::{Duration, Instant};
 /// Time before the first line, and between two.
 const PERIODS: [Duration; 2] = [Duration::from_secs(3), Duration::from_secs(30)];
 
-/// A wait for somebody else, which is said in the log after 3 s and from then on every 30 s.
+/// A wait for another program, which is logged after 3 s and then every 30 s.
 #[derive(Debug)]
-pub struct Waiting {
+pub struct WaitLog {
     next: Instant,
 }
 
-impl Default for Waiting {
+impl Default for WaitLog {
     fn default() -> Self {
         Self { next: Instant::now() + PERIODS[0] }
     }
 }
 
-impl Waiting {
-    /// Says what the program waits for, if it is due; `what` is called only then.
+impl WaitLog {
+    /// Logs what the program waits for, if it is due; `what` is called only then.
     pub fn say<D: Display>(&mut self, what: impl FnOnce() -> D) {
         let now = Instant::now();
         if now >= self.next {

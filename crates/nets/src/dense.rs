@@ -5,10 +5,10 @@ use fearless_simd::{Level, Simd, dispatch, f32x16};
 
 use crate::product::{LANES, Panels, add};
 
-/// Panels of weights that one pass of the inner loop reads, so that enough sums are under way at once.
+/// Panels of weights that one pass of the inner loop reads, so that enough sums are in progress at once.
 const PANELS: usize = 4;
 
-/// How a product is added to a sum.
+/// Rounding when a product is added to a sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rounding {
     /// Rounded once where the CPU can, which is more exact and faster; CPUs differ in the last digits.
@@ -21,7 +21,7 @@ pub enum Rounding {
 #[derive(Debug, Clone)]
 pub struct Dense {
     panels: Panels,
-    /// As many numbers as there are panels' columns.
+    /// Padded to whole panels.
     bias: Vec<f32>,
     outputs: usize,
 }
@@ -39,12 +39,10 @@ impl Dense {
         Self { panels: Panels::new(inputs, outputs, weight), bias, outputs }
     }
 
-    /// Number of columns of the input.
     pub fn inputs(&self) -> usize {
         self.panels.depth
     }
 
-    /// Number of columns of the output.
     pub fn outputs(&self) -> usize {
         self.outputs
     }
@@ -108,7 +106,7 @@ impl Dense {
 mod tests {
     use super::{Dense, Rounding};
 
-    /// Widths with and without a rest, against sums in f64.
+    /// Guards widths with and without a partial panel, against sums in f64.
     #[test]
     fn every_column_is_the_sum_of_its_products() {
         for (inputs, outputs) in [(0, 3), (1, 1), (7, 15), (33, 64), (40, 100), (129, 144)] {

@@ -3,6 +3,7 @@
 //!
 //! A number is always summed in the order of its inputs, so the same build on the same machine gives the same bytes.
 //! [`Rounding`] says whether the same bytes come from every machine.
+#![allow(missing_docs)] // Used in this repository alone.
 mod activations;
 mod dense;
 mod product;

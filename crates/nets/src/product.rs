@@ -26,28 +26,25 @@ impl Panels {
     }
 }
 
-/// The left-hand matrix. Row `i` is made of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`:
+/// The left-hand matrix. Row `i` consists of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`:
 /// with the taps of a convolution's window this is im2col without the copy.
 #[derive(Debug, Clone, Copy)]
 pub struct Gathered<'a> {
-    /// The numbers.
     pub data: &'a [f32],
     /// Index in `data` of the start of each row.
     pub rows: &'a [usize],
-    /// Where each piece of a row begins, relative to the row's start.
+    /// Start of each piece, relative to the row's start.
     pub taps: &'a [usize],
-    /// Length of a piece.
     pub run: usize,
 }
 
-/// What becomes of a sum that is done.
+/// The last operation on a sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finish {
-    /// It is written as it is.
     Keep,
     /// Negative values become zero.
     Relu,
-    /// It is added to what stands in the output, and negative values become zero: the end of a residual block.
+    /// The value in the output is added, and negative values become zero: the end of a residual block.
     AddRelu,
 }
 
@@ -66,19 +63,17 @@ impl Finish {
     }
 }
 
-/// Where a product goes: its row `i` to `data[rows[i]..]`.
+/// The destination of a product: its row `i` goes to `data[rows[i]..]`.
 #[derive(Debug)]
 pub struct Target<'a> {
-    /// The numbers that are written.
     pub data: &'a mut [f32],
     /// Index in `data` of the start of each row.
     pub rows: &'a [usize],
-    /// What becomes of each sum.
     pub finish: Finish,
 }
 
-/// `left * right + bias`, where a bias of `None` is zero and the number of columns is a multiple of [`LANES`]. Each number
-/// is summed in the order of the depth, whatever the number of rows.
+/// `left * right + bias`, where a bias of `None` is zero and the number of columns is a multiple of [`LANES`]. Each
+/// number is summed in the order of the depth, for any number of rows.
 #[inline(always)]
 pub fn multiply<S: Simd>(simd: S, left: Gathered<'_>, right: &Panels, bias: Option<&[f32]>, target: &mut Target<'_>) {
     for (index, panel) in right.data.chunks_exact(right.depth).enumerate() {
@@ -95,7 +90,7 @@ pub fn multiply<S: Simd>(simd: S, left: Gathered<'_>, right: &Panels, bias: Opti
     }
 }
 
-/// As many blocks of `N` rows as there are from `row` on, for the columns of one panel. Returns the first row left.
+/// Multiplies complete blocks of `N` rows from `row` on, for the columns of one panel. Returns the first row left.
 #[inline(always)]
 fn blocks<S: Simd, const N: usize>(
     simd: S,
@@ -123,8 +118,8 @@ fn blocks<S: Simd, const N: usize>(
     row
 }
 
-/// Adds the products of `N` rows with `P` panels, all of one depth, to their sums; rounded once for each product and sum
-/// where the CPU can, or (not `FUSED`) twice on every CPU.
+/// Adds the products of `N` rows with `P` panels, all of one depth, to their sums; rounded once for each product and
+/// sum if the CPU can, or (not `FUSED`) twice on every CPU.
 #[inline(always)]
 pub(crate) fn add<S: Simd, const N: usize, const P: usize, const FUSED: bool>(
     simd: S,
@@ -132,7 +127,7 @@ pub(crate) fn add<S: Simd, const N: usize, const P: usize, const FUSED: bool>(
     panels: [&[[f32; LANES]]; P],
     sums: &mut [[f32x16<S>; P]; N],
 ) {
-    // Cut to one length here, in plain sight of the compiler, they need no check of bounds within.
+    // Cut to one length here, where the compiler sees it, they need no bounds checks in the loop.
     let depth = panels[0].len();
     let mut cut = [[].as_slice(); N];
     for n in 0..N {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fiatlux_bridge::{
-    BridgeError, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Play, Played, Player, Row,
+    BridgeError, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Play, PlayedRow, Player, Row,
     Sensed, check_contract,
 };
 use fiatlux_foreign::{BODY, token_of};
@@ -359,7 +359,7 @@ impl Episode {
 
     /// The command of a step. Before the first chunk, and after the last row of a chunk, the body stands and the arms
     /// hold their targets. The last token is kept; before the first one, the posture is.
-    fn play(&mut self, seen: &Observation, played: Option<Played>) -> Result<Command, PolicyError> {
+    fn play(&mut self, seen: &Observation, played: Option<PlayedRow>) -> Result<Command, PolicyError> {
         if let Some(played) = &played {
             self.note.played = Some((played.chunk, played.at, played.age));
         }

@@ -1,7 +1,5 @@
 //! Answers to the requests of a browser.
 
-use std::error::Error;
-use std::fmt::Write;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
@@ -12,12 +10,13 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
+use fiatlux_cli::in_full;
 use tokio::fs::File;
 
 use crate::Packed;
+use crate::cache::PackedReplay;
 use crate::page::Page;
-use crate::shelf::Shelf;
-use crate::shown::Shown;
+use crate::served::ServedBags;
 use crate::site::{for_ever, guarded, page_part, whole_file};
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -25,7 +24,7 @@ const TEXT: &str = "text/plain; charset=utf-8";
 const JSON: &str = "application/json";
 const BYTES: &str = "application/octet-stream";
 
-pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
+pub(crate) fn router(served: Arc<ServedBags>, port: u16) -> Router {
     Router::new()
         .route("/", get(home))
         .route("/episodes.json", get(episodes))
@@ -40,7 +39,7 @@ pub(crate) fn router(shelf: Arc<Shelf>, port: u16) -> Router {
         .route("/page/{file}", get(page_file))
         .fallback(|| async { problem(StatusCode::NOT_FOUND, "nothing is at this address; start at /") })
         .layer(from_fn_with_state(port, guard))
-        .with_state(shelf)
+        .with_state(served)
 }
 
 /// Lets only requests to this server's own address pass, and adds the headers of every answer.
@@ -56,72 +55,71 @@ async fn guard(State(port): State<u16>, request: Request, next: Next) -> Respons
     guarded(answer)
 }
 
-async fn home(State(shelf): State<Arc<Shelf>>) -> Response {
-    if shelf.bags.count() == 1 { Redirect::temporary("/episode/0").into_response() } else { page(&shelf.list) }
+async fn home(State(served): State<Arc<ServedBags>>) -> Response {
+    if served.bags.count() == 1 { Redirect::temporary("/episode/0").into_response() } else { page(&served.list) }
 }
 
-async fn episodes(State(shelf): State<Arc<Shelf>>) -> Response {
-    let listed = tokio::task::spawn_blocking(move || serde_json::to_vec(&shelf.bags.list())).await;
+async fn episodes(State(served): State<Arc<ServedBags>>) -> Response {
+    let listed = tokio::task::spawn_blocking(move || serde_json::to_vec(&served.bags.list())).await;
     match listed {
         Ok(Ok(json)) => content(JSON, json),
         _ => problem(StatusCode::INTERNAL_SERVER_ERROR, "the bags cannot be listed"),
     }
 }
 
-async fn episode(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Response {
-    match index_of(&index).and_then(|index| shelf.bags.file(index)) {
-        Some(_) => page(&shelf.replay),
-        None => no_episode(&shelf),
+async fn episode(State(served): State<Arc<ServedBags>>, Path(index): Path<String>) -> Response {
+    match index_of(&index).and_then(|index| served.bags.file(index)) {
+        Some(_) => page(&served.replay),
+        None => no_episode(&served),
     }
 }
 
-async fn document(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+async fn document(state: State<Arc<ServedBags>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, JSON, |shown| shown.document).await
 }
 
-async fn meshes(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+async fn meshes(state: State<Arc<ServedBags>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.meshes).await
 }
 
-async fn track(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+async fn track(state: State<Arc<ServedBags>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.track).await
 }
 
-async fn shapes(State(shelf): State<Arc<Shelf>>, asked: HeaderMap, Path(digest): Path<String>) -> Response {
-    match shelf.desk.block(&digest) {
+async fn shapes(State(served): State<Arc<ServedBags>>, asked: HeaderMap, Path(digest): Path<String>) -> Response {
+    match served.replays.block(&digest) {
         Some(block) => for_ever(block.answer(&asked, BYTES)),
-        None => problem(StatusCode::NOT_FOUND, "no replay with these shapes was opened lately"),
+        None => problem(StatusCode::NOT_FOUND, "no replay with these shapes was opened recently"),
     }
 }
 
-async fn joints(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+async fn joints(state: State<Arc<ServedBags>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.joints).await
 }
 
-async fn pictures(state: State<Arc<Shelf>>, asked: HeaderMap, index: Path<String>) -> Response {
+async fn pictures(state: State<Arc<ServedBags>>, asked: HeaderMap, index: Path<String>) -> Response {
     part(state, asked, index, BYTES, |shown| shown.pictures).await
 }
 
 async fn part(
-    State(shelf): State<Arc<Shelf>>,
+    State(served): State<Arc<ServedBags>>,
     asked: HeaderMap,
     Path(index): Path<String>,
     kind: &'static str,
-    part: fn(Shown) -> Packed,
+    part: fn(PackedReplay) -> Packed,
 ) -> Response {
-    let Some(index) = index_of(&index) else { return no_episode(&shelf) };
-    let reader = Arc::clone(&shelf);
+    let Some(index) = index_of(&index) else { return no_episode(&served) };
+    let reader = Arc::clone(&served);
     match tokio::task::spawn_blocking(move || reader.show(index)).await {
         Ok(Some(Ok(shown))) => part(shown).answer(&asked, kind),
         Ok(Some(Err(error))) => problem(StatusCode::UNPROCESSABLE_ENTITY, &in_full(&error)),
-        Ok(None) => no_episode(&shelf),
+        Ok(None) => no_episode(&served),
         Err(_) => problem(StatusCode::INTERNAL_SERVER_ERROR, "the bag cannot be read"),
     }
 }
 
-/// Sends the bag's file unchanged.
-async fn bag(State(shelf): State<Arc<Shelf>>, Path(index): Path<String>) -> Response {
-    let Some(path) = index_of(&index).and_then(|index| shelf.bags.file(index)) else { return no_episode(&shelf) };
+async fn bag(State(served): State<Arc<ServedBags>>, Path(index): Path<String>) -> Response {
+    let Some(path) = index_of(&index).and_then(|index| served.bags.file(index)) else { return no_episode(&served) };
     let Ok(file) = File::open(path).await else {
         return problem(StatusCode::NOT_FOUND, "the bag can no longer be opened");
     };
@@ -145,8 +143,8 @@ fn index_of(text: &str) -> Option<usize> {
     if is_number { text.parse().ok() } else { None }
 }
 
-fn no_episode(shelf: &Shelf) -> Response {
-    let last = shelf.bags.count() - 1;
+fn no_episode(served: &ServedBags) -> Response {
+    let last = served.bags.count() - 1;
     problem(StatusCode::NOT_FOUND, &format!("there is no such episode; they are numbered from 0 to {last}"))
 }
 
@@ -164,17 +162,6 @@ fn content(kind: &'static str, body: impl Into<Body>) -> Response {
 
 fn problem(status: StatusCode, what: &str) -> Response {
     (status, content(TEXT, what.to_owned())).into_response()
-}
-
-/// An error followed by its causes.
-fn in_full(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let _ = write!(text, ": {error}");
-        cause = error.source();
-    }
-    text
 }
 
 /// A file's name, reduced to characters that are safe in a header.

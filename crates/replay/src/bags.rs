@@ -10,8 +10,8 @@ use serde::Serialize;
 use crate::text::short;
 use crate::{EpisodeInfo, ReplayError};
 
-/// Largest number of bags in a list: opening one takes about a millisecond.
-const MOST_LISTED: usize = 2000;
+/// Maximum number of bags in a list: opening one takes about a millisecond.
+const MAX_LISTED: usize = 2000;
 
 /// The bags of a file or folder, including unfinished ones.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,56 +20,45 @@ pub struct Bags {
     files: Vec<PathBuf>,
 }
 
-/// The recorded verdict of one rulebook.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordedRuling {
     /// Cause of the end; empty if the rows stop before it.
     pub cause: String,
-    /// Gate progress, 0 to 1.
     pub progress: f64,
 }
 
-/// One bag of the list.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Entry {
+pub struct BagEntry {
     /// Index of the bag, from 0, which is part of its address.
     pub index: usize,
-    /// Path of the bag inside the folder.
     pub name: String,
     /// Id and name of the task, such as `S07 Approach New Bulb`.
     pub title: String,
-    /// Name of the policy that played it.
     pub policy: String,
     /// Layout seed, in decimal digits.
     pub seed: String,
-    /// Verdict of the strict rulebook; `None` without a result, or if the published rulebook was in force.
+    /// Verdict of the strict judge; `None` without a result, or if the published judge was in force.
     pub strict: Option<RecordedRuling>,
-    /// Verdict of the published rulebook; `None` without a result.
+    /// Verdict of the published judge; `None` without a result.
     pub published: Option<RecordedRuling>,
     /// Length of the episode, s; `None` without a result.
     pub seconds: Option<f64>,
-    /// Remark for the viewer, such as that the bag is cut; empty if there is none.
+    /// Remark for the viewer, for example that the bag is cut; may be empty.
     pub note: String,
-    /// Why the bag cannot be opened; `None` if it can.
     pub error: Option<String>,
 }
 
 /// The list of episodes, as JSON for the page.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Listing {
-    /// The folder, as the user named it.
     pub folder: String,
-    /// The bags, sorted by path.
-    pub entries: Vec<Entry>,
-    /// Number of bags that the list leaves out because there are too many.
+    pub entries: Vec<BagEntry>,
+    /// Number of bags that exceed the limit of the list.
     pub left_out: usize,
 }
 
 impl Bags {
     /// Finds the bags of a folder, to any depth, or takes the one of a file.
-    ///
-    /// # Errors
-    /// [`ReplayError`]: a path that is missing or cannot be read, or a folder without bags.
     pub fn find(path: &Path) -> Result<Self, ReplayError> {
         let found = BagFiles::find(&[path.to_path_buf()])?;
         let mut files = found.bags;
@@ -81,7 +70,6 @@ impl Bags {
         Ok(Self { folder: path.into(), files })
     }
 
-    /// Number of bags, at least 1.
     pub fn count(&self) -> usize {
         self.files.len()
     }
@@ -91,19 +79,18 @@ impl Bags {
         self.files.get(index).map(PathBuf::as_path)
     }
 
-    /// Reads header and result of every bag.
     pub fn list(&self) -> Listing {
         let entry = |(index, path): (usize, &PathBuf)| self.entry(index, path);
         Listing {
             folder: short(&self.folder.display().to_string()),
-            entries: self.files.iter().take(MOST_LISTED).enumerate().map(entry).collect(),
-            left_out: self.files.len().saturating_sub(MOST_LISTED),
+            entries: self.files.iter().take(MAX_LISTED).enumerate().map(entry).collect(),
+            left_out: self.files.len().saturating_sub(MAX_LISTED),
         }
     }
 
-    fn entry(&self, index: usize, path: &Path) -> Entry {
+    fn entry(&self, index: usize, path: &Path) -> BagEntry {
         let name = path.strip_prefix(&self.folder).unwrap_or(path);
-        let mut entry = Entry {
+        let mut entry = BagEntry {
             index,
             name: short(&name.display().to_string()),
             title: String::new(),

@@ -1,4 +1,4 @@
-//! Which conditions hold in a row, and the verdicts of both rulebooks on the episode.
+//! The conditions that hold in a row, and the verdicts of both judges on the episode.
 
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_rules::{Judge, JudgeOptions, Judges, Protocol, Row, Task};
@@ -7,26 +7,22 @@ use serde::Serialize;
 
 /// Flags of a row: bit `i` is criterion `i` of [`Conditions::criteria`]; the bits below come after them.
 pub mod flag {
-    /// The old bulb is in the socket.
     pub const OLD_SEATED: u32 = 1 << 16;
-    /// The fresh bulb is in the socket.
     pub const FRESH_SEATED: u32 = 1 << 17;
     /// The published gate has fired in this row or earlier.
     pub const PUBLISHED: u32 = 1 << 18;
     /// The strict gate has fired in this row or earlier.
     pub const STRICT: u32 = 1 << 19;
-    /// By the rulebook in force, a bulb was broken in this row or earlier.
+    /// A bulb was broken in this row or earlier, by the judge in force.
     pub const BROKEN: u32 = 1 << 20;
     /// A bulb was dropped in this row or earlier.
     pub const DROPPED: u32 = 1 << 21;
 }
 
-/// One criterion of the gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CriterionName {
-    /// Name of the criterion, as in results.
     pub name: &'static str,
-    /// Whether the published gate needs it too; if not, only the strict gate does.
+    /// Also a criterion of the published gate; if not, only of the strict gate.
     pub published: bool,
 }
 
@@ -39,30 +35,23 @@ pub struct Conditions {
     pub published_window: u32,
     /// Number of consecutive rows for which all criteria must hold, for the strict gate.
     pub strict_window: u32,
-    /// Rulebook that was in force when the episode was played: `strict` or `published`.
+    /// Judge that was in force when the episode was played: `strict` or `published`.
     pub in_force: &'static str,
     /// Contact force on a hand body above which a bulb breaks, N.
     pub fragility_n: f64,
 }
 
-/// Verdict of one rulebook on the rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ruling {
-    /// Name of the rulebook: `strict` or `published`.
+    /// Name of the judge: `strict` or `published`.
     pub protocol: &'static str,
     /// Cause of the end; `None` if the rows stop before it.
     pub end: Option<&'static str>,
-    /// All causes that the last row met.
     pub causes: Vec<&'static str>,
-    /// Whether the gate fired.
     pub success: bool,
-    /// Number of control steps up to the end.
     pub steps: u64,
-    /// Gate progress, 0 to 1.
     pub progress: f64,
-    /// Whether a bulb was broken.
     pub broken: bool,
-    /// Whether a bulb was dropped.
     pub dropped: bool,
     /// Largest contact force of a bulb on a hand body, N.
     pub peak_hand_force_n: f64,
@@ -70,13 +59,13 @@ pub struct Ruling {
 
 /// Judges rows by the rules that the header names.
 #[derive(Debug)]
-pub(crate) struct Referee {
+pub(crate) struct RowJudge {
     judges: Judges,
     task: Task,
     started: bool,
 }
 
-impl Referee {
+impl RowJudge {
     /// Prepares to judge an episode with this header.
     ///
     /// # Errors

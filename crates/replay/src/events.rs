@@ -1,32 +1,28 @@
-//! What happened in an episode, as recorded.
+//! The recorded events of an episode.
 
 use fiatlux_bag::Bag;
 use serde::Serialize;
 
 use crate::text::short;
 
-/// Largest number of events to show.
-const MOST_EVENTS: usize = 1000;
+const MAX_EVENTS: usize = 1000;
 /// Kind of events to leave out: the flags of each row show how criteria change.
 const CRITERION: &str = "criterion";
 
-/// A recorded event of an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Happening {
-    /// Control step in which it happened.
+pub struct RecordedEvent {
     pub step: u64,
     /// Kind of event, such as `attachment`.
     pub kind: String,
-    /// What it happened to, such as `old_bulb`.
+    /// The thing that it concerns, such as `old_bulb`.
     pub subject: String,
-    /// What changed, such as `released`.
+    /// The change, such as `released`.
     pub change: String,
-    /// Details, such as a number; may be empty.
     pub detail: String,
 }
 
-/// All events of a bag except those of criteria, as far as they can be read.
-pub(crate) fn happenings(bag: &Bag, notes: &mut Vec<String>) -> Vec<Happening> {
+/// All events of a bag except those of criteria, up to the first that cannot be read.
+pub(crate) fn recorded_events(bag: &Bag, notes: &mut Vec<String>) -> Vec<RecordedEvent> {
     let mut found = Vec::new();
     for event in bag.events() {
         let event = match event {
@@ -41,11 +37,11 @@ pub(crate) fn happenings(bag: &Bag, notes: &mut Vec<String>) -> Vec<Happening> {
         if event.kind == CRITERION {
             continue;
         }
-        if found.len() >= MOST_EVENTS {
-            notes.push(format!("Events after the first {MOST_EVENTS} are left out."));
+        if found.len() >= MAX_EVENTS {
+            notes.push(format!("Events after the first {MAX_EVENTS} are left out."));
             break;
         }
-        found.push(Happening {
+        found.push(RecordedEvent {
             step: event.step,
             kind: short(&event.kind),
             subject: short(&event.subject),

@@ -6,7 +6,7 @@
 //! Bags -> Viewer::serve        a server on the loopback interface: a list of episodes, a page for each
 //! Replay -> standalone         the page and its data in one file
 //! Poster                       a still and a short clip of an episode
-//! Desk, site                   the same in pages of another server, one replay or two side by side
+//! ReplayCache, site            the same in pages of another server, one replay or two side by side
 //! ```
 //!
 //! Any page can use the documents. Ours is in `page/`: small JavaScript modules without a build step. What it imports
@@ -28,6 +28,7 @@
 #![allow(missing_docs)] // Used in this repository alone.
 mod answers;
 mod bags;
+mod cache;
 mod conditions;
 mod error;
 mod events;
@@ -39,23 +40,22 @@ mod replay;
 mod rows;
 mod scene;
 mod serve;
-mod shelf;
-mod shown;
+mod served;
 pub mod site;
 mod standalone;
 mod text;
 mod track;
 
-pub use bags::{Bags, Entry, Listing, RecordedRuling};
+pub use bags::{BagEntry, Bags, Listing, RecordedRuling};
+pub use cache::{PackedReplay, ReplayCache};
 pub use conditions::{Conditions, CriterionName, Ruling, flag};
 pub use error::ReplayError;
-pub use events::Happening;
+pub use events::RecordedEvent;
 pub use packed::Packed;
 pub use poster::Poster;
 pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, differences};
 pub use rows::{Faults, Rows};
 pub use scene::{Block, Frame, Group, Light, Material, Mesh, Stage};
 pub use serve::Viewer;
-pub use shown::{Desk, Shown};
 pub use standalone::standalone;
-pub use track::{ForceName, JointName, MAGIC, MOST_KEPT, POSE, TRACK_VERSION};
+pub use track::{ForceName, JointName, MAGIC, MAX_KEPT_ROWS, POSE, TRACK_VERSION};

@@ -1,4 +1,4 @@
-//! Bytes that are kept and sent packed.
+//! Bytes that are stored and sent in compressed form.
 
 use std::io::{Read, Write};
 
@@ -9,12 +9,10 @@ use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 
-/// Bytes packed by gzip.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packed(Bytes);
 
 impl Packed {
-    /// Packs bytes.
     pub fn new(bytes: &[u8]) -> Self {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
         // Writing to memory does not fail.
@@ -22,15 +20,14 @@ impl Packed {
         Self(packed.into())
     }
 
-    /// The bytes as they were.
     pub fn unpacked(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
-        // What this type packed can be unpacked.
+        // This type's own output can always be decompressed.
         drop(GzDecoder::new(self.0.as_ref()).read_to_end(&mut bytes));
         bytes
     }
 
-    /// An answer of this media type: packed if the request takes gzip.
+    /// An answer of this media type: compressed if the request accepts gzip.
     pub fn answer(&self, asked: &HeaderMap, kind: &'static str) -> Response {
         let takes = |value: &HeaderValue| value.to_str().is_ok_and(takes_gzip);
         let is_packed = asked.get_all(header::ACCEPT_ENCODING).iter().any(takes);
@@ -43,7 +40,7 @@ impl Packed {
     }
 }
 
-/// Whether a list such as `br, gzip;q=0.8` has gzip, and not with weight 0.
+/// True if a list such as `br, gzip;q=0.8` has gzip with a weight above 0.
 fn takes_gzip(list: &str) -> bool {
     list.split(',').any(|entry| {
         let (name, parameters) = entry.split_once(';').unwrap_or((entry, ""));

@@ -6,7 +6,6 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
-/// One file of the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Asset {
     pub name: &'static str,
@@ -42,7 +41,7 @@ pub(crate) const MODULES: [Asset; 17] = [
     asset!("vendor/three", "three.module.min.js"),
 ];
 
-/// Names that modules import, and the files that they stand for.
+/// Names that modules import, and their files.
 const NAMES: [(&str, &str); 2] =
     [("three", "three.module.min.js"), ("three/addons/controls/OrbitControls.js", "OrbitControls.js")];
 
@@ -52,7 +51,7 @@ pub(crate) const ONE: &str = include_str!("../page/view.html");
 pub(crate) const PAIR: &str = include_str!("../page/pair.html");
 pub(crate) const LIST: &str = include_str!("../page/list.html");
 
-/// Placeholder for what differs between a served page and a file.
+/// Placeholder for the part that differs between a served page and a file.
 const HEAD: &str = "<!--head-->";
 const VIEW: &str = "<!--view-->";
 const BACK: &str = "<!--back-->";
@@ -69,7 +68,6 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// The page with the list of episodes.
     pub fn list() -> Self {
         Self::served(LIST, "list.js", "")
     }
@@ -90,7 +88,7 @@ impl Page {
     }
 }
 
-/// What a served page needs in its head.
+/// The head of a served page.
 pub(crate) struct Head {
     /// Links to the style and the module, and the import map.
     pub html: String,
@@ -180,7 +178,7 @@ mod tests {
 
     use super::*;
 
-    /// These are the digests of the files in the tarball of the npm package `three` 0.180.0.
+    /// Guards that three.js has the digests of the npm package `three` 0.180.0.
     #[test]
     fn three_is_what_npm_has() {
         let expected = [
@@ -195,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Every import resolves: by a name of the map, or to a neighbouring file.
+    /// Guards that every import resolves: by a name of the map, or to a neighbouring file.
     #[test]
     fn imports_are_of_modules_that_are_here() {
         for module in MODULES {
@@ -211,7 +209,7 @@ mod tests {
         }
     }
 
-    /// A single file has no neighbours: all its imports are by name.
+    /// Guards that a self-contained file imports only by name: it has no neighbours.
     #[test]
     fn a_file_imports_by_name_alone() {
         for module in MODULES {

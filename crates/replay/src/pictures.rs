@@ -1,4 +1,4 @@
-//! What the robot saw: the head camera's pictures, where the session recorded them.
+//! The head camera's pictures, if the session recorded them.
 
 use fiatlux_bag::Bag;
 use fiatlux_proto::foxglove::CompressedImage;
@@ -6,13 +6,13 @@ use fiatlux_rules::CONTROL_DT;
 
 use crate::text::short;
 
-/// Limit on the size of all pictures, bytes; if there are more, every second one is left out, and so on.
-const MOST_BYTES: usize = 24 << 20;
+/// Maximum size of all pictures, bytes; beyond it every second one is dropped, and so on.
+const MAX_BYTES: usize = 24 << 20;
 
 /// The format that recorders write, which a page shows.
 const FORMAT: &str = "png";
 
-/// The pictures of a bag as far as they can be read, by rising control steps.
+/// The pictures of a bag up to the first that cannot be read, by rising control steps.
 pub(crate) fn pictures(bag: &Bag, notes: &mut Vec<String>) -> Vec<(u32, Vec<u8>)> {
     let mut found: Vec<(u32, Vec<u8>)> = Vec::new();
     if !bag.header().sensors.iter().any(|sensor| sensor.recorded && sensor.name == "camera") {
@@ -34,7 +34,7 @@ pub(crate) fn pictures(bag: &Bag, notes: &mut Vec<String>) -> Vec<(u32, Vec<u8>)
         }
         size += image.data.len();
         found.push((step, image.data));
-        while size > MOST_BYTES && found.len() > 1 {
+        while size > MAX_BYTES && found.len() > 1 {
             stride *= 2;
             let mut is_kept = false;
             found.retain(|_| {
@@ -47,7 +47,7 @@ pub(crate) fn pictures(bag: &Bag, notes: &mut Vec<String>) -> Vec<(u32, Vec<u8>)
     found
 }
 
-/// The control step of a picture; `None` where its time is not one of an episode.
+/// The control step of a picture; `None` if its time is not one of an episode.
 fn step_of(image: &CompressedImage) -> Option<u32> {
     let time = image.timestamp.as_ref()?;
     let step = ((time.seconds as f64 + f64::from(time.nanos) * 1e-9) / CONTROL_DT).round();

@@ -10,7 +10,7 @@ use fiatlux_rules::Row;
 use fiatlux_wire::{light_of, robot_of, scene_of};
 
 use crate::ReplayError;
-use crate::replay::MOST_ROWS;
+use crate::replay::MAX_ROWS;
 use crate::rows::Rows;
 
 /// Width and height of the still and of the clip, pixels; both have the same ratio.
@@ -20,15 +20,15 @@ const CLIP: [usize; 2] = [384, 216];
 const SAMPLES: usize = 2;
 /// Vertical field of view, rad.
 const FOV: f64 = 0.6;
-/// Frames of the clip at most, and for how long each is shown, ms.
+/// Maximum number of frames of the clip, and the time for which each is shown, ms.
 const FRAMES: usize = 48;
 const FRAME_MS: u16 = 100;
 /// Share of the episode after which the still is taken.
 const STILL_AT: f64 = 0.7;
-/// Rows by which the bearing of the camera is chosen.
+/// Rows that are tried to choose the bearing of the camera.
 const TRIALS: usize = 6;
 
-/// Pictures of an episode by a camera that stands still.
+/// Pictures of an episode by a camera that does not move.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Poster {
     /// One picture, a PNG file.
@@ -38,11 +38,8 @@ pub struct Poster {
 }
 
 impl Poster {
-    /// Draws an episode. `stop` is asked before each row and each picture: once it is true after the still, the clip ends
-    /// early.
-    ///
-    /// # Errors
-    /// [`ReplayError`]: as for [`Replay::open`](crate::Replay::open), or it was stopped before the still was drawn.
+    /// Draws an episode. `stop` is asked before each row and each picture: once it is true after the still, the clip
+    /// ends early.
     pub fn draw(path: &Path, stop: &dyn Fn() -> bool) -> Result<Self, ReplayError> {
         let bag = Bag::open(path)?;
         let header = bag.header();
@@ -50,7 +47,7 @@ impl Poster {
         let scene = scene.map_err(|source| ReplayError::Header { bag: path.into(), source })?;
         let stopped = || ReplayError::Stopped { bag: path.into() };
 
-        let rows = || Rows::new(&bag, scene.robot_layout()).take(MOST_ROWS).take_while(|_| !stop());
+        let rows = || Rows::new(&bag, scene.robot_layout()).take(MAX_ROWS).take_while(|_| !stop());
         let spots: Vec<Spot> = rows().map(|row| Spot::of(&row)).collect();
         if stop() {
             return Err(stopped());

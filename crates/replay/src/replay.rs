@@ -1,4 +1,4 @@
-//! Turns a bag into what a browser needs.
+//! Turns a bag into the documents of a browser.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,16 +12,16 @@ use fiatlux_world::Scene;
 use serde::Serialize;
 
 use crate::ReplayError;
-use crate::conditions::{Conditions, Referee, Ruling};
-use crate::events::{Happening, happenings};
+use crate::conditions::{Conditions, RowJudge, Ruling};
+use crate::events::{RecordedEvent, recorded_events};
 use crate::pictures::{bytes_of, pictures};
 use crate::rows::Rows;
 use crate::scene::Stage;
 use crate::text::short;
-use crate::track::{ForceName, JointName, MOST_KEPT, POSE, Track, joint_names};
+use crate::track::{ForceName, JointName, MAX_KEPT_ROWS, POSE, Track, joint_names};
 
-/// Limit on the number of rows and on their steps: the longest task has 72,001 rows.
-pub(crate) const MOST_ROWS: usize = 200_000;
+/// Maximum number of rows and of their steps: the longest task has 72,001 rows.
+pub(crate) const MAX_ROWS: usize = 200_000;
 
 /// Version of the JSON document.
 pub const REPLAY_VERSION: u32 = 1;
@@ -29,48 +29,37 @@ pub const REPLAY_VERSION: u32 = 1;
 /// Describes an episode, and the layout of the blocks of bytes that belong to it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Document {
-    /// [`REPLAY_VERSION`] of the program that made it.
     pub version: u32,
-    /// Task, seed, policy and other facts from the header.
     pub episode: EpisodeInfo,
-    /// Frames, materials, surfaces and light.
     pub stage: Stage,
-    /// Layout of the track's bytes.
     pub track: TrackInfo,
     /// Criteria of the gates; `None` if this version cannot judge the episode.
     pub conditions: Option<Conditions>,
-    /// Verdict of each rulebook on the rows, the one in force first.
+    /// Verdict of each judge on the rows, the one in force first.
     pub rulings: Vec<Ruling>,
     /// Recorded cause of the end; `None` if the bag has no result.
     pub recorded_end: Option<String>,
     /// Number of pictures of the head camera, see [`Replay::pictures`].
     pub pictures: usize,
     /// Recorded events, sorted by step.
-    pub events: Vec<Happening>,
-    /// Remarks for the viewer on what is missing or differs.
+    pub events: Vec<RecordedEvent>,
+    /// Remarks for the viewer on missing or differing data.
     pub notes: Vec<String>,
 }
 
-/// Facts about an episode from its header.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct EpisodeInfo {
     /// Name of the bag's file, without its folder.
     pub bag: String,
-    /// Id of the task, such as `S05`.
     pub task: String,
     /// Name of the task; empty if this version does not know it.
     pub name: String,
-    /// Instruction that the robot gets.
     pub instruction: String,
     /// Layout seed in decimal digits, because a browser's numbers cannot hold all seeds.
     pub seed: String,
-    /// Index of the episode in decimal digits.
     pub episode: String,
-    /// Name of the policy that played it.
     pub policy: String,
-    /// Name of the robot, such as `g1_inspire`.
     pub robot: String,
-    /// Version of the benchmark that it was played in.
     pub benchmark_version: u32,
     /// Control steps until time-out.
     pub horizon_steps: u64,
@@ -81,25 +70,20 @@ pub struct EpisodeInfo {
 pub struct TrackInfo {
     /// Length of a control step, s.
     pub control_dt: f64,
-    /// Number of all rows.
     pub rows: usize,
-    /// Number of rows with poses.
+    /// Number of kept rows, which have poses.
     pub kept: usize,
     /// Distance in rows between two rows with poses.
     pub stride: usize,
-    /// Number of values in a pose.
     pub pose: usize,
-    /// Number of values in a kept row.
     pub width: usize,
     /// Control steps of the first and the last row.
     pub span: [u32; 2],
-    /// The contact forces of a kept row, in order.
     pub forces: Vec<ForceName>,
     /// The robot's joints, in the order of [`Replay::joints`].
     pub joints: Vec<JointName>,
 }
 
-/// A bag in the form that a browser needs: a document and two blocks of bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replay {
     document: Document,
@@ -115,27 +99,27 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReplayError> {
-        Self::open_with(path.as_ref(), MOST_KEPT, None)
+        Self::open_with(path.as_ref(), MAX_KEPT_ROWS, None)
     }
 
-    /// As [`Replay::open`], with the poses of at most `most_kept` rows, as long as `patience` lasts.
+    /// As [`Replay::open`], with the poses of at most `max_kept` rows, and limited by `patience`.
     ///
     /// # Errors
-    /// As for [`Replay::open`]; [`BagError::Slow`] where the patience is over before all is read.
-    pub fn open_with(path: &Path, most_kept: usize, patience: Option<Patience>) -> Result<Self, ReplayError> {
+    /// As for [`Replay::open`]; [`BagError::Slow`] if `patience` ends before everything is read.
+    pub fn open_with(path: &Path, max_kept: usize, patience: Option<Patience>) -> Result<Self, ReplayError> {
         let bag = Bag::open(path)?.with_patience(patience.clone());
         let header = bag.header();
         let scene = robot_of(header).and_then(|robot| scene_of(header, Arc::new(robot)));
         let scene = scene.map_err(|source| ReplayError::Header { bag: path.into(), source })?;
         let mut notes = Vec::new();
-        let mut referee = match Referee::new(header) {
-            Ok(referee) => Some(referee),
+        let mut judge = match RowJudge::new(header) {
+            Ok(judge) => Some(judge),
             Err(error) => {
                 notes.push(format!("Conditions are not shown, because the episode cannot be judged: {error}."));
                 None
             }
         };
-        let track = read(&bag, &scene, referee.as_mut(), most_kept, &mut notes);
+        let track = read(&bag, &scene, judge.as_mut(), max_kept, &mut notes);
         let Some(span) = track.span() else {
             let details = notes.iter().map(|note| format!("\n  {note}")).collect();
             return Err(ReplayError::Empty { bag: path.into(), details });
@@ -147,7 +131,7 @@ impl Replay {
                 "The episode is long: poses stand {seconds:.2} s apart. Conditions are those of every row."
             ));
         }
-        let events = happenings(&bag, &mut notes);
+        let events = recorded_events(&bag, &mut notes);
         let pictures = pictures(&bag, &mut notes);
         if patience.is_some_and(|patience| !patience.goes_on()) {
             return Err(BagError::Slow { path: path.into() }.into());
@@ -167,8 +151,8 @@ impl Replay {
                 forces: track.force_names(),
                 joints: joint_names(&scene.robot),
             },
-            conditions: referee.as_ref().map(Referee::conditions),
-            rulings: referee.as_ref().map_or_else(Vec::new, Referee::rulings),
+            conditions: judge.as_ref().map(RowJudge::conditions),
+            rulings: judge.as_ref().map_or_else(Vec::new, RowJudge::rulings),
             recorded_end: bag.result().and_then(|result| result.end.as_ref()).map(|end| short(&end.cause)),
             pictures: pictures.len(),
             events,
@@ -177,19 +161,17 @@ impl Replay {
         Ok(Self { document, track: track.bytes(), joints: track.joint_bytes(), pictures: bytes_of(&pictures) })
     }
 
-    /// Changes the name under which the bag's file is shown.
     #[must_use]
     pub fn called(mut self, name: &str) -> Self {
         self.document.episode.bag = short(name);
         self
     }
 
-    /// Description of the episode and of the blocks of bytes.
+    /// Describes the episode and the blocks of bytes.
     pub fn document(&self) -> &Document {
         &self.document
     }
 
-    /// The same description as JSON, for the page.
     pub fn document_json(&self) -> String {
         // The document holds only text, finite numbers and lists, so this cannot fail.
         serde_json::to_string(&self.document).unwrap_or_default()
@@ -214,24 +196,24 @@ impl Replay {
         &self.joints
     }
 
-    /// The pictures of the head camera that the session recorded, little-endian: for each its control step and its length
-    /// (u32 each), then the bytes of a PNG. Of more than 24 MB only every second one, or fewer.
+    /// The pictures of the head camera that the session recorded, little-endian: for each its control step and its
+    /// length (u32 each), then the bytes of a PNG. Beyond 24 MB only every second one, or fewer.
     pub fn pictures(&self) -> &[u8] {
         &self.pictures
     }
 }
 
 /// Reads and judges the rows; faults are added to `notes`.
-fn read(bag: &Bag, scene: &Scene, mut referee: Option<&mut Referee>, most: usize, notes: &mut Vec<String>) -> Track {
+fn read(bag: &Bag, scene: &Scene, mut judge: Option<&mut RowJudge>, most: usize, notes: &mut Vec<String>) -> Track {
     let mut track = Track::new(&scene.robot, most);
     let mut rows = Rows::new(bag, scene.robot_layout());
     let mut undrawable = 0;
     for row in rows.by_ref() {
-        if track.rows() >= MOST_ROWS || row.step >= MOST_ROWS as u64 {
-            notes.push(format!("Rows from step {MOST_ROWS} on are left out; no episode is that long."));
+        if track.rows() >= MAX_ROWS || row.step >= MAX_ROWS as u64 {
+            notes.push(format!("Rows from step {MAX_ROWS} on are left out; no episode is that long."));
             break;
         }
-        let conditions = referee.as_mut().map_or(0, |referee| referee.push(&row));
+        let conditions = judge.as_mut().map_or(0, |judge| judge.push(&row));
         undrawable += u64::from(track.push(&row, &scene.robot, conditions).is_err());
     }
     rows.faults.undrawable += undrawable;
@@ -242,7 +224,7 @@ fn read(bag: &Bag, scene: &Scene, mut referee: Option<&mut Referee>, most: usize
     track
 }
 
-/// How the scene may differ from the recorded one, as phrases about the bag.
+/// Possible differences between this scene and the recorded one, as phrases about the bag.
 pub fn differences(header: &EpisodeHeader, scene: &Scene) -> Vec<String> {
     let digests = [
         ("robot", header.model_digest.as_str(), scene.robot.digest().to_owned()),

@@ -1,4 +1,4 @@
-//! Reads those rows of a bag that can be drawn.
+//! Reads the rows of a bag that can be drawn.
 
 use fiatlux_bag::{Bag, Messages};
 use fiatlux_proto::v3::State;
@@ -16,11 +16,10 @@ const UNIT: f64 = 1e-3;
 pub struct Faults {
     /// Rows that cannot be drawn: incomplete, or with impossible poses.
     pub undrawable: u64,
-    /// Rows that come after one of a later step.
+    /// Rows after one of a later step.
     pub misplaced: u64,
-    /// Rows that are missing between others.
     pub missing: u64,
-    /// Why reading stopped before the end; `None` if it did not.
+    /// The error that stopped reading before the end.
     pub broken: Option<String>,
 }
 
@@ -43,9 +42,7 @@ impl Faults {
 pub struct Rows<'a> {
     states: Messages<'a, State>,
     layout: RobotLayout,
-    /// Step that the next row should have.
     next: Option<u64>,
-    /// Faults in the rows read so far.
     pub faults: Faults,
 }
 
@@ -87,7 +84,7 @@ impl Iterator for Rows<'_> {
     }
 }
 
-/// Whether every pose of a row is valid and every joint has a finite angle.
+/// True if every pose of a row is valid and every joint has a finite angle.
 fn is_drawable(row: &Row) -> bool {
     let is_number = |number: &f64| number.abs() < ABSURD;
     let is_pose = |pose: &Isometry3<f64>| {

@@ -13,7 +13,7 @@ use fiatlux_world::Scene;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// Things that have a frame, those that can move; the frames come after the robot's links.
+/// The things that can move; their frames follow the robot's links.
 pub(crate) fn framed_things() -> impl Iterator<Item = (usize, &'static Thing)> {
     manifest().things.iter().enumerate().filter(|(_, thing)| thing.motion == Motion::Free)
 }
@@ -21,16 +21,13 @@ pub(crate) fn framed_things() -> impl Iterator<Item = (usize, &'static Thing)> {
 /// A frame whose pose is in every kept row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Frame {
-    /// Name of the link, or of the prop.
     pub name: String,
     /// Name of the joint between it and its parent; `None` for the pelvis, fixed links and props.
     pub joint: Option<String>,
 }
 
-/// Optical properties of a surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Material {
-    /// Name of the material.
     pub name: String,
     /// Linear red, green and blue, with the room's tint where it applies.
     pub colour: [f32; 3],
@@ -47,43 +44,35 @@ pub struct Material {
 /// Triangles of one material.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
-    /// Index of the material.
     pub material: usize,
     /// Position of its first index in the block of all indices.
     pub first: usize,
-    /// Number of indices, three for each triangle.
     pub count: usize,
 }
 
-/// A rigid surface, with its place in the blocks of vertices and indices.
+/// A rigid surface, with its position in the blocks of vertices and indices.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mesh {
-    /// What the surface is part of, such as `ladder`.
+    /// Group of the surface, such as `ladder`.
     pub part: &'static str,
     /// Index of its frame; `None` if it is fixed in the world.
     pub frame: Option<usize>,
     /// Position of its first vertex in the block of all vertices; its indices count from there.
     pub first_vertex: usize,
-    /// Number of vertices of this surface.
     pub vertices: usize,
-    /// Its triangles, by material.
     pub groups: Vec<Group>,
-    /// Whether it casts a shadow.
     pub shadow: bool,
 }
 
-/// A part of the shapes that other episodes may have too: a page fetches it once, by its digest.
+/// Shapes that other episodes may have too: a page fetches them once, by their digest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Block {
     /// SHA-256 of its bytes, see [`Stage::block_bytes`]; 64 hexadecimal digits.
     pub digest: String,
-    /// Number of its vertices. Blocks follow each other, in order of vertices and of indices.
     pub vertices: usize,
-    /// Number of its indices.
     pub indices: usize,
 }
 
-/// The light of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Light {
     /// Strength of the ambient light; 1 is the benchmark's nominal light.
@@ -103,29 +92,23 @@ pub struct Light {
 pub struct Stage {
     /// Links of the robot in order, then the things that can move, in the order of the manifest.
     pub frames: Vec<Frame>,
-    /// Materials, in the order of [`Group::material`].
     pub materials: Vec<Material>,
-    /// All surfaces of robot, props and room.
     pub meshes: Vec<Mesh>,
-    /// Number of vertices of all surfaces.
     pub vertices: usize,
-    /// Number of indices of all surfaces.
     pub indices: usize,
     /// The surfaces of the robot, which all episodes share, and those of things and room.
     pub blocks: [Block; 2],
-    /// The light of this episode.
     pub light: Light,
-    /// Little-endian: positions (three f32 for each vertex, m, in its frame), normals (three f32 for each vertex),
-    /// indices (u32 each).
+    /// Little-endian: positions (three f32 per vertex, m, in its frame), normals (three f32 per vertex), indices (u32
+    /// each).
     #[serde(skip)]
     pub bytes: Vec<u8>,
-    /// The same in the order of `blocks`, each in that layout.
+    /// The same data in the order of `blocks`, each in that layout.
     #[serde(skip)]
     pub block_bytes: [Vec<u8>; 2],
 }
 
 impl Stage {
-    /// The scene under this light.
     pub fn new(scene: &Scene, lighting: &Lighting) -> Self {
         let visuals = Visuals::new(scene);
         let links = scene.robot.links().len();
@@ -200,7 +183,7 @@ fn materials(lighting: &Lighting) -> Vec<Material> {
         let tint = lighting.room_tint.map(|tint| if look.tinted { tint as f32 } else { 1.0 });
         Material {
             colour: std::array::from_fn(|i| look.colour[i] * tint[i]),
-            // Roughness of a Blinn highlight with this exponent; without a highlight the surface is dull.
+            // Roughness of a Blinn highlight with this exponent; a surface without a highlight is dull.
             roughness: if look.sharpness == 0 {
                 1.0
             } else {

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::answers::router;
-use crate::shelf::Shelf;
+use crate::served::ServedBags;
 use crate::{Bags, ReplayError};
 
-/// How often the server checks whether it should stop.
+/// Time between two checks whether the server should stop.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Shows bags in a browser on this machine. It listens on the loopback interface and answers only requests for its own
@@ -19,21 +19,18 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Viewer {
     listener: TcpListener,
     address: SocketAddr,
-    shelf: Arc<Shelf>,
+    served: Arc<ServedBags>,
 }
 
 impl Viewer {
     /// Listens on a port of 127.0.0.1; 0 picks a free one.
-    ///
-    /// # Errors
-    /// [`ReplayError::Listen`]: the port is taken.
     pub fn bind(bags: Bags, port: u16) -> Result<Self, ReplayError> {
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let failed = |source| ReplayError::Listen { address, source };
         let listener = TcpListener::bind(address).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
         let bound = listener.local_addr().map_err(failed)?;
-        Ok(Self { listener, address: bound, shelf: Arc::new(Shelf::new(bags)) })
+        Ok(Self { listener, address: bound, served: Arc::new(ServedBags::new(bags)) })
     }
 
     /// Address to open in a browser.
@@ -42,14 +39,11 @@ impl Viewer {
     }
 
     /// Answers requests until `stop` is set.
-    ///
-    /// # Errors
-    /// [`ReplayError::Serve`]: the listener failed.
     pub fn serve(self, stop: &AtomicBool) -> Result<(), ReplayError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ReplayError::Serve)?;
         let served = runtime.block_on(async {
             let listener = tokio::net::TcpListener::from_std(self.listener)?;
-            let server = axum::serve(listener, router(self.shelf, self.address.port()));
+            let server = axum::serve(listener, router(self.served, self.address.port()));
             tokio::select! {
                 served = server.into_future() => served,
                 () = stopped(stop) => Ok(()),

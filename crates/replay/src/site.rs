@@ -20,7 +20,7 @@ use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
 /// Number of bytes to read from a file at once.
 const BLOCK: usize = 64 * 1024;
 
-/// What every answer says of itself.
+/// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 5] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -29,7 +29,7 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (HeaderName::from_static("permissions-policy"), "camera=(), geolocation=(), microphone=()"),
 ];
 
-/// The Content-Security-Policy of what is not a page.
+/// The Content-Security-Policy of answers that are not pages.
 const NO_PAGE: &str = "default-src 'none'; sandbox";
 
 /// The parts of a page with replays.
@@ -69,8 +69,8 @@ pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
     Some(("text/javascript; charset=utf-8", module.text))
 }
 
-/// An answer with the headers that keep a browser from taking it for anything else, or giving it to other sites. One without
-/// a Content-Security-Policy of its own gets one that allows nothing.
+/// An answer with the headers that keep a browser from interpreting it as another type, or giving it to other sites.
+/// One without a Content-Security-Policy gets one that allows nothing.
 pub fn guarded(mut answer: Response) -> Response {
     let headers = answer.headers_mut();
     for (name, value) in HEADERS {
@@ -80,7 +80,7 @@ pub fn guarded(mut answer: Response) -> Response {
     answer
 }
 
-/// An answer whose address names its content by a digest: a browser may keep it.
+/// An answer whose address contains its digest: a browser may cache it for ever.
 pub fn for_ever(mut answer: Response) -> Response {
     let kept = HeaderValue::from_static("public, max-age=31536000, immutable");
     answer.headers_mut().insert(header::CACHE_CONTROL, kept);

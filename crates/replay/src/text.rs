@@ -1,15 +1,14 @@
-//! Makes text from a bag fit to show.
+//! Prepares text from a bag for display.
 
 use fiatlux_proto::is_unseen;
 
-/// Longest text to show, characters.
-const MOST: usize = 300;
+const MAX_CHARS: usize = 300;
 
 /// Shortens a text from a bag, and removes control characters and marks that change its direction.
 pub(crate) fn short(text: &str) -> String {
     let shown = |c: char| if is_unseen(c) { '\u{fffd}' } else { c };
-    let mut out: String = text.chars().take(MOST).map(shown).collect();
-    if text.chars().nth(MOST).is_some() {
+    let mut out: String = text.chars().take(MAX_CHARS).map(shown).collect();
+    if text.chars().nth(MAX_CHARS).is_some() {
         out.push('\u{2026}');
     }
     out

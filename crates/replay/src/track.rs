@@ -1,4 +1,4 @@
-//! The rows of an episode as a block of bytes: poses and forces of those that are kept, conditions of all.
+//! The rows of an episode as a block of bytes: poses and forces of kept rows, conditions of all.
 //!
 //! A row takes 2 kB here, and the longest task has 72,001 rows. Memory is limited in a single pass: when there are too
 //! many kept rows, every second one is dropped and the distance between them doubles. Conditions and the force on the
@@ -14,34 +14,29 @@ use serde::Serialize;
 use crate::conditions::flag;
 use crate::scene::framed_things;
 
-/// First bytes of a track.
 pub const MAGIC: [u8; 4] = *b"FLTR";
-/// Version of the layout of a track.
 pub const TRACK_VERSION: u32 = 1;
-/// How many numbers a pose has: position x, y, z in m, then the quaternion w, x, y, z.
+/// Numbers of a pose: position x, y, z in m, then the quaternion w, x, y, z.
 pub const POSE: usize = 7;
-/// Largest number of rows whose poses are kept: 42 MB for the robot with Inspire hands.
-pub const MOST_KEPT: usize = 20_000;
+/// Maximum number of rows whose poses are kept: 42 MB for the robot with Inspire hands.
+pub const MAX_KEPT_ROWS: usize = 20_000;
 
 /// A contact force that every kept row has, in the world frame, N.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ForceName {
-    /// What exerts the force, such as `floor`.
+    /// The thing that exerts the force, such as `floor`.
     pub by: &'static str,
-    /// Index of the frame that it acts on; it is drawn from the origin of that frame.
+    /// Index of the frame on which it acts; it is drawn from the origin of that frame.
     pub frame: usize,
 }
 
-/// A joint of the robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JointName {
-    /// Name of the joint, such as `left_knee_joint`.
     pub name: String,
     /// Limit on the effort of its drive, N m.
     pub effort_limit: f64,
 }
 
-/// The joints of a robot, in the order of rows.
 pub(crate) fn joint_names(robot: &Robot) -> Vec<JointName> {
     let name =
         |joint: &fiatlux_robot::Joint| JointName { name: joint.name.clone(), effort_limit: joint.gains.effort_limit };
@@ -66,7 +61,7 @@ pub(crate) struct Track {
     hand_force: Vec<f32>,
 }
 
-/// A force that is kept: the sum of some of a row's.
+/// A force that is kept: the sum of some forces of a row.
 #[derive(Debug, Clone)]
 struct Force {
     name: ForceName,
@@ -92,7 +87,7 @@ impl Track {
     /// Adds the next row, with the flags of its conditions.
     ///
     /// # Errors
-    /// The row is not a posture of the robot; then nothing of it is added.
+    /// The row is not a posture of the robot; nothing is added then.
     pub fn push(&mut self, row: &Row, robot: &Robot, conditions: u32) -> Result<(), RobotError> {
         // The caller reads no rows of later steps.
         let step = u32::try_from(row.step).unwrap_or(u32::MAX);
@@ -135,17 +130,14 @@ impl Track {
         self.stride *= 2;
     }
 
-    /// How many numbers a kept row has.
     pub fn width(&self) -> usize {
         POSE * self.frames + 3 * self.forces.len()
     }
 
-    /// Number of rows whose poses are kept.
     pub fn kept(&self) -> usize {
         self.kept_steps.len()
     }
 
-    /// Number of rows that were added.
     pub fn rows(&self) -> usize {
         self.steps.len()
     }
@@ -155,12 +147,10 @@ impl Track {
         Some([*self.steps.first()?, *self.steps.last()?])
     }
 
-    /// Distance in rows between two rows with poses.
     pub fn stride(&self) -> usize {
         self.stride
     }
 
-    /// The forces of a kept row, in order.
     pub fn force_names(&self) -> Vec<ForceName> {
         self.forces.iter().map(|force| force.name.clone()).collect()
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use fiatlux_bag::run::{Ledger, State, journal_of};
+use fiatlux_bag::run::{EpisodeState, Ledger, journal_of};
 use fiatlux_carrier::Carrier;
 use fiatlux_grading::{GradeOptions, Results, grade};
 use fiatlux_rules::Task;
@@ -145,7 +145,7 @@ fn read(journal: &Path) -> Result<Ledger, EvaluateError> {
 }
 
 fn steps(ledger: &Ledger) -> u64 {
-    let steps = |state: &State| if let State::Played(played) = state { played.steps } else { 0 };
+    let steps = |state: &EpisodeState| if let EpisodeState::Played(played) = state { played.steps } else { 0 };
     ledger.episodes().iter().map(|episode| steps(&episode.state)).sum()
 }
 
@@ -155,16 +155,16 @@ fn look(ledger: &Ledger, steps_before: u64) -> ExternalProgress {
     for (episode, planned) in ledger.episodes().iter().zip(&registration.episodes) {
         let horizon = planned.task.parse::<Task>().map_or(0, |task| task.horizon_steps());
         match &episode.state {
-            State::Played(played) => {
+            EpisodeState::Played(played) => {
                 done += 1;
                 successes += usize::from(played.success);
             }
-            State::Failed { .. } => done += 1,
-            State::Open { .. } => {
+            EpisodeState::Failed { .. } => done += 1,
+            EpisodeState::Open { .. } => {
                 open.push((planned.task.clone(), planned.seed));
                 steps_left += horizon;
             }
-            State::Waiting => steps_left += horizon,
+            EpisodeState::Waiting => steps_left += horizon,
         }
     }
     ExternalProgress::Playing {
@@ -191,9 +191,9 @@ fn outcome(
     let mut lost = Vec::new();
     for (episode, planned) in ledger.episodes().iter().zip(&ledger.registration().episodes) {
         match &episode.state {
-            State::Played(_) => any_played = true,
-            State::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
-            State::Waiting | State::Open { .. } => {}
+            EpisodeState::Played(_) => any_played = true,
+            EpisodeState::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
+            EpisodeState::Waiting | EpisodeState::Open { .. } => {}
         }
     }
     if !any_played {

@@ -4,17 +4,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::SafetensorsError;
 
-/// The longest header that is parsed; that of a ResNet-18 has some 12 kB.
+/// Maximum length of a header; that of a ResNet-18 has some 12 kB.
 const HEADER_LIMIT: u64 = 1 << 20;
 
-/// The one type of number that is read.
 const F32: &str = "F32";
 
-/// The key under which a file may carry remarks.
 const METADATA: &str = "__metadata__";
 
-/// What the header says of a tensor. The fields are in the order of their names, in which `serde_json` may or may not
-/// write them: so the bytes of a file depend on no feature of it.
+/// A tensor in the header. The fields are in the order of their names, which `serde_json` may or may not keep: so the
+/// bytes of a file depend on none of its features.
 #[derive(Debug, Deserialize, Serialize)]
 struct Entry {
     data_offsets: [u64; 2],
@@ -22,7 +20,7 @@ struct Entry {
     shape: Vec<u64>,
 }
 
-/// A file's header, with its tensors not yet read.
+/// A file's header; its tensors are not read yet.
 #[derive(Debug)]
 pub struct File<'a> {
     entries: BTreeMap<String, Entry>,
@@ -31,10 +29,7 @@ pub struct File<'a> {
 }
 
 impl<'a> File<'a> {
-    /// Reads the header. The tensors' places are checked when they are read.
-    ///
-    /// # Errors
-    /// [`SafetensorsError::Format`].
+    /// Reads the header. Positions of tensors are checked when they are read.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, SafetensorsError> {
         let wrong = |problem| SafetensorsError::Format { problem };
         let Some((length, rest)) = bytes.split_first_chunk::<8>() else {
@@ -63,15 +58,12 @@ impl<'a> File<'a> {
         self.entries.keys().map(String::as_str)
     }
 
-    /// A remark that the file carries under this name.
+    /// The metadata under this name.
     pub fn metadata(&self, name: &str) -> Option<&str> {
         self.metadata.get(name).map(String::as_str)
     }
 
-    /// The numbers of a tensor that must be there with this shape. They may be NaN or infinite.
-    ///
-    /// # Errors
-    /// [`SafetensorsError`], with the tensor's name: missing, of another type or shape, or cut.
+    /// The numbers of a tensor, which must have this shape. They may be NaN or infinite.
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, SafetensorsError> {
         let tensor = || name.to_owned();
         let Some(entry) = self.entries.get(name) else {
@@ -95,8 +87,8 @@ impl<'a> File<'a> {
     }
 }
 
-/// The bytes of a file of f32 tensors, each a name, a shape and its numbers: the data in this order, the header in that of
-/// the names.
+/// The bytes of a file of f32 tensors, each a name, a shape and its numbers: the data in this order, the header sorted
+/// by name.
 pub fn write<'a>(tensors: impl Iterator<Item = (String, Vec<usize>, &'a [f32])>) -> Vec<u8> {
     let mut entries = BTreeMap::new();
     let mut data = Vec::new();
@@ -107,7 +99,7 @@ pub fn write<'a>(tensors: impl Iterator<Item = (String, Vec<usize>, &'a [f32])>)
         entries.insert(name, Entry { dtype: F32.into(), shape, data_offsets: [begin, data.len() as u64] });
     }
     let mut header = serde_json::json!(entries).to_string().into_bytes();
-    // The data starts on a multiple of 8, as the format asks.
+    // The format requires data to start at a multiple of 8.
     header.resize(header.len().next_multiple_of(8), b' ');
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.append(&mut header);

@@ -25,37 +25,31 @@ use fiatlux_grading::{Difference, check_bag, first_difference};
 use records::Records;
 use rows::first_row_difference;
 
-/// Why an episode could not be verified. A difference is not an error: it is a [`Verification`].
+/// An episode could not be verified. A difference is not an error: it is a [`Verification`].
 #[derive(Debug, Error)]
 pub enum VerifyError {
-    /// The bag is cut, aborted or changed, so no second run is needed.
     #[error("the bag cannot be verified: {reason}")]
     Bag { reason: String },
-    /// The bag changed while it was being read.
     #[error("the bag cannot be read again")]
     Reread(#[from] BagError),
-    /// The bag's actions cannot be decoded.
     #[error("the bag's actions cannot be read")]
     Actions(#[from] PolicyError),
-    /// The server refuses the session, or the connection is lost.
     #[error("the episode could not be run again")]
     Client(#[from] ClientError),
-    /// The carrier cannot subscribe to the records of the session.
     #[error("cannot follow the records of the second run")]
     Follow(#[source] CarrierError),
-    /// The second run cannot be compared row by row.
     #[error("record {next_seq} of the second run is lost, so it cannot be compared; run verify again")]
     Lost { next_seq: u64 },
 }
 
 impl VerifyError {
-    /// Whether the server has no room for a session now; it may have some soon.
+    /// True if the server has no room for a session now; it may have some soon.
     pub fn is_busy(&self) -> bool {
         matches!(self, Self::Client(ClientError::Refused { code: Code::Busy, .. }))
     }
 
-    /// Whether it is not the bag's fault: the server is away, or takes no session now. Another server may verify the bag, or
-    /// this one later.
+    /// True if the bag is not at fault: the server is away, or accepts no session now. Another server may verify the
+    /// bag, or this one later.
     pub fn is_of_server(&self) -> bool {
         match self {
             Self::Bag { .. } | Self::Reread(_) | Self::Actions(_) | Self::Lost { .. } => false,
@@ -73,27 +67,26 @@ impl VerifyError {
 /// Outcome of a second run, compared with a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// Which episode it is, in words: task, seed, index, policy and protocol.
+    /// The episode in words: task, seed, index, policy and protocol.
     pub episode: String,
-    /// How the recorded episode ended, confirmed by its rows.
+    /// The recorded end, confirmed by the rows.
     pub recorded: EpisodeEnd,
-    /// Digest of the recorded header. Bags with the same one and the same digest of rows are copies of an episode.
+    /// Digest of the recorded header. Bags with the same digests of header and rows are copies of one episode.
     pub header_digest: String,
-    /// Key of the server that signed the result; `None` where the bag is not signed.
+    /// Key of the server that signed the result; `None` if the bag is not signed.
     pub signer: Option<PublicKey>,
-    /// How the second run ended; `None` where the bag has no action for its last steps.
+    /// The end of the second run; `None` if the bag has no action for its last steps.
     pub simulated: Option<EpisodeEnd>,
     /// The first field of the header that differs, which means another model, scene, room or rulebook.
     pub header: Option<Difference>,
     /// Step of the first row that differs, and the first number in it that does.
     pub row: Option<(u64, Difference)>,
-    /// The first field of the result that differs.
     pub result: Option<Difference>,
 }
 
 impl Verification {
-    /// Whether all numbers of all rows are equal to the last bit, and so are the verdict and every field of the header
-    /// that a second run can reproduce.
+    /// True if all numbers of all rows are equal to the last bit, as are the verdict and every field of the header that
+    /// a second run can reproduce.
     pub fn is_equal(&self) -> bool {
         let is_same = |simulated: &EpisodeEnd| *simulated == self.recorded;
         let no_difference = self.header.is_none() && self.row.is_none() && self.result.is_none();
@@ -144,11 +137,11 @@ struct Comparison<'a> {
     has_header: bool,
     has_result: bool,
     records: u64,
-    rows: Rows,
+    rows: FetchedRecords,
 }
 
 impl<'a> Comparison<'a> {
-    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: Rows) -> Self {
+    fn new(bag: &'a Bag, result: &'a EpisodeResult, rows: FetchedRecords) -> Self {
         Self {
             rows,
             header: bag.header(),
@@ -172,7 +165,7 @@ impl<'a> Comparison<'a> {
             self.header_difference = first_difference(&comparable(header, self.header), self.header)
                 .or_else(|| first_difference(&EpisodeHeader { digest_context, ..self.header.clone() }, self.header));
         }
-        if self.rows == Rows::All && self.row_difference.is_none() && !record.state.is_empty() {
+        if self.rows == FetchedRecords::All && self.row_difference.is_none() && !record.state.is_empty() {
             self.row_difference = self.row(record.step, &record.state)?.map(|difference| (record.step, difference));
         }
         if let Some(result) = record.result {
@@ -203,14 +196,14 @@ impl<'a> Comparison<'a> {
         })
     }
 
-    /// Whether header and result of the second run have arrived.
+    /// True if header and result of the second run have arrived.
     fn is_complete(&self) -> bool {
         self.has_header && self.has_result
     }
 }
 
-/// A header of the second run, with recorded values in place of those that may differ: names of this run, and what
-/// changes no row. The bag's `header_digest` protects those.
+/// A header of the second run, with recorded values for the fields that may differ: names of this run, and fields that
+/// change no row. The bag's `header_digest` protects those.
 fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHeader {
     let randomization = recorded.randomization.map(|recorded| {
         let simulated = simulated.randomization.unwrap_or_default();
@@ -236,12 +229,9 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
 }
 
 /// Opens a session under a bag's conditions, sends its actions again and compares header, rows and result with the
-/// bag's. The bag must first pass the checks of [`grade`](fiatlux_grading::grade).
-/// `link` reaches the server; `server` is its name, which may be left out where there is only one.
-/// `progress` receives the steps done and the steps in all; setting `stop` ends the run.
-///
-/// # Errors
-/// [`VerifyError`]: a bag that is cut, aborted or changed; no server, or one that refuses; lost records.
+/// bag's. The bag must first pass the checks of [`grade`](fiatlux_grading::grade). `link` reaches the server; `server`
+/// is its name, which may be omitted if there is only one. `progress` receives the steps done and the steps in all;
+/// setting `stop` ends the run.
 pub fn verify(
     path: &Path,
     link: &Carrier,
@@ -251,7 +241,7 @@ pub fn verify(
     stop: &AtomicBool,
 ) -> Result<Verification, VerifyError> {
     let wrong = |reason: String| VerifyError::Bag { reason };
-    // What it says of itself is graded while it is played: one core here, one at the server.
+    // The bag is graded while it is played: one core here, one at the server.
     std::thread::scope(|scope| {
         let grading = scope.spawn(|| check_bag(path));
         let played = play_again(path, link, server, access, &wrong, progress, stop);
@@ -260,7 +250,7 @@ pub fn verify(
     })
 }
 
-/// A second run, compared with the bag's rows; who signed them is not asked.
+/// A second run, compared with the bag's rows; its signature is not compared.
 fn play_again(
     path: &Path,
     link: &Carrier,
@@ -278,18 +268,18 @@ fn play_again(
         let recorded = recorded.clone();
         SecondRun { path, bag: &bag, result, recorded, link, server, access, rows }.play(progress, stop)
     };
-    // The digest covers all rows, so rows are compared one by one only where it differs or where the first or last
-    // record can no longer be fetched.
-    match run_again(Rows::FirstAndLast) {
+    // The digest covers all rows, so rows are compared one by one only if it differs, or if the first or last record
+    // can no longer be fetched.
+    match run_again(FetchedRecords::FirstAndLast) {
         Ok(whole) if whole.simulated.as_ref().is_some_and(|end| end.digest == whole.recorded.digest) => Ok(whole),
-        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(Rows::All),
+        Ok(_) | Err(VerifyError::Lost { .. }) => run_again(FetchedRecords::All),
         Err(error) => Err(error),
     }
 }
 
-/// Which records of a second run to fetch.
+/// Selects the records of a second run that are fetched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Rows {
+enum FetchedRecords {
     /// The two that carry the header and the result.
     FirstAndLast,
     All,
@@ -304,7 +294,7 @@ struct SecondRun<'a> {
     link: &'a Carrier,
     server: Option<&'a str>,
     access: &'a Access,
-    rows: Rows,
+    rows: FetchedRecords,
 }
 
 impl SecondRun<'_> {
@@ -318,11 +308,11 @@ impl SecondRun<'_> {
         let mut client = Client::open_with(link, server, request, access)?;
         let keys = ServerKeys::new(&client.info().server).session(&client.info().session);
         let key = client.take_rows_key().ok_or(VerifyError::Lost { next_seq: 0 })?;
-        let mut records = Records::of(link, keys, key, rows == Rows::All).map_err(VerifyError::Follow)?;
+        let mut records = Records::of(link, keys, key, rows == FetchedRecords::All).map_err(VerifyError::Follow)?;
         let mut comparison = Comparison::new(bag, result, rows);
         let mut reread = Ok(());
         let mut on_step = |step| {
-            if rows == Rows::FirstAndLast && step == 0 {
+            if rows == FetchedRecords::FirstAndLast && step == 0 {
                 // The server keeps it for a while.
                 reread = records.get(0).map_or(Ok(()), |record| comparison.take(record));
             }
@@ -341,11 +331,11 @@ impl SecondRun<'_> {
         };
         let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps);
         match rows {
-            Rows::FirstAndLast => {
+            FetchedRecords::FirstAndLast => {
                 let last = records.get(steps).ok_or(VerifyError::Lost { next_seq: steps })?;
                 comparison.take(last)?;
             }
-            Rows::All => {
+            FetchedRecords::All => {
                 while comparison.records <= steps {
                     let record = records.wait().ok_or(VerifyError::Lost { next_seq: comparison.records })?;
                     comparison.take(record)?;
@@ -373,7 +363,7 @@ impl SecondRun<'_> {
     }
 }
 
-/// Only in real time can an action be held or late.
+/// Actions can be held or late only in real time.
 fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), VerifyError> {
     if bag.header().mode() == Mode::RealTime {
         return Ok(());
@@ -394,7 +384,7 @@ mod tests {
 
     use super::*;
 
-    /// Guards against a name in a bag that writes its own verdict.
+    /// Guards that a name in a bag cannot write a verdict of its own.
     #[test]
     fn a_name_cannot_write_a_line() {
         let end = EpisodeEnd { cause: "fall\u{1b}[2K".into(), ..EpisodeEnd::default() };
@@ -413,7 +403,8 @@ mod tests {
         assert!(text.starts_with(r"different: S05 seed 1, episode 0, policy a\u000aequal: b"), "{text}");
     }
 
-    /// A second run belongs to no registered run; a delay is requested again.
+    /// Guards that the fields of a registered run are not compared, since a second run belongs to none; a delay is
+    /// requested again.
     #[test]
     fn the_header_of_an_episode_of_a_run_is_no_difference() {
         let request = OpenRequest { action_delay_ms: 40, policy: "zero".into(), ..OpenRequest::default() };

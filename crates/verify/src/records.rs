@@ -11,13 +11,11 @@ use fiatlux_proto::limits::{MAX_SERVER_MESSAGE, MAX_TRUTHS_PER_REQUEST};
 use fiatlux_proto::v3::{StepRecord, StepRecordRequest};
 use fiatlux_proto::{Bytes, Message, decode};
 
-/// Records to hold back while an earlier one is missing; beyond this number the missing one is requested.
+/// Maximum number of records to hold back while an earlier one is missing; beyond it the missing one is requested.
 const MAX_AHEAD: usize = 64;
 
-/// Longest wait for an answer to a request.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Number of times that a record is requested.
 const TRIES: u32 = 4;
 
 /// Time after the episode's end at which missing records count as lost.
@@ -36,8 +34,7 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Reads all records from the session's first one on (provided that it is not reset before), or only those
-    /// requested.
+    /// Reads all records from the session's first one on (if it is not reset before), or only the requested ones.
     pub fn of(link: &Carrier, keys: SessionKeys, rows: RowsKey, all: bool) -> Result<Self, CarrierError> {
         let (sender, inbox) = channel();
         // The receiver may be gone.
@@ -47,7 +44,6 @@ impl Records {
         Ok(Self { link: link.clone(), keys, rows, inbox, ahead: BTreeMap::new(), next_seq: 0, _subscriber: subscriber })
     }
 
-    /// The next record, if it has arrived.
     pub fn next(&mut self) -> Option<StepRecord> {
         while let Ok(bytes) = self.inbox.try_recv() {
             self.take(bytes);
@@ -60,7 +56,7 @@ impl Records {
         Some(record)
     }
 
-    /// Requests the record of that number; `None` where the server no longer keeps it.
+    /// Requests the record of this number; `None` if the server no longer keeps it.
     pub fn get(&mut self, seq: u64) -> Option<StepRecord> {
         self.next_seq = seq;
         for _ in 0..TRIES {
@@ -72,7 +68,7 @@ impl Records {
         None
     }
 
-    /// Waits for the next record; `None` where it is lost.
+    /// Waits for the next record; `None` if it is lost.
     pub fn wait(&mut self) -> Option<StepRecord> {
         let start = Instant::now();
         loop {

@@ -1,4 +1,4 @@
-//! Finds where two rows differ, by field and part.
+//! Finds the difference between two rows, by field and part.
 
 use fiatlux_grading::Difference;
 use fiatlux_proto::v3;
@@ -13,7 +13,7 @@ const SUPPORTS: [&str; 4] = ["left foot", "right foot", "left arm", "right arm"]
 /// The numbers of a row with their names.
 fn named(row: &Row, header: &v3::EpisodeHeader) -> Vec<(String, f64)> {
     let mut found = Vec::new();
-    // A measure of vectors comes part by part: numbers of one field count on.
+    // A measure of vectors comes in parts: numbers of one field count on.
     let (mut last, mut first) = (String::new(), 0);
     row.visit(&mut |field, numbers| {
         let name = field.to_string();

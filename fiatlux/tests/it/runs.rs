@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-use fiatlux_bag::run::{Ledger, State, journal_of, journals};
+use fiatlux_bag::run::{EpisodeState, Ledger, journal_of, journals};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_client::{
     Client, Command, EpisodeFate, Policy, PolicyError, RunError, RunFile, RunOptions, RunOutcome, RunProgress,
@@ -124,7 +124,9 @@ fn check_bags(folder: &Path, outcome: &RunOutcome) {
     for (index, episode) in outcome.episodes.iter().enumerate() {
         let Some(server) = &episode.server else { continue };
         let ledger = Ledger::read(journal_of(&run, server)).unwrap();
-        let State::Played(played) = &ledger.episodes()[index].state else { panic!("{:?}", ledger.episodes()[index]) };
+        let EpisodeState::Played(played) = &ledger.episodes()[index].state else {
+            panic!("{:?}", ledger.episodes()[index])
+        };
         let bag = Bag::open(run.join(&played.bag)).unwrap();
         let end = bag.result().unwrap().end.clone().unwrap();
         assert_eq!((bag.completeness(), &end.digest), (&Completeness::Whole, &episode.digest));

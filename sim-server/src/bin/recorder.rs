@@ -11,7 +11,7 @@ use clap::Parser;
 use fiatlux_access::RecorderKey;
 use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
-use fiatlux_link::{LinkArgs, Role, Waiting};
+use fiatlux_link::{LinkArgs, Role, WaitLog};
 use fiatlux_proto::keys::{ServerKeys, any_alive};
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
@@ -119,7 +119,7 @@ fn wait_for_servers(link: &Carrier, server: Option<&str>, stop: &AtomicBool) {
         None => (any_alive(), "a server".into()),
     };
     let is_there = || link.tokens(&alive, Duration::from_secs(1)).is_ok_and(|tokens| !tokens.is_empty());
-    let mut waiting = Waiting::default();
+    let mut waiting = WaitLog::default();
     while !stop.load(Ordering::Relaxed) && !is_there() {
         waiting
             .say(|| format!("{who}: none is on this network; does it run, and does -e name its endpoint or router?"));

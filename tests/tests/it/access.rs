@@ -7,7 +7,7 @@ use std::process::Command;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-use fiatlux_access::{Greeting, KnownServers, Reply, Token, proof};
+use fiatlux_access::{Greeting, KnownServers, SignedReply, Token, proof};
 use fiatlux_proto::keys::{ROOT, ServerKeys};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Notice, Observation, OpenReply, OpenRequest, SessionInfo, StepRecordAck, open_reply};
@@ -276,7 +276,7 @@ fn open(link: &Session, token: Option<&Token>) -> Result<SessionInfo, (Code, Str
         open_reply::Reply::Session(info) => (info.session.clone(), info.encode_to_vec()),
         open_reply::Reply::Refusal(refusal) => (String::new(), refusal.encode_to_vec()),
     };
-    let said = Reply { request: &request, server: "test", id: &id, content: &content };
+    let said = SignedReply { request: &request, server: "test", id: &id, content: &content };
     greeting.verify(said, &welcome.unwrap(), None).unwrap();
     match reply.unwrap() {
         open_reply::Reply::Session(info) => Ok(info),

@@ -57,7 +57,7 @@ fn who_waits_says_so_and_ends_on_the_first_signal() {
     router.wait_for("as a router");
     let (key, bags) = (text(&scratch, "keys/recorder_key"), text(&scratch, "bags"));
     let recorder = ["-e", &live, "--out", &bags, "--recorder-key", &key];
-    let nothing = format!("waiting for {dead}, where nothing answers");
+    let nothing = format!("waiting for {dead}, which does not answer");
     let cases: [(&str, &[&str], &str); 2] = [
         ("sim-server", &["-e", &dead], &nothing),
         ("recorder", &recorder, "waiting for a server: none is on this network"),
@@ -117,6 +117,6 @@ fn a_refusal_is_one_sentence() {
     let mut client = Running::start("policy-client", &["list", "-c", &wrong], &scratch);
     assert_eq!(client.finish(PATIENCE).0.code(), Some(1));
     let log = client.log();
-    assert!(log.contains("something answers, but opens no session"), "{log}");
+    assert!(log.contains("answers, but opens no session"), "{log}");
     assert_eq!(log.lines().count(), 1, "{log}");
 }

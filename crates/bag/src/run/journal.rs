@@ -11,28 +11,25 @@ use sha2::{Digest, Sha256};
 
 use super::LedgerError;
 
-/// How the name of a journal ends, after the server's.
+/// End of a journal's file name, after the server's name.
 const ENDING: &str = ".run.jsonl";
 
-/// Longest line, bytes. The registration of 10,000 episodes takes about 400,000.
+/// Maximum length of a line, bytes. The registration of 10,000 episodes takes about 400,000.
 const MAX_LINE: usize = 2 << 20;
 
-/// Largest journal, bytes: every episode begun as often as it may be.
+/// Maximum size of a journal, bytes: enough for the maximum number of attempts of every episode.
 const MAX_FILE: u64 = 2 << 30;
 
-/// What stands between a line's own members and its end, without the link's 64 digits.
+/// Text between a line's own members and the 64 digits of its link.
 const BEFORE_LINK: &str = ",\"link\":\"";
 const AFTER_LINK: &str = "\"}";
 
-/// The journal of a server in the folder of a run, whether it is there or not.
+/// Path of a server's journal in the folder of a run; it need not exist.
 pub fn journal_of(folder: &Path, server: &str) -> PathBuf {
     folder.join(format!("{server}{ENDING}"))
 }
 
 /// The journals in the folder of a run, sorted by name.
-///
-/// # Errors
-/// The folder cannot be read.
 pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     let failed = || LedgerError::io("read the folder", folder);
     let mut found = Vec::new();
@@ -46,10 +43,7 @@ pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     Ok(found)
 }
 
-/// Whether a journal ends in half a line: its server died while it wrote, or the file was cut.
-///
-/// # Errors
-/// The file cannot be read.
+/// True if a journal ends in a partial line: its server died while it wrote, or the file was cut.
 pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
     let failed = || LedgerError::io("read", path);
     let mut file = File::open(path).map_err(LedgerError::io("open", path))?;
@@ -61,7 +55,6 @@ pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
     Ok(last != *b"\n")
 }
 
-/// Whether a file has the name of a journal.
 pub(crate) fn is_journal(path: &Path) -> bool {
     path.file_name().and_then(|name| name.to_str()).is_some_and(|name| name.ends_with(ENDING))
 }
@@ -71,9 +64,7 @@ pub(crate) fn is_journal(path: &Path) -> bool {
 pub(super) struct Chain {
     /// Empty before the first line.
     pub link: String,
-    /// Bytes of whole lines.
     pub length: u64,
-    /// Number of whole lines.
     pub lines: usize,
 }
 
@@ -83,7 +74,7 @@ impl Chain {
         HEXLOWER.encode(&hash)
     }
 
-    /// The line of an entry, and the chain after it; `None` where the entry is longer than a line may be.
+    /// The line of an entry, and the chain after it; `None` if the entry exceeds the maximum length.
     pub fn line(&self, entry: &impl Serialize) -> Option<(String, Self)> {
         let mut members = serde_json::to_string(entry).ok()?;
         members.pop();
@@ -93,9 +84,9 @@ impl Chain {
         (line.len() <= MAX_LINE).then(|| (line, Self { link, length, lines: self.lines + 1 }))
     }
 
-    /// Reads a line without its line break, and goes on behind it.
+    /// Reads a line without its line break, and advances the chain.
     pub fn read<T: DeserializeOwned>(&mut self, line: &[u8]) -> Result<T, String> {
-        let no_link = || "it does not end in a link of the chain".to_owned();
+        let no_link = || "it does not end with a valid link".to_owned();
         let (members, end) = line
             .len()
             .checked_sub(BEFORE_LINK.len() + 64 + AFTER_LINK.len())
@@ -103,7 +94,7 @@ impl Chain {
             .ok_or_else(no_link)?;
         let link = self.link_of(members);
         if end != format!("{BEFORE_LINK}{link}{AFTER_LINK}").as_bytes() {
-            return Err("it is not as it was written, or a line before it is missing: the chain breaks here".into());
+            return Err("the line was changed, or a line before it is missing: the chain breaks here".into());
         }
         let entry = serde_json::from_slice(&[members, b"}"].concat());
         let entry = entry.map_err(|error| format!("it cannot be read ({error})"))?;
@@ -113,7 +104,6 @@ impl Chain {
     }
 }
 
-/// Reads a journal, a line at a time.
 pub(super) struct Lines<'a> {
     path: &'a Path,
     reader: BufReader<File>,
@@ -132,7 +122,7 @@ impl<'a> Lines<'a> {
         Ok(lines)
     }
 
-    /// The next entry; `None` at the end, or where a line was torn.
+    /// The next entry; `None` at the end, or at a partial line.
     pub fn next<T: DeserializeOwned>(&mut self) -> Result<Option<T>, LedgerError> {
         self.buffer.clear();
         let mut line = (&mut self.reader).take(MAX_LINE as u64 + 1);

@@ -1,4 +1,4 @@
-//! What became of each episode.
+//! The outcome of each episode of a run.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -8,95 +8,81 @@ use fiatlux_proto::keys::is_name;
 use super::journal::{Chain, Lines};
 use super::{ABANDONED, Event, LedgerError, MAX_ATTEMPTS, MAX_EPISODES, MAX_TEXT, Marks, NOT_RUN, Registration};
 
-/// Where an episode stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum State {
+pub enum EpisodeState {
     /// Not begun, or to be begun again.
     Waiting,
-    /// This session has it. In a journal without a server it is what the server died over.
+    /// This session plays it. In a journal without a running server, it was open when the server died.
     Open { session: String },
     /// Played to its end and on disk.
-    Played(Played),
-    /// It counts as a failure, for this reason.
+    Played(PlayedEpisode),
+    /// It counts as a failure.
     Failed {
         /// Such as [`NOT_RUN`], [`ABANDONED`] or [`NOT_REPEATED`](super::NOT_REPEATED).
         cause: String,
     },
 }
 
-/// An episode that was played to its end.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Played {
+pub struct PlayedEpisode {
     pub session: String,
     /// File name of the bag, in the journal's folder; never a path.
     pub bag: String,
-    /// Digest of all rows.
     pub digest: String,
     /// Name of the cause that ended the episode, such as `success` or `fall`.
     pub cause: String,
-    /// By the protocol of the run.
+    /// Judged by the run's judge, published or strict.
     pub success: bool,
-    /// Step of the last row.
     pub steps: u64,
 }
 
 /// Rows that a later attempt must repeat.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Prefix {
-    /// Step of the last row.
     pub steps: u64,
-    /// Digest of the rows up to that one.
     pub digest: String,
-    /// Short digests on the way there.
+    /// Short digests of earlier rows.
     pub marks: Marks,
 }
 
-/// A server's signature under its journal. Whether it is good is for the reader to say, as is whose key counts.
+/// A server's signature under its journal. The reader must check it, and decide whether to trust the key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Seal {
     /// Link of the line above it, which stands for the whole journal.
     pub of: String,
-    /// Public key of the server, `ed25519:BASE64`.
     pub key: String,
     /// Signature of the link, base64.
     pub signature: String,
 }
 
-/// One episode of the run.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Episode {
-    /// Whether it waits, is open, was played, or counts as failed.
-    pub state: State,
-    /// How often it was begun.
+pub struct LedgerEpisode {
+    pub state: EpisodeState,
     pub attempts: u32,
     /// The longest of the attempts that were abandoned.
     pub prefix: Option<Prefix>,
-    /// Why the last one was abandoned; empty where none was.
+    /// Cause of the last abandoned attempt; may be empty.
     pub abandoned: String,
     /// Attempts that ended because the server died. They bind nothing.
     pub lost: u32,
-    /// When the first attempt that binds was begun, ms since 1970.
+    /// Start of the first attempt that counts, ms since 1970.
     pub opened_ms: Option<u64>,
 }
 
-/// A run as its journal tells it. A pure value: [`Ledger::apply`] says what an event makes of it.
+/// A run as its journal describes it, without I/O: [`Ledger::apply`] folds in an event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ledger {
     registration: Registration,
-    episodes: Vec<Episode>,
+    episodes: Vec<LedgerEpisode>,
     finished: bool,
     seal: Option<Seal>,
 }
 
 impl Ledger {
-    /// Of a run that was registered now.
-    ///
-    /// # Errors
-    /// What is wrong with the registration.
     pub fn new(registration: Registration) -> Result<Self, String> {
         check(&registration)?;
-        let waiting = Episode {
-            state: State::Waiting,
+        let waiting = LedgerEpisode {
+            state: EpisodeState::Waiting,
             attempts: 0,
             prefix: None,
             abandoned: String::new(),
@@ -107,64 +93,57 @@ impl Ledger {
         Ok(Self { registration, episodes, finished: false, seal: None })
     }
 
-    /// Reads a journal.
-    ///
-    /// # Errors
-    /// It cannot be read, has no registration, or a line is not one that a server wrote there.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, LedgerError> {
         Self::read_chain(path.as_ref()).map(|(ledger, _)| ledger)
     }
 
     pub(super) fn read_chain(path: &Path) -> Result<(Self, Chain), LedgerError> {
         let mut lines = Lines::open(path)?;
-        let registration = lines.next()?.ok_or_else(|| lines.wrong_line("there is no registration".into()))?;
+        let registration =
+            lines.next()?.ok_or_else(|| lines.wrong_line("the first line is not a registration".into()))?;
         let mut ledger = Self::new(registration).map_err(|reason| lines.wrong_line(reason))?;
         loop {
             let before = lines.chain.link.clone();
             let Some(event) = lines.next()? else { break };
             if matches!(&event, Event::Sealed { of, .. } if *of != before) {
-                return Err(lines.wrong_line("the signature is of other lines than those above it".into()));
+                return Err(lines.wrong_line("the signature does not cover the lines above it".into()));
             }
             ledger.apply(&event).map_err(|reason| lines.wrong_line(reason))?;
         }
         Ok((ledger, lines.chain))
     }
 
-    /// What was agreed on.
     pub fn registration(&self) -> &Registration {
         &self.registration
     }
 
-    /// The episodes, in the order of the registration's.
-    pub fn episodes(&self) -> &[Episode] {
+    pub fn episodes(&self) -> &[LedgerEpisode] {
         &self.episodes
     }
 
-    /// No more episodes are played: none is waiting or open.
+    /// True if no episode is waiting or open.
     pub fn is_finished(&self) -> bool {
         self.finished
     }
 
-    /// The server's signature under the finished journal, where there is one.
     pub fn seal(&self) -> Option<&Seal> {
         self.seal.as_ref()
     }
 
-    /// Whether the server drew the seeds.
+    /// True if the server drew the seeds.
     pub fn is_hosted(&self) -> bool {
         self.registration.spec.hosted_seeds > 0
     }
 
-    /// Index and state of the episodes that a session has.
-    pub fn open(&self) -> impl Iterator<Item = (u32, &Episode)> {
+    pub fn open(&self) -> impl Iterator<Item = (u32, &LedgerEpisode)> {
         let numbered = (0..).zip(&self.episodes);
-        numbered.filter(|(_, episode)| matches!(episode.state, State::Open { .. }))
+        numbered.filter(|(_, episode)| matches!(episode.state, EpisodeState::Open { .. }))
     }
 
-    /// Takes an event in.
+    /// Applies an event.
     ///
     /// # Errors
-    /// It does not follow from what was before; nothing has changed then.
+    /// The event contradicts those before it; nothing has changed then.
     pub fn apply(&mut self, event: &Event) -> Result<(), String> {
         if let Event::Sealed { of, key, signature } = event {
             return self.take_seal(of, key, signature);
@@ -179,8 +158,8 @@ impl Ledger {
             | Event::Failed { episode, attempt, .. } => (*episode, *attempt),
             Event::Restarted { .. } => {
                 for episode in &mut self.episodes {
-                    if matches!(episode.state, State::Open { .. }) {
-                        (episode.state, episode.lost) = (State::Waiting, episode.lost + 1);
+                    if matches!(episode.state, EpisodeState::Open { .. }) {
+                        (episode.state, episode.lost) = (EpisodeState::Waiting, episode.lost + 1);
                         episode.opened_ms = episode.opened_ms.filter(|_| episode.attempts > episode.lost);
                     }
                 }
@@ -191,23 +170,24 @@ impl Ledger {
         };
         let count = self.episodes.len();
         let episode = self.episodes.get_mut(index as usize);
-        let episode = episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, from 0 on"))?;
+        let episode =
+            episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, counted from 0"))?;
         if let Event::Opened { session, unix_ms, .. } = event {
-            if episode.state != State::Waiting {
-                return Err(format!("episode {index} is open or decided"));
+            if episode.state != EpisodeState::Waiting {
+                return Err(format!("episode {index} is already open or decided"));
             }
             if attempt != episode.attempts + 1 || attempt > MAX_ATTEMPTS {
                 return Err(format!(
-                    "attempt {attempt} at episode {index} does not follow {}; there are {MAX_ATTEMPTS} at most",
+                    "attempt {attempt} at episode {index} does not follow {}; the maximum is {MAX_ATTEMPTS}",
                     episode.attempts
                 ));
             }
             short(session)?;
-            (episode.state, episode.attempts) = (State::Open { session: session.clone() }, attempt);
+            (episode.state, episode.attempts) = (EpisodeState::Open { session: session.clone() }, attempt);
             episode.opened_ms.get_or_insert(*unix_ms);
             return Ok(());
         }
-        let State::Open { session: opened } = &episode.state else {
+        let EpisodeState::Open { session: opened } = &episode.state else {
             return Err(format!("episode {index} is not open"));
         };
         if attempt != episode.attempts {
@@ -222,14 +202,14 @@ impl Ledger {
                 is_same(session)?;
                 short(cause)?;
                 if !is_file_name(bag) {
-                    return Err(format!("'{}' is not the name of a bag", super::clip(bag)));
+                    return Err(format!("'{}' is not a file name of a bag", super::clip(bag)));
                 }
                 if !is_sha256(digest) {
                     return Err("the digest is not 64 hexadecimal digits".into());
                 }
                 let (session, bag, digest, cause) = (session.clone(), bag.clone(), digest.clone(), cause.clone());
                 let (success, steps) = (*success, *steps);
-                episode.state = State::Played(Played { session, bag, digest, cause, success, steps });
+                episode.state = EpisodeState::Played(PlayedEpisode { session, bag, digest, cause, success, steps });
             }
             Event::Abandoned { session, steps, digest, marks, cause, .. } => {
                 is_same(session)?;
@@ -243,16 +223,16 @@ impl Ledger {
                     episode.prefix = Some(Prefix { steps: *steps, digest: digest.clone(), marks: marks.clone() });
                 }
                 episode.abandoned.clone_from(cause);
-                episode.state = State::Waiting;
+                episode.state = EpisodeState::Waiting;
             }
             Event::Failed { cause, .. } => {
                 short(cause)?;
-                episode.state = State::Failed { cause: cause.clone() };
+                episode.state = EpisodeState::Failed { cause: cause.clone() };
             }
             Event::Opened { .. } | Event::Restarted { .. } | Event::Finished { .. } | Event::Sealed { .. } => {}
         }
-        if episode.state == State::Waiting && episode.attempts >= MAX_ATTEMPTS {
-            episode.state = State::Failed { cause: ABANDONED.into() };
+        if episode.state == EpisodeState::Waiting && episode.attempts >= MAX_ATTEMPTS {
+            episode.state = EpisodeState::Failed { cause: ABANDONED.into() };
         }
         Ok(())
     }
@@ -271,10 +251,10 @@ impl Ledger {
             return Err(format!("episode {index} is open"));
         }
         for episode in &mut self.episodes {
-            if episode.state == State::Waiting {
+            if episode.state == EpisodeState::Waiting {
                 // The server's death alone leaves no trace of the client's.
                 let begun = episode.attempts > episode.lost;
-                episode.state = State::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
+                episode.state = EpisodeState::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
             }
         }
         self.finished = true;
@@ -297,7 +277,7 @@ fn check(registration: &Registration) -> Result<(), String> {
         return Err("an episode has a task that is not 1 to 64 letters, digits, - or _".into());
     }
     if episodes.iter().collect::<BTreeSet<_>>().len() < episodes.len() {
-        return Err("an episode is there twice".into());
+        return Err("two episodes have the same task and seed".into());
     }
     Ok(())
 }

@@ -1,12 +1,11 @@
-//! Short digests along an episode, so that whoever leaves the way of an earlier attempt is seen soon, and not only at its end.
+//! Short digests along an episode, so that a retry that diverges from the first attempt is noticed early.
 
 use data_encoding::HEXLOWER;
 use serde::{Deserialize, Serialize};
 
-/// Most marks of an attempt. With more every second one goes: 6,000 rows keep one in 16.
+/// Maximum number of marks of an attempt. Beyond it every second one is dropped: 6,000 rows keep one in 16.
 const MAX_MARKS: usize = 512;
 
-/// Hexadecimal digits of a mark.
 const DIGITS: usize = 8;
 
 /// The first bytes of the digest at steps 0, `every`, 2 `every`, and so on.
@@ -14,7 +13,7 @@ const DIGITS: usize = 8;
 #[serde(deny_unknown_fields)]
 pub struct Marks {
     every: u64,
-    /// One after the other.
+    /// The marks in order, [`DIGITS`] each.
     hex: String,
 }
 
@@ -38,8 +37,7 @@ impl Marks {
         }
     }
 
-    /// Whether the digest of the rows up to a step is the one that was marked. Where there is no mark nothing speaks against
-    /// it.
+    /// False if the digest of the rows up to this step differs from the marked one. Steps without a mark agree.
     pub fn agrees(&self, step: u64, digest: &[u8; 32]) -> bool {
         if !step.is_multiple_of(self.every) {
             return true;
@@ -49,13 +47,12 @@ impl Marks {
         marked.is_none_or(|marked| marked == mark(digest))
     }
 
-    /// What is wrong with marks that were read.
     pub(super) fn check(&self) -> Result<(), String> {
         let fits = self.every > 0
             && self.hex.len() <= MAX_MARKS * DIGITS
             && self.hex.len().is_multiple_of(DIGITS)
             && self.hex.bytes().all(|byte| byte.is_ascii_hexdigit());
-        if fits { Ok(()) } else { Err("the marks are not those of an attempt".into()) }
+        if fits { Ok(()) } else { Err("the marks of the attempt are not valid".into()) }
     }
 }
 
@@ -73,7 +70,7 @@ mod tests {
         digest
     }
 
-    /// However long an attempt is, its marks stay few, and one that leaves its way is seen at the next of them.
+    /// Guards that an attempt of any length has few marks, and that a divergence is noticed at the next one.
     #[test]
     fn marks_are_few_and_see_who_leaves_the_way() {
         for (steps, every) in [(10, 1), (511, 1), (512, 2), (6000, 16), (72_000, 256)] {
@@ -84,7 +81,7 @@ mod tests {
             assert!((0..=2 * steps).all(|step| step > steps || marks.agrees(step, &digest(step))));
             let seen: Vec<u64> = (0..=steps).filter(|step| !marks.agrees(*step, &digest(step + 1))).collect();
             assert!(seen.iter().copied().eq((0..=steps).step_by(every as usize)), "{steps}");
-            assert!(marks.agrees(u64::MAX, &digest(0)), "nothing is known there");
+            assert!(marks.agrees(u64::MAX, &digest(0)), "there is no mark");
         }
     }
 }

@@ -1,5 +1,3 @@
-//! Appends to a journal.
-
 use std::fs::{self, File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -7,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::journal::{Chain, journal_of};
 use super::{Event, Ledger, LedgerError, Registration};
 
-/// The one writer of a journal; its server's lock sees to it that there is no other.
+/// The only writer of a journal; its server's lock keeps out others.
 #[derive(Debug)]
 pub struct LedgerWriter {
     path: PathBuf,
@@ -18,17 +16,14 @@ pub struct LedgerWriter {
 }
 
 impl LedgerWriter {
-    /// Starts the journal of a run in its folder, which is made: all of the registration is on disk, or none of it.
-    ///
-    /// # Errors
-    /// It exists already, the registration is wrong, or the file cannot be written.
+    /// Starts the journal of a run, and makes its folder. The registration is on disk completely or not at all.
     pub fn create(folder: &Path, registration: Registration) -> Result<Self, LedgerError> {
         let path = journal_of(folder, &registration.server);
         let wrong = |reason: String| LedgerError::Event { path: path.clone(), reason };
         let (line, chain) = Chain::default().line(&registration).ok_or_else(|| wrong("the run is too large".into()))?;
         // A number that is not finite has no form in JSON.
         if Chain::default().read(line.trim_end().as_bytes()).ok().as_ref() != Some(&registration) {
-            return Err(wrong("the spec does not read back as it was given; its numbers must be finite".into()));
+            return Err(wrong("the spec does not read back as it was given; make its numbers finite".into()));
         }
         let ledger = Ledger::new(registration).map_err(wrong)?;
         if path.exists() {
@@ -36,7 +31,7 @@ impl LedgerWriter {
         }
         fs::create_dir_all(folder).map_err(LedgerError::io("make the folder", folder))?;
         let new = path.with_extension("new");
-        // What a server left here that died over it.
+        // Left by a server that died while it started this journal.
         if new.exists() {
             fs::remove_file(&new).map_err(LedgerError::io("remove", &new))?;
         }
@@ -50,10 +45,7 @@ impl LedgerWriter {
         Ok(Self { path, file, ledger, chain, broken: false })
     }
 
-    /// Takes up a journal; a line that was torn is removed.
-    ///
-    /// # Errors
-    /// As for [`Ledger::read`], or it cannot be written.
+    /// Opens a journal to continue it, and removes a partial last line.
     pub fn open(path: &Path) -> Result<Self, LedgerError> {
         let (ledger, chain) = Ledger::read_chain(path)?;
         let file = OpenOptions::new().append(true).open(path).map_err(LedgerError::io("open", path))?;
@@ -61,20 +53,18 @@ impl LedgerWriter {
         Ok(Self { path: path.into(), file, ledger, chain, broken: false })
     }
 
-    /// The run as it stands.
     pub fn ledger(&self) -> &Ledger {
         &self.ledger
     }
 
-    /// Path of the journal that is written.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes an event; it is on disk when this returns.
+    /// Appends an event; it is on disk when this returns.
     ///
     /// # Errors
-    /// It does not follow from what was before, or cannot be written; the ledger is as it was then.
+    /// It contradicts the events before it, or cannot be written; the ledger is unchanged then.
     pub fn append(&mut self, event: Event) -> Result<(), LedgerError> {
         if self.broken && self.undo().is_err() {
             return Err(LedgerError::Broken { path: self.path.clone() });
@@ -93,11 +83,8 @@ impl LedgerWriter {
         Ok(())
     }
 
-    /// Puts the server's signature under the journal of a finished run, where it has none yet. `sign` is given what the
-    /// signature is of, and returns public key and signature as text.
-    ///
-    /// # Errors
-    /// As for [`LedgerWriter::append`]; the run is not finished.
+    /// Adds the server's signature to the journal of a finished run that has none yet. `sign` gets the text to sign,
+    /// and returns public key and signature as text.
     pub fn seal(&mut self, sign: impl FnOnce(&str) -> (String, String)) -> Result<(), LedgerError> {
         if self.ledger.seal().is_some() {
             return Ok(());
@@ -107,7 +94,7 @@ impl LedgerWriter {
         self.append(Event::Sealed { of, key, signature })
     }
 
-    /// What of a line reached the file must not stand before the next one.
+    /// Removes a partly written line before the next one.
     fn undo(&self) -> std::io::Result<()> {
         self.file.set_len(self.chain.length)?;
         self.file.sync_data()

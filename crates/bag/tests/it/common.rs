@@ -9,7 +9,6 @@ use fiatlux_proto::v3::{
 };
 use fiatlux_proto::{Message, PROTOCOL, foxglove};
 
-/// A generator for tests.
 pub struct Random(pub u64);
 
 impl Random {
@@ -23,7 +22,6 @@ impl Random {
     }
 }
 
-/// A folder of one test, empty.
 pub fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&folder);
@@ -86,7 +84,7 @@ pub fn push(writer: &mut BagWriter, rows: std::ops::Range<u64>) {
     }
 }
 
-/// Writes a whole bag with that many rows, and gives its path.
+/// Writes a whole bag with this many rows, and returns its path.
 pub fn write(path: &Path, rows: u64) -> PathBuf {
     let mut writer = BagWriter::create(path, &header()).expect("a new bag");
     push(&mut writer, 0..rows);

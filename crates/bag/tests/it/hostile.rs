@@ -65,7 +65,7 @@ fn a_cut_file_is_taken_up_again() {
     }
 }
 
-/// Reads all there is and counts messages; what is wrong must be an error.
+/// Reads all messages and counts them.
 fn read_all(path: &Path) -> Result<usize, BagError> {
     let bag = Bag::open(path)?;
     let mut count = 0;
@@ -102,7 +102,8 @@ fn damage_never_panics() {
                 told += 1;
             }
             Ok(read) => {
-                // What is not noticed is in no message: it may only be fewer where the bag says that it is cut.
+                // A change that is not noticed changes no message; messages may only be missing if the bag says that it
+                // is cut.
                 let bag = Bag::open(&path).expect("a bag");
                 let cut = bag.completeness() != &Completeness::Whole;
                 assert!(cut || read == count, "round {round}, bit {bit} of byte {at}: {read} of {count} messages");
@@ -144,11 +145,11 @@ fn every_flipped_bit_is_noticed() {
     }
 }
 
-/// Reads the states, then checks what that has not read.
+/// Reads the states, then checks the rest.
 fn check_read(bag: &Bag) -> Result<(), BagError> {
     let mut states = bag.states();
     states.by_ref().try_for_each(|state| state.map(drop))?;
-    bag.check_rest(&states.into_seen())
+    bag.check_rest(&states.into_read())
 }
 
 /// Each bit of the record that ends the data section.
@@ -189,7 +190,7 @@ fn rewritten(name: &str, library: &str, change: impl Fn(&mut Vec<mcap::records::
     path
 }
 
-/// The format lets a writer leave checksums out; what our own writer made has them.
+/// Guards that only other writers may leave checksums out.
 #[test]
 fn only_another_writer_may_leave_checksums_out() {
     let other = Bag::open(rewritten("other_writer", "other", |_| ())).expect("a bag");
@@ -201,7 +202,7 @@ fn only_another_writer_may_leave_checksums_out() {
     assert!(error.contains("was changed after it was recorded, or damaged on the way, at byte 0: "), "{error}");
 }
 
-/// What a bag has twice must be the same twice, and what it has once must be there once.
+/// Guards that two copies of the same data must agree, and that neither may be missing.
 #[test]
 fn doubles_must_agree() {
     rewritten_is("same", |_| (), None);
@@ -212,7 +213,7 @@ fn doubles_must_agree() {
     let extra = |metadata: &mut Vec<mcap::records::Metadata>| {
         metadata[0].metadata.insert("score".into(), "1.0".into());
     };
-    rewritten_is("extra_field", extra, Some("a field 'score', which no header has"));
+    rewritten_is("extra_field", extra, Some("a field 'score', which this protocol does not define"));
     let second = |metadata: &mut Vec<mcap::records::Metadata>| {
         let mut header = metadata[0].clone();
         header.metadata.insert("task".into(), "S06".into());
@@ -250,7 +251,12 @@ fn made_up_bytes_never_panic() {
 }
 
 /// A file with this header, written by hand: `fill` gets the writer and the channel of a topic.
-fn by_hand(name: &str, header: &EpisodeHeader, topic: &str, fill: impl FnOnce(&mut ByHand, u16)) -> std::path::PathBuf {
+fn by_hand(
+    name: &str,
+    header: &EpisodeHeader,
+    topic: &str,
+    fill: impl FnOnce(&mut RawWriter, u16),
+) -> std::path::PathBuf {
     let path = folder(name).join("a.mcap");
     let options = mcap::WriteOptions::new().chunk_size(None).compression_threads(0);
     let mut writer = options.create(std::fs::File::create(&path).expect("a file")).expect("a writer");
@@ -268,16 +274,16 @@ fn by_hand(name: &str, header: &EpisodeHeader, topic: &str, fill: impl FnOnce(&m
     path
 }
 
-type ByHand = mcap::Writer<std::fs::File>;
+type RawWriter = mcap::Writer<std::fs::File>;
 
 /// Writes a message of zeros as a chunk of its own.
-fn zeros(writer: &mut ByHand, channel_id: u16, bytes: usize) {
+fn zeros(writer: &mut RawWriter, channel_id: u16, bytes: usize) {
     let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
     writer.write_to_known_channel(&header, &vec![0; bytes]).expect("a message");
     writer.flush().expect("a chunk");
 }
 
-/// A chunk that says it is larger than any that a recorder writes is not unpacked, whatever it unpacks to.
+/// Guards that a chunk that claims to be larger than a recorder's is not unpacked.
 #[test]
 fn a_bomb_is_refused() {
     let path = by_hand("bomb", &header(), "/state", |writer, channel| zeros(writer, channel, 100 << 20));
@@ -297,7 +303,7 @@ fn many_small_bombs_are_refused() {
     assert!(error.contains("bytes unpack to 629") && error.contains("may unpack to"), "{error}");
 }
 
-/// Guards against topics that no recorder writes, and sensors that the header does not promise: nobody looks at what is there.
+/// Guards against topics that no recorder writes, and sensors that the header does not promise: nobody reads them.
 #[test]
 fn topics_that_the_header_does_not_promise_are_refused() {
     let opened = |name, header: &EpisodeHeader, topic| {
@@ -315,7 +321,7 @@ fn topics_that_the_header_does_not_promise_are_refused() {
     }
 }
 
-/// Guards the words for files that are not as a recorder writes them, instead of those for a bad disk.
+/// Guards the errors for files of another program, which must not be those for a damaged disk.
 #[test]
 fn what_another_program_wrote_is_named() {
     let folder = folder("named");
@@ -344,7 +350,7 @@ fn what_another_program_wrote_is_named() {
     }
 }
 
-/// Guards that whoever reads strangers' bags can stop in the middle of one.
+/// Guards that reading a stranger's bag can be stopped in the middle.
 #[test]
 fn reading_ends_with_its_patience() {
     let path = write(&folder("patience").join("a.mcap"), ROWS);

@@ -1,11 +1,11 @@
-//! The ledger of a run, and journals as disks, crashes and hands leave them.
+//! The ledger of a run, and journals that were cut, damaged or edited.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use fiatlux_bag::run::{
-    ABANDONED, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, NOT_RUN, Planned, Played, Prefix,
-    Registration, State, journals,
+    ABANDONED, EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, NOT_RUN, PlannedEpisode,
+    PlayedEpisode, Prefix, Registration, journals,
 };
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{OpenRequest, PropScale, RunSpec, Sensor};
@@ -20,7 +20,7 @@ fn registration() -> Registration {
         run: "first".into(),
         key_sha256: "ab".repeat(32),
         spec: RunSpec { policy: "say \"yes\"\n".into(), session: Some(session), ..RunSpec::default() },
-        episodes: ["S01", "S02", "S03"].map(|task| Planned { task: task.into(), seed: (1 << 53) - 1 }).into(),
+        episodes: ["S01", "S02", "S03"].map(|task| PlannedEpisode { task: task.into(), seed: (1 << 53) - 1 }).into(),
         unix_ms: 1,
     }
 }
@@ -59,7 +59,7 @@ fn abandoned(episode: u32, attempt: u32, steps: u64, digest: &str) -> Event {
     Event::Abandoned { episode, attempt, session, steps, digest: digest.repeat(32), marks: marks(steps), cause }
 }
 
-/// Of a run in which everything happened.
+/// Writes the journal of a run in which everything happened.
 fn write(folder: &Path) -> (PathBuf, Ledger) {
     let mut writer = LedgerWriter::create(folder, registration()).expect("a journal");
     let events = [opened(0, 1), abandoned(0, 1, 9, "0a"), opened(1, 1), opened(0, 2), Event::Restarted { unix_ms: 3 }];
@@ -84,13 +84,13 @@ fn a_journal_tells_what_became_of_each_episode() {
     assert!(ledger.is_finished() && !ledger.is_hosted() && ledger.open().next().is_none());
     let [first, second, third] = ledger.episodes() else { panic!("three episodes") };
     assert!(
-        matches!(&first.state, State::Played(Played { success: true, steps: 70, bag, .. }) if bag == "S01-e0-a1.mcap")
+        matches!(&first.state, EpisodeState::Played(PlayedEpisode { success: true, steps: 70, bag, .. }) if bag == "S01-e0-a1.mcap")
     );
     // The longest abandoned attempt binds; the one that the server's death ended does not.
     assert_eq!(first.prefix, Some(Prefix { steps: 9, digest: "0a".repeat(32), marks: marks(9) }));
     assert_eq!((first.attempts, first.lost, first.abandoned.as_str()), (4, 1, "the client is gone"));
-    assert_eq!((&second.state, second.lost), (&State::Failed { cause: NOT_RUN.into() }, 1));
-    assert_eq!((&third.state, third.attempts), (&State::Failed { cause: NOT_RUN.into() }, 0));
+    assert_eq!((&second.state, second.lost), (&EpisodeState::Failed { cause: NOT_RUN.into() }, 1));
+    assert_eq!((&third.state, third.attempts), (&EpisodeState::Failed { cause: NOT_RUN.into() }, 0));
 }
 
 #[test]
@@ -160,10 +160,10 @@ fn attempts_have_an_end() {
         ledger.apply(&opened(0, attempt)).expect("it follows");
         ledger.apply(&abandoned(0, attempt, 3, "0a")).expect("it follows");
     }
-    assert_eq!(ledger.episodes()[0].state, State::Failed { cause: ABANDONED.into() });
+    assert_eq!(ledger.episodes()[0].state, EpisodeState::Failed { cause: ABANDONED.into() });
 }
 
-/// However far the last line came, the one before it counts, and the journal goes on.
+/// Guards that a partial last line is ignored, and that the journal continues after the line before it.
 #[test]
 fn a_torn_line_is_left_out() {
     let folder = folder("torn");
@@ -177,7 +177,7 @@ fn a_torn_line_is_left_out() {
         writer.append(Event::Finished { unix_ms: 4 }).expect("it follows");
         assert_eq!(fs::read(&path).expect("a file"), whole);
     }
-    // What a crash leaves of a block that was never written.
+    // After a crash, a block that was never written reads as zeros.
     fs::write(&path, [&whole[..last], &[0; 100]].concat()).expect("a file");
     assert!(!Ledger::read(&path).expect("a ledger").is_finished());
 }
@@ -231,7 +231,7 @@ fn garbage_is_refused() {
     assert!(matches!(Ledger::read(folder.join("none")), Err(LedgerError::Io { .. })));
 }
 
-/// A disk without room: nothing is half there afterwards.
+/// Guards that a journal is not left half made on a full disk.
 #[test]
 fn a_journal_that_cannot_be_made_says_so() {
     let folder = folder("full");
@@ -242,7 +242,7 @@ fn a_journal_that_cannot_be_made_says_so() {
     let _ = fs::remove_file(&folder);
 }
 
-/// Guards what a signature stands for: the whole journal of a finished run, once, and no other lines.
+/// Guards that a signature covers the whole journal of a finished run, once, and no other lines.
 #[test]
 fn a_journal_is_sealed_at_its_end() {
     let folder = folder("sealed");
@@ -270,5 +270,5 @@ fn a_journal_is_sealed_at_its_end() {
     let (of, key, signature) = (seal.of.clone(), seal.key.clone(), seal.signature.clone());
     forged.append(Event::Sealed { of, key, signature }).expect("a line");
     let error = Ledger::read(&path).expect_err("another journal's").to_string();
-    assert!(error.contains("line 3: ") && error.contains("other lines"), "{error}");
+    assert!(error.contains("line 3: ") && error.contains("does not cover the lines above"), "{error}");
 }

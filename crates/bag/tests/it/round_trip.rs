@@ -32,8 +32,7 @@ fn everything_reads_back() {
     assert_eq!(bag.scenes().filter(|read| read.is_ok()).count(), 1);
 }
 
-/// The crate's own reader, which knows nothing of this project: summary, indexes, checksums and the order of the
-/// messages.
+/// The `mcap` crate's reader, which knows nothing of this project: summary, indexes, checksums and order of messages.
 #[test]
 fn the_mcap_reader_finds_all_in_order() {
     let path = write(&folder("order").join("a.mcap"), ROWS);
@@ -77,8 +76,8 @@ fn names() {
     assert!(error.starts_with("cannot open ") && error.contains("none.mcap"), "{error}");
 }
 
-/// Guards that a recorder that was killed before it had written a header leaves nothing behind, and that a part being
-/// written is left alone, as is one with anything else in it.
+/// Guards that a part without a whole header is replaced, and that one that is being written, or has other content, is
+/// not.
 #[test]
 fn a_part_without_a_whole_header_is_taken_over() {
     let path = folder("begun").join("a.mcap");
@@ -122,7 +121,7 @@ fn a_bag_that_could_not_be_completed_says_why() {
     assert_eq!((bag.result(), bag.states().count()), (None, 200));
 }
 
-/// A bag that was left and taken up again is byte for byte the one that was not.
+/// Guards that a resumed bag equals an uninterrupted one, byte for byte.
 #[test]
 fn a_bag_is_taken_up_again() {
     let folder = folder("again");

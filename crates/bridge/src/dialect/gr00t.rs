@@ -11,15 +11,14 @@ use crate::websocket::shortened;
 use crate::zmq::Req;
 use crate::{BridgeError, Form, Tensor};
 
-/// A GR00T server, connected by the first question.
+/// A GR00T server, connected by the first request.
 pub(super) struct Gr00t {
     address: Address,
     timeouts: Timeouts,
     token: Option<String>,
     is_flat: bool,
-    /// How arrays are sent.
     form: Form,
-    /// Whether the server has answered a question with arrays in `form`.
+    /// The server has answered a request with arrays in `form`.
     is_form_known: bool,
     socket: Option<Req>,
 }
@@ -118,8 +117,8 @@ impl Model for Gr00t {
         self.ask("get_modality_config", None, contract)
     }
 
-    /// Some servers of N1.7 read only the arrays of `msgpack-numpy`, older ones only `.npy` files. So a first question
-    /// that is refused is asked again in the other form.
+    /// Some servers of N1.7 read only the arrays of `msgpack-numpy`, older ones only `.npy` files. So a refused first
+    /// request is sent again in the other form.
     fn infer(&mut self, observation: &ModelObservation) -> Result<ModelChunk, BridgeError> {
         let refused = match self.ask_chunk(observation) {
             Err(refused @ BridgeError::Server { .. }) if !self.is_form_known => refused,
@@ -172,7 +171,7 @@ pub(super) fn contract(answer: &Value) -> Result<Contract, BridgeError> {
         contract.state_frames = state.deltas.map(|deltas| deltas.len());
     }
     let action = Modality::read(answer, "action")?.ok_or_else(|| {
-        let problem = format!("it has no 'action', it is {}; is the server of this dialect?", described(answer));
+        let problem = format!("it has no 'action': {}; check that the server speaks this dialect", described(answer));
         BridgeError::malformed("the modality config", problem)
     })?;
     let terms = |(at, key): (usize, String)| ActionTerms {
@@ -188,11 +187,11 @@ pub(super) fn contract(answer: &Value) -> Result<Contract, BridgeError> {
 
 /// The config of video, state, action or language.
 struct Modality {
-    /// Names without the modality before them.
+    /// Without the modality's prefix.
     keys: Vec<String>,
     /// Rows relative to the present; `None` if the server does not say.
     deltas: Option<Vec<i64>>,
-    /// What the numbers of each action key mean, as far as the server says.
+    /// Meaning of each action key's numbers; `None` if the server does not say.
     representations: Vec<Option<Representation>>,
 }
 
@@ -209,7 +208,7 @@ impl Modality {
         };
         let list = |field: &str| entry(&config, field).and_then(Value::as_array).map(Vec::as_slice);
         let keys = list("modality_keys").ok_or_else(|| {
-            wrong(format!("it has no list 'modality_keys'; it is {}, with {}", described(value), described(&config)))
+            wrong(format!("it has no list 'modality_keys': {}, with {}", described(value), described(&config)))
         })?;
         let prefix = format!("{name}.");
         let key = |key: &Value| -> Result<String, BridgeError> {

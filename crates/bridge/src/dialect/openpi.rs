@@ -132,7 +132,6 @@ impl Model for Openpi {
     }
 }
 
-/// Reads the actions of an answer.
 pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<ModelChunk, BridgeError> {
     // Relatives of openpi answer errors in a frame of their own, and wrap the answer.
     if let Some(error) = entry(answer, "error").filter(|error| !error.is_nil()) {
@@ -152,7 +151,7 @@ pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<Mode
     let value = match dialect {
         Dialect::Roboarena => found.unwrap_or(answer),
         _ => found.ok_or_else(|| {
-            let problem = format!("it has no '{}'; it is {}", keys.join("' or '"), described(answer));
+            let problem = format!("it has no '{}': {}", keys.join("' or '"), described(answer));
             BridgeError::malformed("an answer", problem)
         })?,
     };

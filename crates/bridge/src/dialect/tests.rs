@@ -72,7 +72,7 @@ fn chunks_of_all_servers_are_read() {
     }
 }
 
-/// What cannot be read is described in the error, so that its form can be recognised.
+/// Guards that an error describes a form that cannot be read.
 #[test]
 fn the_form_is_in_the_error() {
     let one = |value: Value| Value::Array(vec![map([("left_arm", value)]), map([])]);
@@ -104,7 +104,7 @@ fn the_form_is_in_the_error() {
     let unknown = config(map([("__ModalityConfig__", true.into()), ("as_yaml", text("x"))]));
     assert!(unknown.contains("no list 'modality_keys'") && unknown.contains("\"as_yaml\""), "{unknown}");
     assert!(config(map([("as_json", text("{"))])).contains("not JSON"));
-    assert!(gr00t::contract(&Value::from(3)).unwrap_err().to_string().contains("it is a number"));
+    assert!(gr00t::contract(&Value::from(3)).unwrap_err().to_string().contains("a number"));
     let openpi = |value: Value| openpi::read(&value, Dialect::Openpi, 3).unwrap_err().to_string();
     assert!(openpi(map([("normalized_actions", 1.into())])).contains("a map of 1 keys: \"normalized_actions\""));
     let refused = map([("ok", false.into()), ("error", map([("message", text("no unnorm_key"))]))]);

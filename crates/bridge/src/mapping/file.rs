@@ -4,13 +4,14 @@ use fiatlux_robot::Robot;
 use fiatlux_wbc::{BODY, CONTROL_DT, MOVED};
 use serde::Deserialize;
 
-use super::{Body, Camera, Key, Mapping, Part, Representation, WAIST};
+use super::{Body, Camera, Key, KeyPart, Mapping, Representation, WAIST};
 use crate::hands::{Hands, Side};
 use crate::image::Resize;
 use crate::{BridgeError, Dialect};
 
-/// Largest number of rows in a chunk, numbers in a row, and frames of a camera.
-const MOST: (usize, usize, usize) = (400, 512, 8);
+const MAX_ROWS: usize = 400;
+const MAX_VALUES: usize = 512;
+const MAX_FRAMES: usize = 8;
 /// Allowed width and height of a picture, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=640;
 
@@ -104,7 +105,6 @@ struct Reader<'a> {
     hands: Option<Hands>,
 }
 
-/// Parses a mapping and runs every check on it.
 pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, BridgeError> {
     let mut reader = Reader { name, robot, hands: None };
     let file: File = toml::from_str(text).map_err(|error| reader.wrong("file", error.message().to_owned()))?;
@@ -124,7 +124,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     if file.name.is_empty() || file.name.len() > 64 || !file.name.chars().all(name_fits) {
         return Err(reader.wrong("name", "use 1 to 64 letters, digits, '_', '-' or '.'".into()));
     }
-    reader.range("horizon", file.horizon, MOST.0)?;
+    reader.range("horizon", file.horizon, MAX_ROWS)?;
     reader.range("prefix", file.prefix, file.horizon)?;
     let steps = 1.0 / (file.rate_hz * CONTROL_DT);
     if !(1.0..=50.0).contains(&file.rate_hz) || (steps - steps.round()).abs() > 1e-9 {
@@ -201,8 +201,8 @@ impl Reader<'_> {
             return Err(self.wrong(&field, problem));
         }
         let is_ordered = camera.delta.is_sorted() && camera.delta.iter().all(|delta| (-200..=0).contains(delta));
-        if !is_ordered || !(1..=MOST.2).contains(&camera.delta.len()) {
-            return Err(self.wrong(&field, format!("delta: use 1 to {} rising numbers from -200 to 0", MOST.2)));
+        if !is_ordered || !(1..=MAX_FRAMES).contains(&camera.delta.len()) {
+            return Err(self.wrong(&field, format!("delta: use 1 to {MAX_FRAMES} rising numbers from -200 to 0")));
         }
         Ok(Camera { key: camera.key, sensor, size: camera.size, resize, delta: camera.delta })
     }
@@ -221,24 +221,26 @@ impl Reader<'_> {
         }
         let representation = named(&key.representation, Representation::Absolute)?;
         let declared = named(&key.declared, representation)?;
-        let parts: Vec<Part> = key.parts.iter().map(|part| self.part(&field, part)).collect::<Result<_, _>>()?;
+        let parts: Vec<KeyPart> = key.parts.iter().map(|part| self.part(&field, part)).collect::<Result<_, _>>()?;
         let width: usize = parts.iter().map(|part| part.width(self.hands.as_ref())).sum();
-        self.range(&field, width, MOST.1)?;
+        self.range(&field, width, MAX_VALUES)?;
         for part in &parts {
             let fits = match part {
-                Part::Gravity
-                | Part::AngularVelocity
-                | Part::LinearVelocity
-                | Part::Turned(_)
-                | Part::Velocities(_) => is_state,
-                Part::Token(_) | Part::Navigate | Part::Torso => !is_state,
+                KeyPart::Gravity
+                | KeyPart::AngularVelocity
+                | KeyPart::LinearVelocity
+                | KeyPart::Turned(_)
+                | KeyPart::Velocities(_) => is_state,
+                KeyPart::Token(_) | KeyPart::Navigate | KeyPart::Torso => !is_state,
                 _ => true,
             };
             if !fits {
                 return Err(self.wrong(&field, format!("{part:?} does not belong in the {group}")));
             }
-            let is_command =
-                matches!(part, Part::Navigate | Part::Height | Part::Torso | Part::Token(_) | Part::Grip { .. });
+            let is_command = matches!(
+                part,
+                KeyPart::Navigate | KeyPart::Height | KeyPart::Torso | KeyPart::Token(_) | KeyPart::Grip { .. }
+            );
             if is_command && representation != Representation::Absolute {
                 return Err(self.wrong(&field, format!("{part:?} is always absolute; give it a separate key")));
             }
@@ -246,7 +248,7 @@ impl Reader<'_> {
         Ok(Key { key: key.key, parts, representation, declared })
     }
 
-    fn part(&self, field: &str, part: &FilePart) -> Result<Part, BridgeError> {
+    fn part(&self, field: &str, part: &FilePart) -> Result<KeyPart, BridgeError> {
         let wrong = |problem: String| self.wrong(field, problem);
         let side = |name: &str| Side::by_name(name).ok_or_else(|| wrong(format!("'{name}' is not left or right")));
         if part.range.is_some() && part.grip.is_none() {
@@ -257,7 +259,7 @@ impl Reader<'_> {
                 let found = self.robot.joint_index(name);
                 found.ok_or_else(|| wrong(format!("robot {} has no joint '{name}'", self.robot.name())))
             };
-            names.into_iter().map(find).collect::<Result<_, _>>().map(Part::Joints)
+            names.into_iter().map(find).collect::<Result<_, _>>().map(KeyPart::Joints)
         };
         match part {
             FilePart { joints: Some(names), .. } if part.count() == 1 => {
@@ -276,7 +278,7 @@ impl Reader<'_> {
                 if self.hands.is_none() {
                     return Err(wrong("hand needs a retargeting; name one as 'hands'".into()));
                 }
-                Ok(Part::Hand(side(name)?))
+                Ok(KeyPart::Hand(side(name)?))
             }
             FilePart { grip: Some(name), .. } if part.count() == 1 => {
                 let [open, closed] = part.range.unwrap_or([0.0, 1.0]);
@@ -286,20 +288,20 @@ impl Reader<'_> {
                 if !(open.is_finite() && closed.is_finite()) || open == closed {
                     return Err(wrong("range needs two different numbers: open and closed".into()));
                 }
-                Ok(Part::Grip { side: side(name)?, open, closed })
+                Ok(KeyPart::Grip { side: side(name)?, open, closed })
             }
-            FilePart { wrist: Some(name), .. } if part.count() == 1 => Ok(Part::Wrist(side(name)?)),
-            FilePart { token: Some(width), .. } if part.count() == 1 => Ok(Part::Token(*width)),
-            FilePart { skip: Some(width), .. } if part.count() == 1 => Ok(Part::Skip(*width)),
+            FilePart { wrist: Some(name), .. } if part.count() == 1 => Ok(KeyPart::Wrist(side(name)?)),
+            FilePart { token: Some(width), .. } if part.count() == 1 => Ok(KeyPart::Token(*width)),
+            FilePart { skip: Some(width), .. } if part.count() == 1 => Ok(KeyPart::Skip(*width)),
             FilePart { term: Some(term), .. } if part.count() == 1 => match term.as_str() {
-                "projected_gravity" => Ok(Part::Gravity),
-                "base_angular_velocity" => Ok(Part::AngularVelocity),
-                "base_linear_velocity" => Ok(Part::LinearVelocity),
-                "joint_position" => Ok(Part::Turned(self.robot.joints().len())),
-                "joint_velocity" => Ok(Part::Velocities(self.robot.joints().len())),
-                "navigate" => Ok(Part::Navigate),
-                "height" => Ok(Part::Height),
-                "torso" => Ok(Part::Torso),
+                "projected_gravity" => Ok(KeyPart::Gravity),
+                "base_angular_velocity" => Ok(KeyPart::AngularVelocity),
+                "base_linear_velocity" => Ok(KeyPart::LinearVelocity),
+                "joint_position" => Ok(KeyPart::Turned(self.robot.joints().len())),
+                "joint_velocity" => Ok(KeyPart::Velocities(self.robot.joints().len())),
+                "navigate" => Ok(KeyPart::Navigate),
+                "height" => Ok(KeyPart::Height),
+                "torso" => Ok(KeyPart::Torso),
                 other => {
                     let known = "projected_gravity, base_angular_velocity, base_linear_velocity, joint_position, \
                                  joint_velocity, navigate, height or torso";
@@ -313,7 +315,7 @@ impl Reader<'_> {
     /// Refuses joints with two commands, joints of the whole-body controller, and tokens without a decoder.
     fn uses(&self, actions: &[Key], body: Body) -> Result<(), BridgeError> {
         let mut used = vec![false; self.robot.joints().len()];
-        let tokens = actions.iter().flat_map(|key| &key.parts).filter(|part| matches!(part, Part::Token(_))).count();
+        let tokens = actions.iter().flat_map(|key| &key.parts).filter(|part| matches!(part, KeyPart::Token(_))).count();
         match (body, tokens) {
             (Body::Tokens, 1) | (Body::Wbc | Body::Direct, 0) => {}
             (Body::Tokens, _) => {
@@ -325,17 +327,17 @@ impl Reader<'_> {
             for part in &key.parts {
                 let field = format!("action '{}'", key.key);
                 let joints = match part {
-                    Part::Joints(joints) => joints.clone(),
-                    Part::Hand(side) | Part::Grip { side, .. } => {
+                    KeyPart::Joints(joints) => joints.clone(),
+                    KeyPart::Hand(side) | KeyPart::Grip { side, .. } => {
                         self.hands.as_ref().map(|hands| hands.joints(*side)).unwrap_or_default()
                     }
-                    Part::Wrist(side) => side.arm().collect(),
-                    Part::Navigate | Part::Height | Part::Torso if body != Body::Wbc => {
+                    KeyPart::Wrist(side) => side.arm().collect(),
+                    KeyPart::Navigate | KeyPart::Height | KeyPart::Torso if body != Body::Wbc => {
                         return Err(
                             self.wrong(&field, "it commands the whole-body controller; set body = \"wbc\"".into())
                         );
                     }
-                    Part::Torso => WAIST.collect(),
+                    KeyPart::Torso => WAIST.collect(),
                     _ => Vec::new(),
                 };
                 for joint in joints {

@@ -36,7 +36,7 @@ fn shipped_mappings_have_the_dimensions_of_their_models() {
     assert_eq!(shipped("unitree_g1_sonic").token(), Some(("motion_token", 64)));
 }
 
-/// Errors in a file name the field.
+/// Guards that errors in a file name the field.
 #[test]
 fn wrong_files_are_refused() {
     let text = include_str!("../../mappings/unitree_g1.toml");
@@ -155,7 +155,7 @@ fn fitting(mapping: &Mapping) -> (Contract, ModelChunk) {
     (contract, ModelChunk { rows: mapping.horizon, parts, server_s: None })
 }
 
-/// Ten kinds of difference, each named in the error.
+/// Guards that each of ten kinds of difference is named in the error.
 #[test]
 fn ten_wrong_mappings_are_refused_by_name() {
     type Change = fn(&mut Mapping);
@@ -166,8 +166,8 @@ fn ten_wrong_mappings_are_refused_by_name() {
         }),
         ("frames 'ego_view': the server has [0], the mapping has [-20, 0]", |m| m.cameras[0].delta = vec![-20, 0]),
         ("state key 'left_leg': the server has it, the mapping has nothing", |m| drop(m.states.remove(0))),
-        ("dimension 'left_arm': the server has 7, the mapping has 6", |m| m.states[3].parts = vec![Part::Skip(6)]),
-        ("dimension 'waist': the server has 3, the mapping has 4", |m| m.actions[4].parts = vec![Part::Skip(4)]),
+        ("dimension 'left_arm': the server has 7, the mapping has 6", |m| m.states[3].parts = vec![KeyPart::Skip(6)]),
+        ("dimension 'waist': the server has 3, the mapping has 4", |m| m.actions[4].parts = vec![KeyPart::Skip(4)]),
         ("action key 'navigate_command': the server has it, the mapping has nothing", |m| drop(m.actions.pop())),
         ("action key 'tail': the server has nothing", |m| m.actions[0].key = "tail".into()),
         ("horizon: the server has 30 rows, the mapping has 16", |m| m.horizon = 16),
@@ -186,7 +186,7 @@ fn ten_wrong_mappings_are_refused_by_name() {
         let error = check_contract(&wrong, &contract).unwrap_err().to_string();
         assert!(error.contains(says), "{says}\n{error}");
     }
-    // The first answer shows what a contract leaves out.
+    // The first answer shows differences that the contract leaves out.
     for change in [changes[5].1, changes[6].1, changes[7].1, changes[8].1] {
         let mut wrong = good.clone();
         change(&mut wrong);

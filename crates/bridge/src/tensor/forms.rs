@@ -1,5 +1,5 @@
-//! The forms in which arrays travel in MessagePack. Every published client and server writes one of them, with texts
-//! or bytes as keys.
+//! Encodings of arrays in MessagePack. Every published client and server writes one of them, with texts or bytes as
+//! keys.
 
 use rmpv::Value;
 
@@ -7,7 +7,7 @@ use super::{Dtype, MAX_DIMENSIONS, MAX_ELEMENTS, Tensor};
 use crate::BridgeError;
 use crate::pack::{as_bytes, as_text, described, entry, map, text};
 
-/// How an array is written in MessagePack.
+/// An encoding of an array in MessagePack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
     /// A map with a complete `.npy` file: GR00T N1.5, N1.6 and early N1.7.
@@ -47,9 +47,6 @@ impl Tensor {
 
     /// Decodes an array, or a single number, in any form: those of [`Form`], and nested lists. `what` is its name in
     /// errors.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the value has none of these forms, which the message describes; or it is damaged.
     pub fn read(what: &str, value: &Value) -> Result<Self, BridgeError> {
         let read = match value {
             Value::Map(_) => Self::of_map(value),

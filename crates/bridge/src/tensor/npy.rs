@@ -8,7 +8,7 @@ const MAGIC: &[u8; 6] = b"\x93NUMPY";
 const ALIGNMENT: usize = 64;
 /// NumPy leaves room for the first dimension to grow to this number of digits.
 const GROWTH: usize = 21;
-/// Longest accepted header, bytes; NumPy has the same limit.
+/// Maximum length of a header, bytes; NumPy has the same limit.
 const MAX_HEADER: usize = 10_000;
 
 impl Tensor {
@@ -34,10 +34,7 @@ impl Tensor {
         bytes
     }
 
-    /// Reads a file. Elements in Fortran order are rearranged to C order.
-    ///
-    /// # Errors
-    /// [`BridgeError::Malformed`]: the file is damaged or of an unknown type, such as one with pickled objects.
+    /// Reads a file. Elements in Fortran order are rearranged to C order. Pickled objects are refused.
     pub fn of_npy(bytes: &[u8]) -> Result<Self, BridgeError> {
         let wrong = |problem: &str| BridgeError::malformed("a .npy file", problem);
         let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| wrong("its first bytes are not those of the format"))?;

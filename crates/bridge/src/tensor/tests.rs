@@ -61,7 +61,7 @@ fn halves_are_read() {
     assert!(half(0x7e00).is_nan() && half(0xfc00) == f64::NEG_INFINITY);
 }
 
-/// Whatever a hostile server sends, the outcome is an error.
+/// Guards that each of a hostile server's arrays gives an error.
 #[test]
 fn hostile_arrays_are_refused() {
     let good = Tensor::f32(vec![2, 2], &[1.0; 4]).unwrap().to_npy();
@@ -109,7 +109,7 @@ fn hostile_arrays_are_refused() {
     }
 }
 
-/// An array header that announces billions of entries, and one that nests endlessly.
+/// Guards against an array header that announces billions of entries, and one that nests endlessly.
 #[test]
 fn hostile_messages_are_refused() {
     assert!(decode("it", &[0xdd, 0xff, 0xff, 0xff, 0xff]).is_err());

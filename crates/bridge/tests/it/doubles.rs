@@ -91,8 +91,8 @@ fn start(python: &Path, dialect: Dialect, mapping: &str, args: &[&str]) -> Doubl
     Double::start(python, dialect, &[&["--embodiment", embodiment], args].concat())
 }
 
-/// The strict doubles accept our requests, byte for byte as their own libraries pack them; contract and answer match
-/// the mapping.
+/// Guards that the strict doubles accept our requests, byte for byte as their own libraries pack them, and that
+/// contract and answer match the mapping.
 #[test]
 fn every_dialect_is_spoken() {
     let Some(python) = python() else { return skip() };
@@ -172,7 +172,8 @@ fn golden_messages_are_of_real_packages() {
     );
 }
 
-/// Faults of a server give an error with its reason, within the time-outs; the next question starts afresh.
+/// Guards that faults of a server give an error with its reason, within the time-outs, and that the next request starts
+/// afresh.
 #[test]
 fn faults_are_errors_with_a_reason() {
     let Some(python) = python() else { return skip() };

@@ -151,7 +151,7 @@ fn observation() -> ModelObservation {
 /// Answers one question of GR00T by a function of the client's bytes.
 fn answered(stream: &mut TcpStream, answer: impl Fn(&[u8]) -> Value) {
     let mut sent = greeted(stream, "REP");
-    // The question is over when nothing more comes for a while.
+    // The request has ended when nothing more arrives for a while.
     stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
     let _ = stream.read_to_end(&mut sent);
     let answer = packed(&answer(&sent));
@@ -159,8 +159,7 @@ fn answered(stream: &mut TcpStream, answer: impl Fn(&[u8]) -> Value) {
     stream.write_all(&answer).unwrap();
 }
 
-/// After an answer that cannot be used the next question goes to a new connection: whatever the old one still sends is the
-/// answer to nothing.
+/// Guards that the request after an unusable answer uses a new connection: the old one may still send the late answer.
 #[test]
 fn a_connection_does_not_outlive_an_error() {
     let good = || Tensor::f32(vec![1, 2], &[1.0, 2.0]).unwrap().write(Form::Openpi);
@@ -209,7 +208,7 @@ fn a_refused_form_of_arrays_is_changed_once() {
         let mut model = model(Dialect::Gr00t, reads(form, other));
         assert_eq!(model.infer(&observation()).unwrap().parts[0].2, [1.0, 2.0]);
     }
-    // What is refused in both forms gives the first reason.
+    // A request that is refused in both forms gives the first reason.
     let count = std::sync::atomic::AtomicUsize::new(0);
     let port = serve(move |mut stream| {
         let count = count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);

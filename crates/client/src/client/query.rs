@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use fiatlux_access::{Channel, Greeting, Label, Reply as Replied, SEAL_BYTES, Secrets, proof};
+use fiatlux_access::{Channel, Greeting, Label, SEAL_BYTES, Secrets, SignedReply, proof};
 use fiatlux_carrier::{Carrier, Question, Reply};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{Hello, Refusal, Welcome};
@@ -158,7 +158,7 @@ pub fn greet<T: Content>(
                 Ok(content) => (content.id(), content.encode_to_vec()),
                 Err(refusal) => ("", refusal.encode_to_vec()),
             };
-            let replied = Replied { request: &question.payload, server, id, content: &content };
+            let replied = SignedReply { request: &question.payload, server, id, content: &content };
             let welcome = greeted.welcome.as_ref();
             match (greeting.verify(replied, welcome.unwrap_or(&Welcome::default()), expected.as_ref()), greeted.content)
             {

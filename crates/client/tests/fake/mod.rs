@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use fiatlux_access::{Channel, Identity, Label, Reply, Side, welcome};
+use fiatlux_access::{Channel, Identity, Label, Side, SignedReply, welcome};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
@@ -91,7 +91,7 @@ impl FakeServer {
                 open_reply::Reply::Session(info) => ("1", info.encode_to_vec()),
                 open_reply::Reply::Refusal(refusal) => ("", refusal.encode_to_vec()),
             };
-            let said = Reply { request: bytes, server: &server, id, content: &content };
+            let said = SignedReply { request: bytes, server: &server, id, content: &content };
             let (welcome, secrets) = welcome(&identity, &hello, said).expect("a hello");
             *opened.lock().expect("a lock") = Some(Channel::new(&secrets, Side::Server).expect("keys"));
             OpenReply { reply: Some(reply), welcome: Some(welcome) }.encode_to_vec()

@@ -1,4 +1,4 @@
-//! The network against PyTorch and its own laws, and what it refuses.
+//! The network against PyTorch, its properties, and the files that it refuses.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod network;

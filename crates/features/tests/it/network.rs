@@ -1,4 +1,4 @@
-//! What holds of the network whatever the weights: repeatable bytes, any fitting size, and errors for the rest.
+//! Properties of the network with any weights: repeatable bytes, any fitting size, and errors for other sizes.
 
 use data_encoding::HEXLOWER;
 use fiatlux_features::{FEATURES, FeatureError, ResNet18, Weights};
@@ -24,7 +24,7 @@ fn seeded_weights_are_pinned() {
     assert_eq!(Weights::seeded(7).label(), "fiatlux-resnet18-seeded/1:7");
 }
 
-/// Scratch memory and the images between the layers pass nothing on, whatever size came before.
+/// Guards that scratch memory and the images between the layers pass nothing on to the next image of any size.
 #[test]
 fn the_same_image_gives_the_same_bytes() {
     let weights = Weights::seeded(0);

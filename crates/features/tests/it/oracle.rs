@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 const SIDE: usize = 256;
 const FIXTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/oracle/fixtures/features.json");
 
-/// The largest difference from PyTorch, relative to the largest feature of the image, and to each feature that is above
+/// Maximum difference from PyTorch, relative to the largest feature of the image, and to each feature that is above
 /// [`SMALL`] of the largest.
 const BAR: f64 = 1e-4;
 const SMALL: f64 = 1e-3;

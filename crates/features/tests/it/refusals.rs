@@ -66,7 +66,7 @@ fn wrong_tensors_are_named() {
     let missing = with_header(|header| drop(header.remove(tensor)));
     check(&missing, &[tensor, "[128, 64, 1, 1]", "state_dict"]);
     let deeper = with_header(|header| drop(header.insert("layer1.2.conv1.weight".into(), header[tensor].clone())));
-    check(&deeper, &["layer1.2.conv1.weight", "has not"]);
+    check(&deeper, &["layer1.2.conv1.weight", "does not have"]);
     let reshaped = with_header(|header| header[tensor]["shape"] = json!([128, 64]));
     check(&reshaped, &[tensor, "[128, 64, 1, 1]", "[128, 64]"]);
     let half = with_header(|header| header[tensor]["dtype"] = json!("BF16"));
@@ -107,7 +107,7 @@ fn what_is_no_safetensors_file_is_refused() {
     check(&of_header(b"{}"), &["conv1.weight", "[64, 3, 7, 7]"]);
 }
 
-/// Cut at any place near the header, the file is refused and nothing panics.
+/// Guards that a file that is cut near the header is refused without a panic.
 #[test]
 fn cut_files_are_refused() {
     for end in (0..16_384).step_by(61) {
@@ -122,7 +122,7 @@ fn files_that_cannot_be_read_are_named() {
     assert!(error.to_string().contains("no such folder/weights.safetensors"), "{error}");
 }
 
-/// Finite weights whose sums are not: the features say so instead of passing infinities on.
+/// Guards that finite weights with infinite sums give an error instead of infinite features.
 #[test]
 fn overflow_is_refused() {
     let (header, data) = split(&FILE);

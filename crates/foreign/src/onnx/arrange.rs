@@ -1,4 +1,4 @@
-//! Operators that compute nothing: they cut, join, repeat and rename.
+//! Operators without arithmetic: they cut, join, repeat and rename.
 
 use super::Refusal;
 use super::load::Loader;
@@ -6,7 +6,7 @@ use super::operators::Call;
 use super::value::{Data, F32, I32, I64, Value, broadcast, count, index, kind, strides};
 
 impl Loader {
-    /// The value of an operator that makes one value out of numbers of its inputs.
+    /// The value of an operator that rearranges numbers of its inputs.
     pub fn arranged(&mut self, call: &Call<'_>) -> Result<Value, Refusal> {
         match call.node.operator {
             "Cast" => cast(call),
@@ -90,7 +90,7 @@ impl Loader {
             if step == 0 {
                 return Err("it has a step of 0".into());
             }
-            // Beyond the ends counts as the end; backwards, the end may be before the first.
+            // Indices beyond the ends are clamped; backwards, the end may be before the first.
             let (low, high) = if step > 0 { (0, size) } else { (-1, size - 1) };
             let bound = |at: i64| (if at < 0 { at.saturating_add(size) } else { at }).clamp(low, high);
             let (start, end) = (bound(start), bound(end));
@@ -139,7 +139,7 @@ impl Loader {
         let mut sorted = order.clone();
         sorted.sort_unstable();
         if !sorted.into_iter().eq(0..rank) {
-            return Err(format!("{order:?} is no order of {rank} axes").into());
+            return Err(format!("{order:?} is not an order of {rank} axes").into());
         }
         self.transposed(input, &order)
     }
@@ -239,7 +239,6 @@ fn unsqueeze(call: &Call<'_>) -> Result<Value, Refusal> {
     }
 }
 
-/// Integers as sizes.
 fn sizes(numbers: &[i64]) -> Result<Vec<usize>, String> {
     let sizes: Result<Vec<usize>, _> = numbers.iter().map(|number| usize::try_from(*number)).collect();
     sizes.map_err(|_| format!("{numbers:?} are not sizes"))

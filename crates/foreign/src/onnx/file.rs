@@ -1,17 +1,17 @@
-//! The messages of an ONNX file, as far as they are used (github.com/onnx/onnx, `onnx/onnx.proto`). The numbers in the
+//! The messages of an ONNX file that are used here (github.com/onnx/onnx, `onnx/onnx.proto`). The numbers in the
 //! matches are the fields' numbers there.
 
 use std::collections::BTreeMap;
 
 use super::wire::{Field, Fields, varint};
 
-/// Versions of the operator set whose operators mean the same as here. Before 7, shapes were matched by other rules.
+/// Supported versions of the operator set. Before 7, shapes were matched by other rules.
 const VERSIONS: std::ops::RangeInclusive<i64> = 7..=28;
-/// Most nodes, and most tensors, of a graph; a controller has some twenty.
+/// Maximum number of nodes, and of tensors, of a graph; a controller has some twenty.
 const MAX_NODES: usize = 4096;
-/// Most inputs, outputs, attributes and dimensions of anything.
+/// Maximum number of inputs, outputs, attributes or dimensions.
 const MAX_PARTS: usize = 256;
-/// Most numbers of a tensor of integers, which are only shapes, axes and indices.
+/// Maximum number of integers in a tensor, which are only shapes, axes and indices.
 const MAX_INTEGERS: usize = 1 << 12;
 
 #[derive(Debug, Default)]
@@ -59,11 +59,10 @@ pub(super) struct Tensor<'a> {
 pub(super) struct Port<'a> {
     pub name: &'a str,
     pub kind: i64,
-    /// `None` for a size that is left open.
+    /// `None` for a size that is not fixed.
     pub shape: Vec<Option<i64>>,
 }
 
-/// The graph of a file.
 pub(super) fn parse(bytes: &[u8]) -> Result<Graph<'_>, String> {
     let (mut graph, mut version) = (None, None);
     for field in Fields(bytes) {
@@ -87,7 +86,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Graph<'_>, String> {
     Graph::parse(graph)
 }
 
-/// Whether a domain of operators is ONNX's own.
+/// True for ONNX's own domain of operators.
 pub(super) fn is_standard(domain: &str) -> bool {
     matches!(domain, "" | "ai.onnx")
 }

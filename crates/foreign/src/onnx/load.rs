@@ -1,4 +1,4 @@
-//! From a graph to steps: the nodes in their order, each with known shapes.
+//! Turns a graph into steps: the nodes in their order, each with known shapes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -13,7 +13,7 @@ use super::{Network, Refusal};
 pub(super) struct Loader {
     steps: Vec<Step>,
     arena: Vec<f32>,
-    /// How many numbers operators have made so far.
+    /// Numbers that operators have made so far.
     made: usize,
 }
 
@@ -65,12 +65,12 @@ fn needed<'g, 'a>(graph: &'g Graph<'a>, output: &'a str) -> Vec<&'g Node<'a>> {
     nodes
 }
 
-/// The value of a name, which an earlier node made or the file holds.
+/// The value of a name, from an earlier node or from the file.
 fn find<'a>(name: &'a str, graph: &Graph<'a>, values: &mut BTreeMap<&'a str, Value>) -> Result<Value, Refusal> {
     if let Some(value) = values.get(name) {
         return Ok(value.clone());
     }
-    let missing = || format!("nothing makes '{name}' before it is needed; its nodes are damaged, or in a circle");
+    let missing = || format!("no earlier node makes '{name}'; its nodes are damaged, or form a cycle");
     let value = Value::of_tensor(graph.tensors.get(name).ok_or_else(missing)?, name)?;
     values.insert(name, value.clone());
     Ok(value)
@@ -106,7 +106,7 @@ impl Loader {
         Ok(())
     }
 
-    /// The numbers of `sources` at these places (index of the source, and place in it), in a new shape.
+    /// The numbers of `sources` at the given places (index of the source, and index in it), in a new shape.
     pub fn moved(
         &mut self,
         sources: &[&Value],
@@ -170,7 +170,7 @@ impl Loader {
         self.view(value, shape.to_vec(), &along, 0)
     }
 
-    /// What a kernel makes of one or two values.
+    /// The result of a kernel on one or two values.
     pub fn computed(&mut self, kernel: Kernel, inputs: &[&Value], shape: Vec<usize>) -> Result<Value, Refusal> {
         let count = self.make(&shape)?;
         let known: Option<Vec<_>> = inputs.iter().map(|input| input.floats()).collect();
@@ -186,7 +186,7 @@ impl Loader {
         Ok(Value { shape, data: Data::Computed(start) })
     }
 
-    /// Where a value's numbers are in the arena.
+    /// The range of a value's numbers in the arena.
     fn place(&mut self, value: &Value) -> Result<Range<usize>, Refusal> {
         let count = count(&value.shape)?;
         let start = match &value.data {

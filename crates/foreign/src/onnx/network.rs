@@ -2,12 +2,11 @@ use std::ops::Range;
 
 use super::steps::Step;
 
-/// A network that is ready to run.
 #[derive(Debug)]
 pub(crate) struct Network {
-    /// In order: each reads what the input or steps before it wrote.
+    /// In order: each reads what the input or earlier steps wrote.
     pub(super) steps: Vec<Step>,
-    /// What the arena holds before a run: the input's place first, and the constants that steps read.
+    /// The arena before a run: space for the input first, and the constants that steps read.
     pub(super) arena: Vec<f32>,
     pub(super) output: Range<usize>,
 }

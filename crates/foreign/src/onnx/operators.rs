@@ -1,4 +1,4 @@
-//! The operators (onnx.ai/onnx/operators), in all their versions from set 7 on: what older versions have as an attribute,
+//! The operators (onnx.ai/onnx/operators), in all their versions from set 7 on: arguments that older versions have as an
 //! newer ones have as an input.
 
 use fiatlux_nets::{Dense, LANES};
@@ -9,14 +9,13 @@ use super::load::Loader;
 use super::steps::{Kernel, Map, Reduction, Zip};
 use super::value::{Data, Value, broadcast, index};
 
-/// A node with its inputs.
 pub(super) struct Call<'c> {
     pub node: &'c Node<'c>,
     pub inputs: &'c [Option<Value>],
 }
 
 impl Call<'_> {
-    /// An input that must be there.
+    /// A required input.
     pub fn input(&self, index: usize) -> Result<&Value, Refusal> {
         self.optional(index).ok_or_else(|| format!("it has no input {index}").into())
     }
@@ -75,7 +74,6 @@ fn attributes(operator: &str) -> Option<&'static [&'static str]> {
 }
 
 impl Loader {
-    /// The values that a node makes.
     pub fn operator(&mut self, node: &Node<'_>, inputs: &[Option<Value>]) -> Result<Vec<Value>, Refusal> {
         let attributes = attributes(node.operator).ok_or("it is not supported")?;
         if let Some(other) = node.attributes.iter().find(|attribute| !attributes.contains(&attribute.name)) {
@@ -129,7 +127,7 @@ impl Loader {
         self.zip(zip, call.input(0)?, call.input(1)?)
     }
 
-    /// Any number of inputs.
+    /// An operator with any number of inputs.
     fn fold(&mut self, zip: Zip, call: &Call<'_>) -> Result<Value, Refusal> {
         let mut value = call.input(0)?.clone();
         for index in 1..call.inputs.len() {
@@ -144,7 +142,7 @@ impl Loader {
         let (Some(ones), Some(others)) = (left.integers(), right.integers()) else {
             return self.computed(Kernel::Zip(zip), &[&left, &right], shape);
         };
-        // Sizes of shapes.
+        // Integer arithmetic on shapes.
         let of = match zip {
             Zip::Add => i64::checked_add,
             Zip::Div => i64::checked_div,
@@ -223,7 +221,7 @@ impl Loader {
     }
 }
 
-/// The function of an operator that maps each number by itself.
+/// The function of an elementwise operator.
 fn map(call: &Call<'_>) -> Option<Map> {
     Some(match call.node.operator {
         "Abs" => Map::Abs,

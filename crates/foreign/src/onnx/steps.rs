@@ -1,16 +1,22 @@
-//! What a network does in each run: steps over an arena of numbers.
+//! The steps of a run, over an arena of numbers.
 
 use std::ops::Range;
 
 use fiatlux_nets::{Dense, Rounding, elu, sigmoid};
 
-/// A step reads numbers of the arena and writes others behind them.
+/// Reads numbers of the arena and writes others behind them.
 #[derive(Debug)]
 pub(super) enum Step {
     /// Copies runs of numbers, each given by start and length, one after another.
-    Copy { runs: Vec<[usize; 2]>, to: usize },
-    /// Computes.
-    Compute { kernel: Kernel, inputs: [Range<usize>; 2], output: Range<usize> },
+    Copy {
+        runs: Vec<[usize; 2]>,
+        to: usize,
+    },
+    Compute {
+        kernel: Kernel,
+        inputs: [Range<usize>; 2],
+        output: Range<usize>,
+    },
 }
 
 impl Step {
@@ -33,13 +39,13 @@ impl Step {
 
 #[derive(Debug)]
 pub(super) enum Kernel {
-    /// Each number by itself.
+    /// Elementwise.
     Map(Map),
-    /// The numbers of two values in pairs.
+    /// Two values elementwise.
     Zip(Zip),
-    /// One number for each `width` of them.
+    /// One number from each `width` of them.
     Reduce { reduction: Reduction, width: usize },
-    /// Each `width` numbers shifted and scaled to mean 0 and variance 1, as far as `epsilon` lets it.
+    /// Each `width` numbers shifted and scaled to mean 0 and variance 1 (plus `epsilon`).
     Standardize { width: usize, epsilon: f32 },
     /// Each row times constant weights.
     Dense(Dense),
@@ -142,7 +148,7 @@ impl Zip {
         match self {
             Self::Add => pairs(left, right, to, |x, y| x + y),
             Self::Div => pairs(left, right, to, |x, y| x / y),
-            // NaN wins, so that the check of the output finds it.
+            // NaN is kept, so that the check of the output finds it.
             Self::Max => pairs(left, right, to, |x, y| if x > y || x.is_nan() { x } else { y }),
             Self::Min => pairs(left, right, to, |x, y| if x < y || x.is_nan() { x } else { y }),
             Self::Mul => pairs(left, right, to, |x, y| x * y),

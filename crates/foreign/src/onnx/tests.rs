@@ -1,4 +1,4 @@
-//! Every operator, against what onnxruntime gave; `tests/oracle/operators.py` writes the networks and the numbers.
+//! Every operator against onnxruntime; `tests/oracle/operators.py` writes the networks and the numbers.
 
 use fiatlux_safetensors::File;
 
@@ -14,7 +14,7 @@ const EXPECTED: &[u8] = include_bytes!("../../tests/fixtures/operators.safetenso
 const ROWS: usize = 4;
 const INPUTS: usize = 24;
 
-/// Name of each case of a network, and how many numbers of the output are its own.
+/// Name of each case of a network, and the size of its output.
 fn cases(file: &File<'_>, version: &str) -> Vec<(String, usize)> {
     let cases = file.metadata(version).expect("cases").split_whitespace();
     cases
@@ -49,7 +49,7 @@ fn operators_give_what_onnxruntime_gave() {
     }
 }
 
-/// A byte of a file may be another, or the file cut there: it is refused, or runs.
+/// Guards that a file with a changed byte, or a cut file, is refused or runs.
 #[test]
 fn no_damage_panics() {
     let file = File::parse(EXPECTED).expect("fixture");

@@ -1,13 +1,12 @@
-//! Values at load: their shapes, and their numbers where these are known already.
+//! Values at load: their shapes, and their numbers if they are known already.
 
 use std::rc::Rc;
 
 use super::Refusal;
 use super::file::Tensor;
 
-/// Most numbers of a value, and of all that operators make at load.
+/// Maximum number of numbers of a value, and of all that operators make at load.
 pub(super) const MAX_NUMBERS: usize = 1 << 26;
-/// Most dimensions of a value.
 const MAX_RANK: usize = 8;
 
 /// Names of the types of tensors, in the order of their codes.
@@ -19,11 +18,11 @@ const F64: i64 = 11;
 
 #[derive(Debug, Clone)]
 pub(super) enum Data {
-    /// Known from the file.
+    /// Constants.
     Floats(Rc<[f32]>),
-    /// Known from the file: a shape, axes or indices.
+    /// Constants: a shape, axes or indices.
     Integers(Rc<[i64]>),
-    /// Made in each run: index in the arena of the first number.
+    /// Computed in each run: index in the arena of the first number.
     Computed(usize),
 }
 
@@ -34,7 +33,6 @@ pub(super) struct Value {
 }
 
 impl Value {
-    /// A list of integers.
     pub fn list(numbers: impl Iterator<Item = i64>) -> Self {
         let numbers: Rc<[i64]> = numbers.collect();
         Self { shape: vec![numbers.len()], data: Data::Integers(numbers) }
@@ -45,7 +43,7 @@ impl Value {
         Self { shape: vec![], data: Data::Floats([number].into()) }
     }
 
-    /// The numbers of a tensor in the file, called `name` in errors. Those of f64 become f32.
+    /// The numbers of a tensor in the file, called `name` in errors. f64 becomes f32.
     pub fn of_tensor(tensor: &Tensor<'_>, name: &str) -> Result<Self, Refusal> {
         if tensor.is_external {
             return Err(format!("its tensor '{name}' is stored in another file").into());
@@ -88,13 +86,12 @@ fn numbers<const SIZE: usize, T>(raw: &[u8], number: impl Fn([u8; SIZE]) -> T) -
     numbers.iter().map(|bytes| number(*bytes)).collect()
 }
 
-/// Name of a type's code.
 pub(super) fn kind(code: i64) -> String {
     let name = usize::try_from(code).ok().and_then(|code| KINDS.split(' ').nth(code));
     name.map_or_else(|| format!("number {code}"), String::from)
 }
 
-/// How many numbers a shape has.
+/// Number of elements of a shape.
 pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     let count = shape.iter().try_fold(1_usize, |count, size| count.checked_mul(*size));
     match count.filter(|count| (1..=MAX_NUMBERS).contains(count) && shape.len() <= MAX_RANK) {
@@ -103,7 +100,7 @@ pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     }
 }
 
-/// How far apart neighbours along each axis are in the flat value.
+/// Distances of neighbours along each axis in the flat value.
 pub(super) fn strides(shape: &[usize]) -> Vec<isize> {
     (0..shape.len()).map(|axis| shape[axis + 1..].iter().product::<usize>() as isize).collect()
 }
@@ -131,12 +128,12 @@ pub(super) fn broadcast(one: &[usize], other: &[usize]) -> Result<Vec<usize>, St
         (1, other) => Some(other),
         _ => None,
     });
-    sizes.collect::<Option<_>>().ok_or_else(|| format!("the shapes {one:?} and {other:?} do not fit"))
+    sizes.collect::<Option<_>>().ok_or_else(|| format!("the shapes {one:?} and {other:?} cannot be broadcast"))
 }
 
 /// An axis or index below `size`, which counts from the end if it is negative.
 pub(super) fn index(number: i64, size: usize) -> Result<usize, String> {
     let counted = if number < 0 { number.saturating_add(size as i64) } else { number };
     let index = usize::try_from(counted).ok().filter(|index| *index < size);
-    index.ok_or_else(|| format!("the axis or index {number} is outside of {size}"))
+    index.ok_or_else(|| format!("the axis or index {number} is outside of 0..{size}"))
 }

@@ -1,7 +1,6 @@
 //! The wire format of protocol buffers, read in place: a file of weights is not copied, and a damaged one cannot ask for
 //! memory.
 
-/// The value of a field.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Field<'a> {
     Varint(u64),

@@ -1,4 +1,4 @@
-//! Which sessions a controller accepts.
+//! The sessions that a controller accepts or refuses.
 
 use fiatlux_foreign::{ForeignError, GainsRule, Plant, Reading};
 use fiatlux_robot::{GainSet, Robot};

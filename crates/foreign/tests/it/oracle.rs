@@ -8,7 +8,7 @@ use fiatlux_safetensors::File;
 use fiatlux_wbc::{Command, MOVED, Sensed};
 
 const STEPS: usize = 240;
-/// Largest allowed difference of a target, rad.
+/// Maximum difference of a target, rad.
 const TOLERANCE: f64 = 1e-5;
 
 /// The standing posture of the session's robot, rad; `Q0` in the script.
@@ -19,7 +19,7 @@ pub const Q0: [f64; BODY] = {
 };
 
 /// Sensor data, command and token of a step.
-struct Seen {
+struct StepInput {
     angular_velocity: [f64; 3],
     gravity: [f64; 3],
     position: [f64; BODY],
@@ -28,7 +28,7 @@ struct Seen {
     command: Command,
 }
 
-impl Seen {
+impl StepInput {
     fn sensed(&self) -> Sensed<'_> {
         Sensed {
             base_angular_velocity: self.angular_velocity,
@@ -39,14 +39,14 @@ impl Seen {
 }
 
 /// The same inputs as `sequence` of the script.
-fn sequence() -> Vec<Seen> {
+fn sequence() -> Vec<StepInput> {
     const VELOCITIES: [[f64; 3]; 4] = [[0.0; 3], [0.4, -0.1, 0.2], [0.03, 0.02, -0.01], [-0.2, 0.3, -0.6]];
     let mut state = 1_u32;
     let mut draw = |scale: f64| {
         state = state.wrapping_mul(1664525).wrapping_add(1013904223);
         (f64::from(state >> 8) / f64::from(1 << 23) - 1.0) * scale
     };
-    let seen = |step: usize| Seen {
+    let seen = |step: usize| StepInput {
         angular_velocity: std::array::from_fn(|_| draw(1.0)),
         gravity: [0.0, 0.0, -1.0].map(|down| down + draw(0.25)),
         position: std::array::from_fn(|_| draw(0.5)),
@@ -69,16 +69,22 @@ fn compare(folder: &Path) {
     let sequence = sequence();
     for reading in [Reading::Nvidia, Reading::Lerobot] {
         let mut gear = Gear::new(&networks, reading, &Q0).unwrap();
-        let step = |seen: &Seen, targets: &mut [f64]| gear.step(&seen.sensed(), &seen.command, targets).unwrap();
+        let step = |seen: &StepInput, targets: &mut [f64]| gear.step(&seen.sensed(), &seen.command, targets).unwrap();
         check(&file, &format!("gear.{reading}"), MOVED, &sequence, step);
     }
     let decoder = Sonic::read(folder).unwrap();
     let mut sonic = Sonic::new(&decoder, &Q0).unwrap();
-    let step = |seen: &Seen, targets: &mut [f64]| sonic.step(&seen.sensed(), &seen.token, targets).unwrap();
+    let step = |seen: &StepInput, targets: &mut [f64]| sonic.step(&seen.sensed(), &seen.token, targets).unwrap();
     check(&file, "sonic", BODY, &sequence, step);
 }
 
-fn check(file: &File<'_>, name: &str, count: usize, sequence: &[Seen], mut step: impl FnMut(&Seen, &mut [f64])) {
+fn check(
+    file: &File<'_>,
+    name: &str,
+    count: usize,
+    sequence: &[StepInput],
+    mut step: impl FnMut(&StepInput, &mut [f64]),
+) {
     let expected = file.tensor(name, &[STEPS, count]).unwrap();
     let mut farthest = 0.0_f64;
     for (index, (seen, expected)) in sequence.iter().zip(expected.chunks_exact(count)).enumerate() {
@@ -100,7 +106,7 @@ fn small_networks_give_what_python_gave() {
     compare(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures"));
 }
 
-/// The two readings give different targets: otherwise the option would not be tested.
+/// Guards that the two readings give different targets: otherwise the option would not be tested.
 #[test]
 fn readings_are_told_apart() {
     let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/targets.safetensors")).unwrap();

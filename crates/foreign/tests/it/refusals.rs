@@ -52,7 +52,7 @@ fn wrong_networks_are_named() {
     }
     check(|graph| graph.node[1].op_type = "Warp".into(), &["cannot load", "operator Warp", "not supported"]);
     check(|graph| graph.input.push(graph.input[0].clone()), &["2 inputs and 1 outputs"]);
-    check(|graph| graph.output[0].name = "nowhere".into(), &["nothing makes 'nowhere'"]);
+    check(|graph| graph.output[0].name = "nowhere".into(), &["no earlier node makes 'nowhere'"]);
     check(|graph| graph.output.clear(), &["1 inputs and 0 outputs"]);
     check(|graph| graph.initializer[0].raw_data.truncate(40), &["'w0' has 10 numbers for the shape [3, 516]"]);
     check(|graph| graph.initializer[0].dims[0] = 4, &["'w0' has 1548 numbers for the shape [4, 516]"]);
@@ -77,8 +77,8 @@ fn wrong_networks_are_named() {
 
 #[test]
 fn unsupported_graphs_are_named() {
-    check(|graph| graph.node.swap(0, 1), &["Elu", "nothing makes 'sum0'"]);
-    check(|graph| graph.node[0].input[0] = "hidden0".into(), &["Gemm", "nothing makes 'hidden0'", "circle"]);
+    check(|graph| graph.node.swap(0, 1), &["Elu", "no earlier node makes 'sum0'"]);
+    check(|graph| graph.node[0].input[0] = "hidden0".into(), &["Gemm", "no earlier node makes 'hidden0'", "cycle"]);
     check(|graph| graph.node.insert(1, graph.node[1].clone()), &["Elu", "'hidden0', which exists already"]);
     check(|graph| graph.node[1].domain = "com.microsoft".into(), &["domain 'com.microsoft'"]);
     check(|graph| graph.node[1].attribute = graph.node[0].attribute.clone(), &["Elu", "attribute transB"]);
@@ -97,7 +97,7 @@ fn unsupported_graphs_are_named() {
     assert!(message.contains("set 6") && message.contains("7 to"), "{message}");
 }
 
-/// A file cannot ask for more than a bounded amount of memory or work.
+/// Guards that a file can only claim a bounded amount of memory and work.
 #[test]
 fn graphs_that_grow_are_refused() {
     // The first layer gets a value that these nodes make out of the input and of a list of sizes.
@@ -135,14 +135,15 @@ fn graphs_that_grow_are_refused() {
     check(grown((0..40).map(|index| doubled((index, 1))).collect(), &[]), &["Concat", "numbers"]);
 }
 
-/// A file that is cut anywhere, or has any byte changed, is refused or gives finite numbers; nothing panics.
+/// Guards that a file that is cut anywhere, or has any byte changed, is refused or gives finite numbers, without a
+/// panic.
 #[test]
 fn damaged_files_do_no_harm() {
     let whole = bytes(&perceptron(&[516, 2, 15], 1));
     for end in (0..whole.len()).step_by(97) {
         assert!(load(&whole[..end]).is_err(), "cut at {end}");
     }
-    // The graph is at both ends of the file, and the weights are in between.
+    // The graph is at both ends of the file, with the weights between.
     for at in (0..160).chain(whole.len() - 160..whole.len()) {
         let mut damaged = whole.clone();
         damaged[at] ^= 0x24;

@@ -33,7 +33,7 @@ fn wrong_lines_are_named() {
         ("word", good.replacen("5", "x", 1), ["line 1", "is not a number"]),
         ("large", line(1.5, " "), ["line 1", "number 0 of the token is 1.5"]),
         ("nan", line(f64::NAN, " "), ["line 1", "NaN"]),
-        ("empty", "# nothing\n".into(), ["line 1", "the file has no token"]),
+        ("empty", "# nothing\n".into(), ["line 1", "it has no token"]),
     ] {
         let message = read(name, &text).unwrap_err();
         assert!(words.iter().all(|word| message.contains(word)), "{message}");

@@ -47,7 +47,7 @@ mod tests {
         (0..k).map(|i| f64::from(n - i) / f64::from(i + 1)).product()
     }
 
-    /// Compares with the binomial sum, which holds where all differences have one size.
+    /// Compares with the binomial sum, which holds if all differences have one size.
     #[test]
     fn equal_differences_give_the_sign_test() {
         for (positive, negative) in [(1, 0), (5, 0), (8, 2), (2, 8), (3, 3), (48, 0), (30, 18), (100, 60)] {

@@ -9,7 +9,7 @@ use super::markup::{cause_class, escape, link, words};
 use crate::tables::count;
 use crate::{EpisodeRow, Results};
 
-/// Addresses for an episode. They are escaped where they are written.
+/// Addresses for an episode. They are escaped when they are written.
 pub struct Site<'a> {
     /// Address of the episode's page, which has the replay.
     pub episode: &'a dyn Fn(&EpisodeRow) -> String,
@@ -17,22 +17,22 @@ pub struct Site<'a> {
     pub figure: &'a dyn Fn(&EpisodeRow) -> String,
     /// Address of the page with all episodes of a task, by the task's id.
     pub task: &'a dyn Fn(&str) -> String,
-    /// The largest number of episodes shown of each task.
+    /// Maximum number of episodes shown of each task.
     pub most: usize,
 }
 
-/// Where a page finds the figures and replays of its episodes.
+/// The source of an episode's figure and replay.
 #[derive(Clone, Copy)]
-pub(super) enum Place<'a> {
-    /// Figures are in the page itself and replays in files; says whether a file exists, by its path relative to the
-    /// page's folder.
+pub(super) enum FigureSource<'a> {
+    /// Figures are in the page itself and replays in files; tells if a file exists, by its path relative to the page's
+    /// folder.
     File(&'a dyn Fn(&str) -> bool),
     /// Figures and replays have addresses on a site.
     Site(&'a Site<'a>),
 }
 
-/// Writes all episodes, each task in a section that folds. With few tasks the sections start open.
-pub(super) fn section(out: &mut String, results: &Results, place: Place<'_>) {
+/// Writes all episodes, each task in a collapsible section. With few tasks the sections start open.
+pub(super) fn section(out: &mut String, results: &Results, place: FigureSource<'_>) {
     out.push_str("<h2 id=\"episodes\">Episodes</h2>\n");
     legend(out);
     let limit_n = limit(results);
@@ -56,7 +56,7 @@ pub(super) fn legend(out: &mut String) {
     );
 }
 
-fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, place: Place<'_>) {
+fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, place: FigureSource<'_>) {
     let id = &episodes[0].task;
     let passed = episodes.iter().filter(|episode| episode.strict_success.unwrap_or(episode.clean)).count();
     let progress = episodes.iter().map(|episode| episode.strict_progress.unwrap_or(episode.gate_progress)).sum::<f64>();
@@ -78,7 +78,7 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, pl
     out.push_str("</span></summary><div class=\"inner\">");
     gate(out, spec);
     cards(out, episodes, limit_n, place);
-    if let Place::Site(site) = place
+    if let FigureSource::Site(site) = place
         && episodes.len() > site.most
     {
         let address = escape(&(site.task)(id));
@@ -87,7 +87,6 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, pl
     out.push_str("</div></details>\n");
 }
 
-/// Writes what the task asks for.
 pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     if let Some(spec) = spec {
         let criteria: Vec<_> = spec.gate.criteria.iter().map(|criterion| words(criterion.name)).collect();
@@ -110,11 +109,11 @@ pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     }
 }
 
-/// Writes a card for each episode, up to as many as the place takes.
-pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: Place<'_>) {
+/// Writes a card for each episode, up to the limit of the place.
+pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: FigureSource<'_>) {
     let most = match place {
-        Place::File(_) => usize::MAX,
-        Place::Site(site) => site.most,
+        FigureSource::File(_) => usize::MAX,
+        FigureSource::Site(site) => site.most,
     };
     out.push_str("<div class=\"episodes\">");
     episodes.iter().take(most).for_each(|episode| card(out, episode, limit_n, place));
@@ -125,7 +124,7 @@ fn chip(out: &mut String, cause: &str) {
     let _ = write!(out, "<span class=\"chip b-{}\">{}</span>", cause_class(cause), escape(cause));
 }
 
-fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) {
+fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: FigureSource<'_>) {
     let index = if episode.episode == 0 { String::new() } else { format!(", episode {}", episode.episode) };
     let _ = write!(out, "<article class=\"episode\"><header><b>Seed {}{index}</b>", episode.seed);
     if let Some(cause) = &episode.failure {
@@ -152,8 +151,8 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) 
     }
     out.push_str("</header>");
     match place {
-        Place::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
-        Place::Site(site) => {
+        FigureSource::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
+        FigureSource::Site(site) => {
             // Loaded only when it comes into view: the server draws it from the bag.
             let lanes =
                 episode.task.parse::<Task>().map_or(0, |task| task.spec().gate.criteria_of(Protocol::Strict).count());
@@ -183,8 +182,8 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: Place<'_>) 
         out.push_str("<br>");
     }
     let replay = match place {
-        Place::Site(site) => Some((site.episode)(episode)),
-        Place::File(has_replay) => {
+        FigureSource::Site(site) => Some((site.episode)(episode)),
+        FigureSource::File(has_replay) => {
             let file = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
             has_replay(&file).then(|| link(&file))
         }

@@ -6,10 +6,10 @@ use fiatlux_rules::CONTROL_DT;
 
 use super::markup::{cause_class, px, words};
 use crate::tables::force;
-use crate::{Held, Series};
+use crate::{CriterionHeld, Series};
 
 pub(super) const WIDTH: f64 = 520.0;
-/// Where the time axis begins and ends.
+/// Start and end of the time axis.
 const LEFT: f64 = 160.0;
 const RIGHT: f64 = 508.0;
 const LANE: f64 = 18.0;
@@ -68,7 +68,7 @@ fn axis(out: &mut String, rows: usize, bottom: f64) {
     }
 }
 
-fn lane(out: &mut String, name: &str, held: &[Held], top: f64) {
+fn lane(out: &mut String, name: &str, held: &[CriterionHeld], top: f64) {
     let y = px(top + 3.0);
     let height = px(LANE - 6.0);
     let _ = write!(
@@ -80,7 +80,7 @@ fn lane(out: &mut String, name: &str, held: &[Held], top: f64) {
         px(LEFT),
         px(RIGHT - LEFT)
     );
-    for (kind, class) in [(Held::Throughout, "f-held"), (Held::Partly, "f-partly")] {
+    for (kind, class) in [(CriterionHeld::Throughout, "f-held"), (CriterionHeld::Partly, "f-partly")] {
         let mut path = String::new();
         let mut bucket = 0;
         for run in held.chunk_by(|a, b| a == b) {

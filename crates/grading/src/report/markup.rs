@@ -22,7 +22,6 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// Quotes a word for a shell.
 pub(super) fn shell_word(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:@,=".contains(c);
     if !text.is_empty() && text.chars().all(plain) { text.into() } else { format!("'{}'", text.replace('\'', "'\\''")) }
@@ -39,8 +38,7 @@ pub(super) fn words(name: &str) -> String {
     escape(&name.replace('_', " "))
 }
 
-/// The part of a class name that stands for the cause of an end: the style has `b-fall` for a background and `f-fall`
-/// for a figure.
+/// The part of a class name for the cause of an end: the style has `b-fall` for a background and `f-fall` for a figure.
 pub fn cause_class(cause: &str) -> &'static str {
     match cause {
         "success" => "success",
@@ -56,13 +54,13 @@ pub fn cause_class(cause: &str) -> &'static str {
     }
 }
 
-/// A coordinate, rounded to what a screen shows.
+/// A coordinate, rounded to a screen's resolution.
 pub(super) fn px(value: f64) -> String {
     let text = format!("{value:.1}");
     text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
 }
 
-/// A share, from 0 to 1 as all numbers of the page that have such a scale.
+/// A share from 0 to 1, like all such numbers of the page.
 pub(super) fn share(share: f64) -> String {
     format!("{share:.2}")
 }

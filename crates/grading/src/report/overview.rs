@@ -22,7 +22,6 @@ pub(super) fn causes(results: &Results) -> String {
     format!("<div class=\"legend\"><span>Ends:</span>{}</div>", causes.iter().map(entry).collect::<String>())
 }
 
-/// The subtasks that ran, as an SVG figure.
 pub(super) fn figure(results: &Results) -> String {
     let tasks = &results.subtasks;
     let height = HEAD + ROW * tasks.len() as f64 + 4.0;
@@ -72,7 +71,7 @@ fn row(out: &mut String, task: &TaskResult, top: f64) {
         escape(&task.name),
         task.weight
     );
-    let shown = Shown::of(task);
+    let shown = TaskRates::of(task);
     bar(out, SCORE, top, shown.score_mean, "f-accent");
     let mut value = format!("{:.3}", shown.score_mean);
     if let Some(std) = shown.score_std {
@@ -100,8 +99,8 @@ fn row(out: &mut String, task: &TaskResult, top: f64) {
     ends(out, task, top);
 }
 
-/// What the figure shows of a task: the strict verdicts if it has them, else the published ones.
-struct Shown {
+/// The rates of a task in the figure: the strict verdicts if it has them, else the published ones.
+struct TaskRates {
     score_mean: f64,
     score_std: Option<f64>,
     success_rate: f64,
@@ -109,7 +108,7 @@ struct Shown {
     progress: f64,
 }
 
-impl Shown {
+impl TaskRates {
     fn of(task: &TaskResult) -> Self {
         match task.strict_score_mean {
             Some(score_mean) => Self {
@@ -174,7 +173,7 @@ fn ends(out: &mut String, task: &TaskResult, top: f64) {
             cause_class(cause)
         );
         let label = format!("{cause} {count}");
-        // About 6.3 px a letter.
+        // About 6.3 px per letter.
         let room = (width - 8.0) / 6.3;
         let label = if label.chars().count() as f64 <= room { label } else { count.to_string() };
         if label.chars().count() as f64 <= room {

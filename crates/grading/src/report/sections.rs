@@ -119,7 +119,6 @@ pub(super) fn excluded(out: &mut String, results: &Results) {
     out.push_str("</tbody></table></div>\n");
 }
 
-/// Writes conditions, versions, digests and thresholds.
 pub(super) fn conditions(out: &mut String, results: &Results) {
     if results.episodes.is_empty() {
         return;
@@ -251,7 +250,7 @@ pub(super) fn reproduce(out: &mut String, results: &Results) {
     );
 }
 
-/// Names folders in place of bags where all bags of a folder are graded anyway.
+/// Names folders instead of bags if all bags of a folder are graded anyway.
 fn grade_command(results: &Results, options: &str) -> String {
     if let Some(run) = &results.run {
         return format!("scorer grade {}{options} --html report.html", shell_word(&run.folder));
@@ -265,7 +264,7 @@ fn grade_command(results: &Results, options: &str) -> String {
     };
     let roots = folders.iter().filter(|folder| !folders.iter().any(|other| other != *folder && inside(folder, other)));
     let words: Vec<_> = roots.map(|folder| shell_word(folder)).collect();
-    // A long list of folders says no more than a placeholder.
+    // A long list of folders is no more useful than a placeholder.
     let words = if words.len() > 6 { "BAGS".to_owned() } else { words.join(" ") };
     format!("scorer grade {words}{options} --html report.html")
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use fiatlux_bag::Patience;
 
-use super::episodes::{Place, Site, cards, gate, legend, limit, section};
+use super::episodes::{FigureSource, Site, cards, gate, legend, limit, section};
 use super::figure::figure;
 use super::sections;
 use super::style::STYLE;
@@ -15,9 +15,8 @@ use crate::{EpisodeRow, GradeOptions, Results};
 /// The report in parts, as HTML without scripts or styles. Text from a bag is escaped.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SiteReport {
-    /// What a reader must know first, and cards with the main numbers.
+    /// Warnings for the reader, and cards with the main numbers.
     pub summary: String,
-    /// Figure and table of the subtasks.
     pub subtasks: String,
     /// Episodes by task, each with its figure.
     pub episodes: String,
@@ -45,7 +44,7 @@ pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
         }),
         episodes: part(&|out| {
             if !results.episodes.is_empty() {
-                section(out, results, Place::Site(site));
+                section(out, results, FigureSource::Site(site));
             }
         }),
         conditions: part(&|out| {
@@ -55,18 +54,18 @@ pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
     }
 }
 
-/// What a task asks for, and cards of some of its episodes.
+/// The gate of a task, and cards of some of its episodes.
 pub fn task_cards(results: &Results, episodes: &[EpisodeRow], site: &Site<'_>) -> String {
     let mut out = String::new();
     let task = episodes.first().and_then(|episode| episode.task.parse::<fiatlux_rules::Task>().ok());
     gate(&mut out, task.map(fiatlux_rules::Task::spec));
     legend(&mut out);
-    cards(&mut out, episodes, limit(results), Place::Site(site));
+    cards(&mut out, episodes, limit(results), FigureSource::Site(site));
     out
 }
 
-/// The figure of an episode as a self-contained SVG picture, in light and dark: when each criterion held, and the force
-/// on the hands. It is drawn from as many rows of the bag as can be read before the patience is over. `None` where no row can.
+/// The figure of an episode as a self-contained SVG picture, in light and dark: criteria and force on the hands over
+/// time. It is drawn from the rows of the bag that can be read before `patience` ends. `None` if there are none.
 pub fn episode_figure(bag: &Path, results: &Results, patience: Patience) -> Option<String> {
     let options = GradeOptions {
         set: results

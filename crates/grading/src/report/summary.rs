@@ -1,4 +1,4 @@
-//! The numbers that count, and what a reader must know before them.
+//! The main numbers, and the warnings that precede them.
 
 use std::fmt::Write;
 
@@ -7,7 +7,7 @@ use super::{overview, sections};
 use crate::tables::{count, coverage, missing, run_line};
 use crate::{Fault, RateRow, Results, Score};
 
-/// Writes how far a run is, and what its journals say.
+/// Writes the progress of a run, and the remarks from its journals.
 pub(super) fn run_lines(out: &mut String, results: &Results) {
     if let Some(run) = &results.run {
         for line in std::iter::once(&run_line(run)).chain(&run.notes) {
@@ -16,7 +16,7 @@ pub(super) fn run_lines(out: &mut String, results: &Results) {
     }
 }
 
-/// Writes the warnings, and the numbers that count.
+/// Writes the warnings and the main numbers.
 pub(super) fn summary(out: &mut String, results: &Results) {
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
@@ -47,14 +47,14 @@ pub(super) fn summary(out: &mut String, results: &Results) {
     }
 }
 
-/// Writes what a reader must know before the first number.
+/// Writes the warnings that a reader needs before the first number.
 fn warnings(out: &mut String, results: &Results) {
     let mut warn = |title: &str, text: &str| {
         let _ = writeln!(out, "<div class=\"panel warn\"><b>{title}</b> {}</div>", escape(text));
     };
     if !results.conditions.ranked {
         let text = format!("{}.", results.conditions.deviations.join("; "));
-        warn("Not ranked: this run is not played as the benchmark has it.", &text);
+        warn("Not ranked: this run was played under other conditions than the benchmark's.", &text);
     }
     let lacking = missing(results);
     if !lacking.is_empty() {
@@ -65,7 +65,7 @@ fn warnings(out: &mut String, results: &Results) {
         warn("Journal missing.", &format!("{lost}."));
     }
     if results.excluded.iter().any(|bag| bag.reason != Fault::Duplicate) {
-        let text = format!("{} could not be scored; the list stands below.", count(results.excluded.len(), "bag"));
+        let text = format!("{} could not be scored; the list is below.", count(results.excluded.len(), "bag"));
         warn("Data loss.", &text);
     }
 }
@@ -88,7 +88,7 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let spread =
         score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
     let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
-    // The numbers that a server draws say nothing to a reader.
+    // A server's random numbers mean nothing to a reader.
     let is_drawn = score.per_seed.iter().any(|seed| seed.seed > 99_999);
     let shown = match seeds.len() {
         count if is_drawn || count > 12 => format!("over {count} seeds"),

@@ -6,8 +6,8 @@ const HEAD: &str = "policy,task,seed,episode,success,clean,broken,dropped,gate_p
                     steps,end,steps_in_gate,state_digest,bag,benchmark_version,strict_success,strict_clean,\
                     strict_progress,strict_end,strict_steps,run,run_registered,run_played,run_finished";
 
-/// One line for each episode, below a line with the names of the fields in `results.json`. In a run, each line also
-/// names the run and says how many episodes were registered and played: an episode that was not played has no line.
+/// One line per episode, below a line with the names of the fields in `results.json`. In a run, each line also has the
+/// name of the run and its numbers of registered and played episodes: an episode that was not played has no line.
 pub fn csv(results: &Results) -> String {
     let mut lines = vec![HEAD.to_owned()];
     let run = results.run.as_ref();
@@ -50,7 +50,7 @@ fn or_empty(value: &Option<impl ToString>) -> String {
     value.as_ref().map(ToString::to_string).unwrap_or_default()
 }
 
-/// Quotes a cell where necessary. An apostrophe protects a name that a spreadsheet would take for a formula.
+/// Quotes a cell if necessary. An apostrophe protects a name that a spreadsheet would take for a formula.
 fn quoted(text: &str) -> String {
     let text = if text.starts_with(['=', '+', '-', '@', '\t']) { format!("'{text}") } else { text.to_owned() };
     if text.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }

@@ -87,7 +87,6 @@ fn spread(mean: Option<f64>, std: Option<f64>) -> String {
     }
 }
 
-/// Escapes what TeX would read as a command.
 fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

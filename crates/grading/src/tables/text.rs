@@ -8,7 +8,7 @@ use super::{conditions_line, count, coverage, missing, run_line, seed_count};
 use crate::{Fault, Overall, RateRow, Results, Score, SeedRow, TaskResult};
 
 const WIDTH: usize = 80;
-/// More seeds than these are not listed one by one.
+/// More seeds than this are not listed one by one.
 const MANY_SEEDS: usize = 8;
 
 /// The result in one line, then conditions, rates, subtasks, ends, missing subtasks and bags that were left out.
@@ -81,8 +81,8 @@ fn headline(out: &mut String, results: &Results) {
     out.push_str(&rate("Bulb dropped", &overall.dropped));
 }
 
-/// Successes and S of the judge that ranks, such as `walk: 12/12 strict, S 1.000 over 3 of 12 subtasks`. Bags that were judged
-/// by the published rules alone have no strict verdict.
+/// Successes and S of the judge that ranks, such as `walk: 12/12 strict, S 1.000 over 3 of 12 subtasks`. Bags that were
+/// judged only by the published rules have no strict verdict.
 fn result_line(results: &Results) -> String {
     let Overall { episodes, strict_success, success, .. } = &results.overall;
     let (hits, judge, score) = match (strict_success, &results.score_strict) {
@@ -94,7 +94,7 @@ fn result_line(results: &Results) -> String {
     format!("{}: {hits}/{episodes} {judge}{mean}{covers}", plain(&results.policy))
 }
 
-/// The scores under each seed, or, of many, the least and the greatest.
+/// The scores under each seed, or of many only the least and the greatest.
 fn by_seed(score: &Score) -> String {
     let one = |row: &SeedRow| format!("{}: {:.4}", row.seed, row.score);
     let span = |row: &SeedRow| format!("{:.4} (seed {})", row.score, row.seed);
@@ -165,7 +165,7 @@ fn share(value: Option<f64>, digits: usize) -> String {
     value.map_or("    -".into(), |value| format!("{value:>5.digits$}"))
 }
 
-/// A line on one or several lines: breaks it at spaces and indents all but the first. Overlong words stay whole.
+/// A text on one or several lines: breaks it at spaces and indents all but the first. Long words stay whole.
 fn wrapped(text: &str, indent: &str) -> String {
     let text = plain(text);
     let mut lines = vec![String::new()];

@@ -17,19 +17,17 @@ use fiatlux_wire::{
 };
 use room::{Draw, goal_of, row_at, start_of, topple, touch};
 
-/// How many random changes a test makes: a tenth of them, and all with `FIATLUX_ALL_MUTATIONS` set.
+/// Number of random changes of a test: a tenth, or all with `FIATLUX_ALL_MUTATIONS` set.
 pub fn mutations(all: usize) -> usize {
     if std::env::var_os("FIATLUX_ALL_MUTATIONS").is_some() { all } else { all / 10 }
 }
 
-/// What happens in an episode.
+/// The course of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Story {
-    /// Nothing, until this step.
+    /// Nothing happens until this step.
     Waits(u64),
-    /// The robot falls at this step.
     Falls(u64),
-    /// The goal is reached at this step.
     Succeeds(u64),
     /// The goal is reached at this step, with a bulb crushed on the way.
     Crushes(u64),
@@ -187,7 +185,6 @@ pub fn result(header: &v3::EpisodeHeader, rows: &[Row]) -> v3::EpisodeResult {
     }
 }
 
-/// An unfinished bag with these rows.
 pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter {
     let mut writer = BagWriter::create(path, header).expect("a new bag");
     for row in rows {

@@ -1,4 +1,4 @@
-//! Bags that were changed after recording: none is scored, whatever was changed.
+//! Guards that a bag that was changed after recording is not scored.
 
 use crate::common::{Folder, Story, begin, header, result, rows, sealed};
 use fiatlux_access::{Identity, sign_result};
@@ -21,7 +21,7 @@ fn graded(folder: &Folder) -> Results {
     grade(std::slice::from_ref(&folder.0), &options, &|_| {}).expect("graded")
 }
 
-/// Why grading refuses a bag of these parts; `None` where it is scored.
+/// The reason why grading refuses a bag of these parts.
 fn refusal(name: &str, header: &EpisodeHeader, rows: &[Row], result: &EpisodeResult) -> Option<ExcludedBag> {
     let folder = Folder::new(&format!("bound-{name}"));
     begin(&folder.0.join("a.mcap"), header, rows).finish(result).expect("finished");
@@ -107,7 +107,7 @@ fn what_was_recorded_is_scored() {
     assert_eq!(refusal("as-it-was", &header, &rows, &result), None);
 }
 
-/// Covers a changed header, also one whose digests were partly recomputed.
+/// Guards a changed header, also one whose digests were partly recomputed.
 #[test]
 fn a_header_that_was_changed_is_refused() {
     let (header, rows, result) = episode();
@@ -155,7 +155,7 @@ fn a_request_that_contradicts_its_header_is_refused() {
     );
 }
 
-/// An older or a later protocol version does not bypass the check.
+/// Guards that neither an older nor a later protocol version bypasses the check.
 #[test]
 fn a_bag_that_binds_nothing_is_refused() {
     let (header, rows, result) = episode();
@@ -177,7 +177,8 @@ fn a_bag_that_binds_nothing_is_refused() {
     );
 }
 
-/// Covers every number of a result that rows determine; the first that differs is named with both values.
+/// Guards that every number of a result that the rows determine is compared; the first that differs is named with both
+/// values.
 #[test]
 fn a_result_that_was_changed_is_refused() {
     type Change = fn(&mut EpisodeResult);
@@ -223,7 +224,7 @@ fn a_result_that_was_changed_is_refused() {
     }
 }
 
-/// A failure passed off as a success by another bag's result, by fewer rows, or by repeated rows.
+/// Guards against a failure that poses as a success by another bag's result, by fewer rows, or by repeated rows.
 #[test]
 fn rows_and_results_of_different_bags_do_not_mix() {
     let (header_a, rows_a, result_a) = episode();
@@ -256,7 +257,7 @@ fn rows_and_results_of_different_bags_do_not_mix() {
     assert!(refused.detail.contains("2 messages on /result in place of one"), "{}", refused.detail);
 }
 
-/// A signature can be neither changed nor copied; the scores name the signer.
+/// Guards that a signature can be neither changed nor copied, and that the scores name the signer.
 #[test]
 fn signatures_fit_one_result() {
     let (header_a, rows_a, mut result_a) = episode();
@@ -277,7 +278,7 @@ fn signatures_fit_one_result() {
     assert_eq!(refusal("bare", &header_a, &rows_a, &bare), None);
 }
 
-/// A number that is not finite is named with its row: servers never record one, and the bag is not cut.
+/// Guards that a number that is not finite is named with its row: servers never record one, and the bag is not cut.
 #[test]
 fn a_row_that_is_not_finite_is_named() {
     let (header, mut rows, result) = episode();

@@ -1,4 +1,4 @@
-//! Two runs compared: pairs, closed-form p-values, and what is refused.
+//! Two runs compared: pairs, closed-form p-values, and refusals.
 
 use std::path::PathBuf;
 
@@ -62,7 +62,7 @@ fn p_values_are_those_of_closed_forms() {
     assert_eq!(turned.score_difference, -all.score_difference);
 }
 
-/// The strict gate decides only where every episode has a strict verdict.
+/// Guards that the strict gate decides only if every episode has a strict verdict.
 #[test]
 fn strict_successes_count_where_all_episodes_have_them() {
     let folder = Folder::new("compare-strict");

@@ -42,7 +42,7 @@ fn scores_are_those_of_the_rows() {
     assert_eq!(back.overall, results.overall);
 }
 
-/// The number of threads does not matter.
+/// Guards that the number of threads does not matter.
 #[test]
 fn the_same_bags_give_the_same_bytes() {
     let folder = Folder::new("bytes");
@@ -112,7 +112,7 @@ fn what_does_not_go_together_is_an_error() {
     assert!(matches!(grade_in(&folder, options), Err(ScoreError::Threshold(_))));
 }
 
-/// Another version of rooms, physics or rules is another benchmark.
+/// Guards that another version of rooms, physics or rules is another benchmark.
 #[test]
 fn benchmark_versions_do_not_share_a_table() {
     let folder = Folder::new("benchmarks");
@@ -154,7 +154,7 @@ fn bags_of_another_row_layout_are_refused_with_the_remedy() {
     assert!(detail.contains("layout fiatlux-row/2, this scorer knows fiatlux-row/5"), "{detail}");
 }
 
-/// An episode that diverged has a whole bag, and fails in every table, whatever its gate says.
+/// Guards that an episode that diverged has a whole bag, and fails in every table, whatever its gate says.
 #[test]
 fn an_episode_that_diverged_is_graded_as_a_failure() {
     let folder = Folder::new("diverged");
@@ -172,7 +172,7 @@ fn an_episode_that_diverged_is_graded_as_a_failure() {
     assert!(page.contains("b-diverged\">diverged") && page.contains(".b-diverged {") && page.contains(".f-diverged {"));
 }
 
-/// The page says how to view an episode, and links to a replay next to its bag.
+/// Guards that the page says how to view an episode, and links to a replay next to its bag.
 #[test]
 fn a_page_leads_to_replays() {
     let folder = Folder::new("replays");
@@ -186,7 +186,7 @@ fn a_page_leads_to_replays() {
     assert!(report::html_in(&results, &folder.0).contains("<a href=\"a%20b.html\">3D replay</a>"));
 }
 
-/// A bag of an earlier protocol is refused by its version, not for the fields that it lacks.
+/// Guards that a bag of an earlier protocol is refused by its version, not for its missing fields.
 #[test]
 fn bags_of_older_protocols_are_refused_with_the_remedy() {
     let folder = Folder::new("protocols");
@@ -211,7 +211,7 @@ fn bags_of_older_protocols_are_refused_with_the_remedy() {
     }
 }
 
-/// A crush at 30 N that was none at 50 N ends the episode; later rows do not count.
+/// A crush at 30 N, which is none at 50 N, ends the episode; later rows do not count.
 #[test]
 fn thresholds_change_without_a_new_run() {
     let folder = Folder::new("set");
@@ -229,7 +229,7 @@ fn thresholds_change_without_a_new_run() {
     assert!(!strict.conditions.ranked && strict.conditions.thresholds_set == ["fragility_n"]);
 }
 
-/// A policy may have any name: on the page and in the tables it is plain text.
+/// Guards that a policy's name is plain text on the page and in the tables.
 #[test]
 fn names_are_not_markup() {
     let folder = Folder::new("names");
@@ -243,7 +243,7 @@ fn names_are_not_markup() {
     assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)"));
 }
 
-/// Guards against a name that writes lines of its own, or turns those around it.
+/// Guards against a name that writes lines of its own, or reverses those around it.
 #[test]
 fn names_are_not_lines() {
     let folder = Folder::new("lines");
@@ -254,7 +254,7 @@ fn names_are_not_lines() {
     assert!(text.contains(r"a\u000aPolicy best\u001b[2K\u202e: 12"), "{text}");
 }
 
-/// The first line is the result, and no line is broken in a terminal of 80 columns.
+/// Guards that the first line is the result, and that no line is wider than 80 columns.
 #[test]
 fn the_table_fits() {
     let folder = Folder::new("width");

@@ -1,4 +1,4 @@
-//! Bags with random changes, up to 10,000: none stops the grader, and only unchanged ones are scored.
+//! Bags with random changes, up to 10,000: none crashes the grader, and only unchanged ones are scored.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use fiatlux_rules::Task;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 
-/// Limit on the peak memory of the process, bytes.
+/// Maximum peak memory of the process, bytes.
 const MAX_MEMORY: u64 = 1 << 30;
 
 fn mutated(random: &mut Pcg64Mcg, sources: &[Vec<u8>]) -> Vec<u8> {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use crate::common::{Folder, Story, begin, header, result, rows, sealed};
-use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, Planned, Registration, journal_of};
+use fiatlux_bag::run::{Event, LedgerWriter, NOT_REPEATED, PlannedEpisode, Registration, journal_of};
 use fiatlux_grading::{Fault, GradeOptions, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest, RunSpec, RunTicket};
@@ -14,22 +14,22 @@ const WINS: Story = Story::Succeeds(30);
 const FALLS: Story = Story::Falls(20);
 
 /// The folder of a run, with the journal of one server.
-struct Run {
+struct RunFolder {
     folder: PathBuf,
     writer: LedgerWriter,
     hosted: bool,
 }
 
-fn planned(task: Task, seed: u64) -> Planned {
-    Planned { task: task.to_string(), seed }
+fn planned(task: Task, seed: u64) -> PlannedEpisode {
+    PlannedEpisode { task: task.to_string(), seed }
 }
 
-impl Run {
-    fn new(folder: &Folder, server: &str, episodes: &[Planned]) -> Self {
+impl RunFolder {
+    fn new(folder: &Folder, server: &str, episodes: &[PlannedEpisode]) -> Self {
         Self::with(folder, server, episodes, 0)
     }
 
-    fn with(folder: &Folder, server: &str, episodes: &[Planned], hosted_seeds: u32) -> Self {
+    fn with(folder: &Folder, server: &str, episodes: &[PlannedEpisode], hosted_seeds: u32) -> Self {
         let session = OpenRequest { episode_protocol: "published".into(), ..OpenRequest::default() };
         let registration = Registration {
             protocol: PROTOCOL,
@@ -70,7 +70,7 @@ impl Run {
     }
 
     fn header(&self, episode: u32, attempt: u32) -> EpisodeHeader {
-        let Planned { task, seed } = &self.writer.ledger().registration().episodes[episode as usize];
+        let PlannedEpisode { task, seed } = &self.writer.ledger().registration().episodes[episode as usize];
         let ticket = RunTicket {
             run: "first".into(),
             episode,
@@ -139,7 +139,7 @@ fn words(results: &Results) -> String {
 #[test]
 fn a_success_and_an_abort_are_half() {
     let folder = Folder::new("half");
-    let mut run = Run::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S03, 1)]);
+    let mut run = RunFolder::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S03, 1)]);
     run.whole(0, WINS);
     let attempt = run.open(1, 9);
     let (head, all) = (run.header(1, attempt), rows(Task::S03, 1, FALLS));
@@ -194,11 +194,11 @@ fn a_success_and_an_abort_are_half() {
     }
 }
 
-/// Without its journal nothing shows what a run left out. Bags that were recorded in no run need none.
+/// Guards that bags of a run without its journal are reported. Bags that were recorded in no run need none.
 #[test]
 fn a_run_without_its_journal_says_so() {
     let folder = Folder::new("no-journal");
-    let mut run = Run::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S03, 1)]);
+    let mut run = RunFolder::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S03, 1)]);
     run.whole(0, WINS);
     run.whole(1, FALLS);
     run.finish();
@@ -220,7 +220,7 @@ fn a_run_without_its_journal_says_so() {
 fn bags_that_the_journal_names_must_be_there_and_be_those() {
     let folder = Folder::new("named");
     let episodes = [0, 1, 2, 3, 4, 5].map(|seed| planned(Task::S03, seed));
-    let mut run = Run::new(&folder, "lab", &episodes);
+    let mut run = RunFolder::new(&folder, "lab", &episodes);
     (0..6).for_each(|episode| run.whole(episode, if episode == 2 { WINS } else { FALLS }));
     fs::remove_file(run.bag(0)).expect("removed");
     // A row was changed.
@@ -247,18 +247,19 @@ fn bags_that_the_journal_names_must_be_there_and_be_those() {
         ("first/lab-e5.mcap", Fault::Unreadable),
     ];
     assert_eq!(found, expected);
-    assert!(results.excluded[2].detail.contains("its index in the run is '2', the journal has '3'"));
+    assert!(results.excluded[2].detail.contains("its index in the run is '2', but '3' in the journal"));
     assert!(results.excluded[3].detail.contains("the digest of its rows"));
     assert!(results.has_data_loss());
     assert_eq!((results.subtasks[0].episodes, results.overall.success.hits), (6, 1));
 }
 
-/// Played on one server means played. Of two plays the one begun first counts, apart from attempts of a dead server.
+/// Guards that an episode counts as played if one server played it. Of two plays the one begun first counts, apart from
+/// attempts of a dead server.
 #[test]
 fn journals_of_several_servers_are_one_run() {
     let folder = Folder::new("servers");
     let episodes = [0, 1, 2, 3].map(|seed| planned(Task::S03, seed));
-    let [mut a, mut b] = ["a", "b"].map(|server| Run::new(&folder, server, &episodes));
+    let [mut a, mut b] = ["a", "b"].map(|server| RunFolder::new(&folder, server, &episodes));
     a.whole(0, WINS);
     let at_b = b.open(1, 5);
     let at_a = a.open(1, 6);
@@ -287,7 +288,7 @@ fn journals_of_several_servers_are_one_run() {
     assert!(words(&results).contains("Note: S03, seed 1 was played on b and on a; b began it first and counts"));
 
     let other = Folder::new("others");
-    drop([Run::new(&other, "a", &episodes), Run::new(&other, "b", &episodes[1..])]);
+    drop([RunFolder::new(&other, "a", &episodes), RunFolder::new(&other, "b", &episodes[1..])]);
     let error = grade_in(&other).expect_err("two runs").to_string();
     assert!(error.contains("the list of episodes differs"), "{error}");
 }
@@ -296,7 +297,7 @@ fn journals_of_several_servers_are_one_run() {
 fn a_run_that_is_not_finished_says_so() {
     let folder = Folder::new("unfinished");
     let episodes: Vec<_> = Task::SUBTASKS.map(|task| planned(task, 1 << 40)).into();
-    let mut run = Run::with(&folder, "lab", &episodes, 1);
+    let mut run = RunFolder::with(&folder, "lab", &episodes, 1);
     run.whole(0, WINS);
     run.open(1, 9);
     run.open(2, 9);
@@ -317,7 +318,7 @@ fn a_run_that_is_not_finished_says_so() {
 
     // Not a single episode was played.
     let folder = Folder::new("unplayed");
-    drop(Run::new(&folder, "lab", &episodes));
+    drop(RunFolder::new(&folder, "lab", &episodes));
     let results = graded(&folder);
     assert_eq!(
         (results.score.mean, results.score_strict.is_none(), results.conditions.ranked),
@@ -327,11 +328,11 @@ fn a_run_that_is_not_finished_says_so() {
     assert!(report::html(&results).contains("0 played"));
 }
 
-/// A folder above that of a run is not a run.
+/// Guards that a folder above that of a run is not a run.
 #[test]
 fn runs_are_graded_one_by_one() {
     let folder = Folder::new("above");
-    let mut run = Run::new(&folder, "lab", &[planned(Task::S03, 0)]);
+    let mut run = RunFolder::new(&folder, "lab", &[planned(Task::S03, 0)]);
     run.whole(0, WINS);
     run.finish();
     let above = || grade(std::slice::from_ref(&folder.0), &GradeOptions::default(), &|_| {});
@@ -345,27 +346,27 @@ fn runs_are_graded_one_by_one() {
     assert!(matches!(grade_in(&folder), Err(ScoreError::Ledger(_))));
 }
 
-/// Guards against journals that are cut, renamed or there twice, and say nothing of it.
+/// Guards against journals that are cut, renamed or copied without notice.
 #[test]
 fn odd_journals_are_named() {
     let folder = Folder::new("odd-journals");
-    let mut run = Run::new(&folder, "lab", &[planned(Task::S01, 3), planned(Task::S01, 4)]);
+    let mut run = RunFolder::new(&folder, "lab", &[planned(Task::S01, 3), planned(Task::S01, 4)]);
     run.whole(0, WINS);
     let journal = journal_of(&run.folder, "lab");
     assert_eq!(graded(&folder).run.expect("a run").notes, [""; 0]);
-    // The line of the second episode is torn.
+    // The line of the second episode is partial.
     let whole = fs::read(&journal).expect("a journal");
     run.whole(1, WINS);
     let more = fs::read(&journal).expect("a journal");
     fs::write(&journal, &more[..whole.len() + 20]).expect("torn");
     let notes = graded(&folder).run.expect("a run").notes;
-    assert!(notes.len() == 1 && notes[0].contains("lab.run.jsonl ends in half a line"), "{notes:?}");
+    assert!(notes.len() == 1 && notes[0].contains("lab.run.jsonl ends in a partial line"), "{notes:?}");
     // A copy under another name would count every attempt twice.
     fs::write(&journal, &whole).expect("written");
     let copy = journal_of(&run.folder, "copy");
     fs::write(&copy, &whole).expect("written");
     let error = grade_in(&folder).expect_err("two").to_string();
-    assert!(error.contains("are both journals of server lab; keep the one"), "{error}");
+    assert!(error.contains("are both journals of server lab; keep the server's own"), "{error}");
     fs::remove_file(&journal).expect("removed");
     let notes = graded(&folder).run.expect("a run").notes;
     assert!(notes.len() == 1 && notes[0].contains("copy.run.jsonl is the journal of server lab"), "{notes:?}");

@@ -8,10 +8,10 @@ use serde_json::json;
 use crate::store::Account;
 use crate::{Service, StoreError};
 
-/// Longest value of the header Authorization, bytes.
+/// Maximum length of the header Authorization, bytes.
 const MAX_AUTHORIZATION: usize = 256;
 
-/// Why a request failed, sent as `{"error": {"code", "message"}}`, with more fields where they help.
+/// The error of a request, sent as `{"error": {"code", "message"}}`, with more fields if they help.
 #[derive(Debug)]
 pub(crate) struct Problem {
     status: StatusCode,
@@ -31,7 +31,7 @@ impl Problem {
         Self::new(StatusCode::BAD_REQUEST, "request", message)
     }
 
-    /// 404: it does not exist, or the sender must not know whether it does.
+    /// 404: it does not exist, or the sender may not know if it does.
     pub fn missing(message: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, "missing", message)
     }
@@ -56,7 +56,7 @@ impl Problem {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", message)
     }
 
-    /// Adds how many bytes of the file have arrived, which is where the client should resume.
+    /// Adds the number of bytes of the file that have arrived, where the client should resume.
     pub fn with_received(mut self, received: u64) -> Self {
         self.received = Some(received);
         self
@@ -81,7 +81,7 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        // The caller cannot help it, and must not learn where the store is.
+        // The client cannot correct it, and must not learn where the store is.
         tracing::error!(error = fiatlux_cli::in_full(&error), "a request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "store", "the service cannot reach its store; try again later")
     }
@@ -97,7 +97,6 @@ pub(super) fn json_text(text: String) -> Response {
     (headers, text).into_response()
 }
 
-/// A response with a value as JSON.
 pub(super) fn json_of(value: &impl Serialize) -> Result<Response, Problem> {
     let text = serde_json::to_string(value).map_err(|error| StoreError::corrupt("an answer", error))?;
     Ok(json_text(text))

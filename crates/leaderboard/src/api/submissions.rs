@@ -13,32 +13,30 @@ use serde::{Deserialize, Serialize};
 use time::format_description::well_known::Rfc3339;
 
 use super::answer::{Problem, account_of, json_of};
-use crate::store::{Account, Begun, Digest, Draft, FileRow};
+use crate::store::{Account, BeginOutcome, Digest, Draft, FileRow};
 use crate::submission::{BAG, FileSpec, JOURNAL, Limits, MAX_NAME, id_of, is_file_name};
-use crate::{Badge, Division, Entry, Manifest, Service, State as Stage, SubmissionId};
+use crate::{Badge, Division, Entry, Manifest, Service, Stage, SubmissionId};
 
-/// Longest body of a request that begins a submission, bytes: about 250 for each file.
+/// Maximum size of the body of a request that begins a submission, bytes: about 250 for each file.
 const MAX_BODY: usize = 8 << 20;
-/// How long that body may take.
+/// Time limit for that body.
 const BODY_TIME: Duration = Duration::from_secs(30);
 
-/// The body of the request that begins a submission.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Wish {
+struct SubmissionRequest {
     manifest: Manifest,
-    files: Vec<WishedFile>,
+    files: Vec<FileRequest>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct WishedFile {
+struct FileRequest {
     name: String,
     bytes: u64,
     sha256: String,
 }
 
-/// A submission as JSON.
 #[derive(Debug, Serialize)]
 struct EntryJson {
     id: String,
@@ -124,23 +122,23 @@ pub(super) async fn begin(
     body: Body,
 ) -> Result<Response, Problem> {
     let account = account_of(&service, &headers).await?;
-    let wish = read(body).await?;
-    let (manifest, files) = check(wish, &service.options.limits)?;
+    let request = read(body).await?;
+    let (manifest, files) = check(request, &service.options.limits)?;
     let id = id_of(&account.name, &manifest, &files);
     let draft = Draft { id, manifest, files };
     let too_many = |message: String| Problem::new(StatusCode::TOO_MANY_REQUESTS, "limit", message);
     let status = match service.store.begin(&account, &draft).await? {
-        Begun::New => StatusCode::CREATED,
-        Begun::Known => StatusCode::OK,
-        Begun::TooManyToday(most) => {
+        BeginOutcome::New => StatusCode::CREATED,
+        BeginOutcome::Known => StatusCode::OK,
+        BeginOutcome::TooManyToday(most) => {
             return Err(too_many(format!("the account may begin only {most} submissions within 24 hours; wait")));
         }
-        Begun::TooManyOpen(most) => {
+        BeginOutcome::TooManyOpen(most) => {
             return Err(too_many(format!(
                 "{most} submissions of the account still wait for files; finish one of them"
             )));
         }
-        Begun::TooManyBytes(most) => {
+        BeginOutcome::TooManyBytes(most) => {
             return Err(too_many(format!(
                 "all submissions of the account together may have {most} bytes; ask the administrator for more"
             )));
@@ -183,7 +181,7 @@ pub(super) async fn results(State(service): State<Arc<Service>>, Path(id): Path<
     json_of(&*results)
 }
 
-/// `POST /api/v1/submissions/{id}/finish`: says that all files are sent. The answer 202 means that the submission is accepted.
+/// `POST /api/v1/submissions/{id}/finish`: ends the upload. The answer 202 means that the submission is accepted.
 pub(super) async fn finish(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
@@ -217,7 +215,7 @@ async fn own(service: &Service, id: SubmissionId) -> Result<Response, Problem> {
     if shown.state == Stage::Uploading {
         let folder = service.store.incoming(id);
         let files = service.store.files(id).await?;
-        // One call to the file system for each file: too slow for a thread that serves others.
+        // One call to the file system for each file: too slow for a thread that serves other requests.
         let listed = tokio::task::spawn_blocking(move || {
             let length = |file: &FileRow| std::fs::metadata(folder.join(file.place.to_string())).map_or(0, |m| m.len());
             let shown = |file: FileRow| FileJson {
@@ -235,7 +233,7 @@ async fn own(service: &Service, id: SubmissionId) -> Result<Response, Problem> {
     json_of(&shown)
 }
 
-async fn read(body: Body) -> Result<Wish, Problem> {
+async fn read(body: Body) -> Result<SubmissionRequest, Problem> {
     let collected = tokio::time::timeout(BODY_TIME, Limited::new(body, MAX_BODY).collect()).await;
     let bytes = match collected {
         Err(_) => return Err(Problem::slow(format!("the body did not arrive within {} s", BODY_TIME.as_secs()))),
@@ -251,23 +249,23 @@ async fn read(body: Body) -> Result<Wish, Problem> {
 }
 
 /// Checks an announced submission; returns its files sorted by name.
-fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Problem> {
+fn check(request: SubmissionRequest, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Problem> {
     let wrong = |code, message: String| Problem::new(StatusCode::UNPROCESSABLE_ENTITY, code, message);
-    wish.manifest.check().map_err(|error| wrong("manifest", error.to_string()))?;
-    if wish.files.is_empty() || !wish.files.iter().any(|file| file.name.ends_with(BAG)) {
+    request.manifest.check().map_err(|error| wrong("manifest", error.to_string()))?;
+    if request.files.is_empty() || !request.files.iter().any(|file| file.name.ends_with(BAG)) {
         return Err(wrong("files", format!("files: there is no bag; name some that end in {BAG}")));
     }
-    if wish.files.len() > limits.files {
+    if request.files.len() > limits.files {
         return Err(Problem::too_large(format!(
             "files: {} of them; at most {} are allowed",
-            wish.files.len(),
+            request.files.len(),
             limits.files
         )));
     }
     let mut names = BTreeSet::new();
     let mut total: u64 = 0;
-    let mut files = Vec::with_capacity(wish.files.len());
-    for (place, WishedFile { name, bytes, sha256 }) in wish.files.into_iter().enumerate() {
+    let mut files = Vec::with_capacity(request.files.len());
+    for (place, FileRequest { name, bytes, sha256 }) in request.files.into_iter().enumerate() {
         if !is_file_name(&name) {
             return Err(wrong(
                 "files",
@@ -297,5 +295,5 @@ fn check(wish: Wish, limits: &Limits) -> Result<(Manifest, Vec<FileSpec>), Probl
         return Err(Problem::too_large(format!("files: {total} bytes together; at most {} are allowed", limits.bytes)));
     }
     files.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok((wish.manifest, files))
+    Ok((request.manifest, files))
 }

@@ -1,4 +1,4 @@
-//! Uploads: each resumes where the last connection stopped, and a file is kept only if it is what was announced.
+//! Uploads: each resumes where the last connection stopped, and a file is kept only if it has the announced digest.
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
@@ -17,12 +17,13 @@ use tokio::io::AsyncWriteExt as _;
 use super::answer::{Problem, account_of, json_of};
 use super::submissions::owned;
 use crate::store::StoredFile;
-use crate::{Pace, Service, State as Stage, StoreError, SubmissionId};
+use crate::{Pace, Service, Stage, StoreError, SubmissionId};
 
 /// Bytes that are collected before they are written. A frame of a body has 32 kB at most.
 const PART: usize = 256 << 10;
 
-/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, which must be what is there already.
+/// `PUT /api/v1/submissions/{id}/files/{place}?offset=N`: bytes of a file from `N` on, the number
+/// that has arrived.
 pub(super) async fn upload(
     State(service): State<Arc<Service>>,
     Path((id, place)): Path<(String, String)>,
@@ -53,7 +54,7 @@ pub(super) async fn upload(
     if received < file.bytes {
         return json_of(&json!({ "received": received, "stored": false }));
     }
-    // A client that has sent everything may hang up now: the rest is done all the same.
+    // A client that has sent everything may disconnect now: the rest is still done.
     let sealing = tokio::spawn(async move {
         let sealed = seal(&service, &path, &file, entry.id, place).await;
         drop(claim);
@@ -68,7 +69,7 @@ pub(super) async fn upload(
     json_of(&json!({ "received": received, "stored": true }))
 }
 
-/// Appends the body to what has arrived; returns how many bytes have arrived then.
+/// Appends the body to the bytes that have arrived; returns their new number.
 async fn append(
     service: &Service,
     path: &FilePath,
@@ -85,20 +86,20 @@ async fn append(
     }
     let mut part = Vec::new();
     let taken = take(service, &mut out, &mut part, file.bytes, length, body).await;
-    // What came before it broke off is worth keeping.
+    // Bytes that came before the interruption are kept.
     write(service, &mut out, &mut part).await.map_err(io("write"))?;
     taken.map_err(|failed| match failed {
-        Failed::Write(source) => io("write")(source).into(),
-        Failed::Said(problem) => problem,
+        UploadError::Write(source) => io("write")(source).into(),
+        UploadError::Said(problem) => problem,
     })
 }
 
-enum Failed {
+enum UploadError {
     Write(std::io::Error),
     Said(Problem),
 }
 
-/// Takes a body in; how long the file is then, once also `part` is written.
+/// Receives a body; returns the length of the file once `part` is written, too.
 async fn take(
     service: &Service,
     out: &mut File,
@@ -106,46 +107,45 @@ async fn take(
     whole: u64,
     mut length: u64,
     mut body: Body,
-) -> Result<u64, Failed> {
-    let Pace { silence, start: free, least_rate } = service.options.pace;
+) -> Result<u64, UploadError> {
+    let Pace { silence, start: free, min_rate } = service.options.pace;
     let (start, first) = (Instant::now(), length);
     loop {
         let frame = match tokio::time::timeout(silence, body.frame()).await {
             Ok(Some(Ok(frame))) => frame,
             Ok(None) => return Ok(length),
             Ok(Some(Err(_))) => {
-                return Err(Failed::Said(
+                return Err(UploadError::Said(
                     Problem::request("the upload was interrupted; resume at `received`").with_received(length),
                 ));
             }
             Err(_) => {
                 let message = format!("nothing arrived for {} s; resume at `received`", silence.as_secs());
-                return Err(Failed::Said(Problem::slow(message).with_received(length)));
+                return Err(UploadError::Said(Problem::slow(message).with_received(length)));
             }
         };
         let Ok(data) = frame.into_data() else { continue };
         let room = whole - length;
         if data.len() as u64 > room {
             let message = format!("the file was announced with {whole} bytes, but more arrived");
-            return Err(Failed::Said(Problem::too_large(message).with_received(length)));
+            return Err(UploadError::Said(Problem::too_large(message).with_received(length)));
         }
         part.extend_from_slice(&data);
         if part.len() >= PART {
-            write(service, out, part).await.map_err(Failed::Write)?;
+            write(service, out, part).await.map_err(UploadError::Write)?;
         }
         length += data.len() as u64;
         service.metrics.uploaded_bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         let taken = start.elapsed();
-        if taken > free && (length - first) / taken.as_secs().max(1) < least_rate && length < whole {
+        if taken > free && (length - first) / taken.as_secs().max(1) < min_rate && length < whole {
             let message =
-                format!("less than {least_rate} bytes/s arrived; resume at `received` over a better connection");
-            return Err(Failed::Said(Problem::slow(message).with_received(length)));
+                format!("less than {min_rate} bytes/s arrived; resume at `received` over a better connection");
+            return Err(UploadError::Said(Problem::slow(message).with_received(length)));
         }
     }
 }
 
-/// Writes what has come. Few uploads do so at once: each write takes a thread, and dozens of them would keep those waiting who
-/// read pages.
+/// Writes bytes of a body. Few uploads do so at once: each write takes a thread, and dozens of them would delay pages.
 async fn write(service: &Service, out: &mut File, part: &mut Vec<u8>) -> std::io::Result<()> {
     // It is never closed.
     let _permit = service.writers.acquire().await.map_err(std::io::Error::other)?;
@@ -154,7 +154,7 @@ async fn write(service: &Service, out: &mut File, part: &mut Vec<u8>) -> std::io
     out.flush().await
 }
 
-/// Keeps a file that has all its bytes, if they are what was announced; else drops it.
+/// Keeps a complete file if it has the announced digest; else removes it.
 async fn seal(
     service: &Service,
     path: &FilePath,

@@ -9,11 +9,10 @@ use ureq::{Agent, SendBody};
 
 use super::SubmitError;
 
-/// Longest response, bytes: 20,000 files of about 250 each.
+/// Maximum size of a response, bytes: 20,000 files of about 250 each.
 const MAX_ANSWER: u64 = 16 << 20;
-/// How long a request without a file may take.
+/// Time limit of a request without a file.
 const PATIENCE: Duration = Duration::from_secs(90);
-/// How long a connection may take to open.
 const CONNECT: Duration = Duration::from_secs(15);
 
 /// One service, and the token for it.
@@ -23,7 +22,6 @@ pub(super) struct Http {
     authorization: String,
 }
 
-/// A response of the service.
 pub(super) struct Answer {
     pub status: u16,
     /// The body; `null` if it is not JSON.
@@ -31,11 +29,10 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// The error that the response describes.
     pub fn refused(&self) -> SubmitError {
         let text = |field: &str| self.json["error"][field].as_str().map(str::to_owned);
         let code = text("code").unwrap_or_else(|| self.status.to_string());
-        let message = text("message").unwrap_or_else(|| "it gives no reason; is this a leaderboard?".into());
+        let message = text("message").unwrap_or_else(|| "it gives no reason; check that it is a leaderboard".into());
         SubmitError::Refused { code, message }
     }
 }
@@ -58,15 +55,14 @@ impl Http {
         Ok(Self { agent: config.into(), url: url.into(), authorization: format!("Bearer {}", token.trim()) })
     }
 
-    /// Sends a request without a file.
     pub fn ask(&self, method: &str, address: &str, body: Option<&str>) -> Result<Answer, String> {
         let request = self.request(method, address, body.map_or(0, |body| body.len() as u64))?;
         let mut bytes = body.unwrap_or_default().as_bytes();
         self.send(request, &mut bytes)
     }
 
-    /// Sends `length` bytes of a file from its current position. `on_bytes` gets the length of each part that was read, and
-    /// stops the upload by returning `false`.
+    /// Sends `length` bytes of a file from its current position. `on_bytes` gets the length of each part that was read,
+    /// and stops the upload by returning `false`.
     pub fn put(
         &self,
         address: &str,
@@ -75,7 +71,7 @@ impl Http {
         on_bytes: &mut dyn FnMut(u64) -> bool,
     ) -> Result<Answer, String> {
         let request = self.request("PUT", address, length)?;
-        self.send(request, &mut Told { file: file.take(length), on_bytes })
+        self.send(request, &mut ProgressReader { file: file.take(length), on_bytes })
     }
 
     pub fn unanswered(&self, reason: String) -> SubmitError {
@@ -118,13 +114,13 @@ impl std::fmt::Debug for Http {
     }
 }
 
-/// Reports how much was read.
-struct Told<'a, R> {
+/// A reader that reports the length of each part.
+struct ProgressReader<'a, R> {
     file: R,
     on_bytes: &'a mut dyn FnMut(u64) -> bool,
 }
 
-impl<R: Read> Read for Told<'_, R> {
+impl<R: Read> Read for ProgressReader<'_, R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let length = self.file.read(buffer)?;
         if length > 0 && !(self.on_bytes)(length as u64) {

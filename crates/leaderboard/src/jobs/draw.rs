@@ -1,5 +1,5 @@
-//! Draws pictures of a verified submission: of each subtask its best success. The time is bounded, and what cannot be drawn
-//! is left out: pictures are for people, and nothing depends on them.
+//! Draws pictures of a verified submission: the best success of each subtask. The time is limited, and pictures that
+//! fail are left out: nothing depends on them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,10 +15,10 @@ use fiatlux_rules::Task;
 use crate::store::Picture;
 use crate::{Service, StoreError, SubmissionId};
 
-/// Longest time for the pictures of one episode.
+/// Time limit for the pictures of one episode.
 const LIMIT: Duration = Duration::from_secs(30);
 
-/// Draws one submission, and stores its pictures. Says whether there was one.
+/// Draws one submission, and stores its pictures. Returns `false` if none was waiting.
 pub(super) async fn draw_next(service: &Arc<Service>, stop: &Arc<AtomicBool>) -> Result<bool, StoreError> {
     let store = &service.store;
     let Some(id) = store.next_undrawn().await? else { return Ok(false) };
@@ -55,7 +55,7 @@ fn best(results: &Results) -> BTreeMap<&'static str, &EpisodeRow> {
     best
 }
 
-/// Pictures of a bag, drawn on a thread of its own; `None` if they cannot be drawn in time.
+/// Pictures of a bag, drawn on a separate thread; `None` if they cannot be drawn in time.
 async fn poster(id: SubmissionId, bag: std::path::PathBuf, stop: Arc<AtomicBool>) -> Option<Poster> {
     let draw = move || {
         let start = Instant::now();

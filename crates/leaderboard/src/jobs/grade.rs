@@ -12,34 +12,32 @@ use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade};
 use crate::store::{EpisodePlan, FileRow, now_ms};
 use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
 
-/// Longest time to read one bag. A bag of the largest size takes some seconds.
-const MOST_TIME: Duration = Duration::from_secs(60);
-/// Largest number of bags that a refusal names.
-const MOST_NAMED: usize = 3;
+/// Time limit for reading one bag. A bag of the largest size takes some seconds.
+const MAX_TIME: Duration = Duration::from_secs(60);
+const MAX_NAMED: usize = 3;
 
-/// Grades one received submission, and stores the outcome.
 pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };
     let files = store.files(id).await?;
     let start = now_ms();
-    let folder = Folder::make(service, id, &files).await?;
+    let folder = WorkFolder::make(service, id, &files).await?;
     let options = GradeOptions {
         workers: service.options.grade_workers,
         relative_to: folder.0.clone(),
-        time_limit: Some(MOST_TIME),
+        time_limit: Some(MAX_TIME),
         ..GradeOptions::default()
     };
     let path = folder.0.clone();
     let graded = tokio::task::spawn_blocking(move || grade(&[path], &options, &|_| {})).await;
-    // Files that make the grader panic once would do so again.
+    // Files that crashed the grader once would do so again.
     let graded = match graded {
         Ok(graded) => graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")),
         Err(_) => Err("the grader failed on these files; please report them".into()),
     };
     drop(folder);
     let outcome = graded.and_then(|results| outcome(results, &entry.manifest, &files, &service.options.signers));
-    // Submissions are graded in the order in which they were received: a graded one was there first.
+    // Submissions are graded in the order in which they were received: a graded one was received earlier.
     let outcome = match store.first_with_files_of(id).await? {
         Some((first, account)) => Err(format!(
             "these episodes were already submitted as {first} by {account}; the first submission keeps its place"
@@ -51,7 +49,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
             tracing::info!(submission = %id, reason, "refused");
             store.refuse(id, "service", &reason).await
         }
-        Ok(Outcome { results, badge, division, episodes }) => {
+        Ok(GradeOutcome { results, badge, division, episodes }) => {
             let json = results.to_json().map_err(|error| StoreError::corrupt("new results", error))?;
             let digest = store.blobs.put(json.into_bytes()).await?;
             store.set_graded(id, &digest, badge, division.as_ref(), &episodes).await?;
@@ -62,20 +60,20 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     }
 }
 
-struct Outcome {
+struct GradeOutcome {
     results: Results,
     badge: Badge,
     division: Option<Division>,
     episodes: Vec<EpisodePlan>,
 }
 
-/// The outcome of graded files, or why they are refused.
+/// The outcome of graded files, or the reason for which they are refused.
 fn outcome(
     results: Results,
     manifest: &Manifest,
     files: &[FileRow],
     signers: &KnownServers,
-) -> Result<Outcome, String> {
+) -> Result<GradeOutcome, String> {
     if let Some(reason) = losses(&results.excluded) {
         return Err(reason);
     }
@@ -103,23 +101,23 @@ fn outcome(
     if episodes.is_empty() {
         return Err("no episode was played to its end".into());
     }
-    Ok(Outcome { badge, division, episodes, results })
+    Ok(GradeOutcome { badge, division, episodes, results })
 }
 
 /// Names the bags that cannot be scored, with the reason; ignores second copies of scored ones.
 fn losses(excluded: &[ExcludedBag]) -> Option<String> {
     let lost: Vec<&ExcludedBag> = excluded.iter().filter(|bag| bag.reason != Fault::Duplicate).collect();
-    let named = lost.iter().take(MOST_NAMED).map(|bag| format!("{}: {}: {}", bag.bag, bag.reason.name(), bag.detail));
+    let named = lost.iter().take(MAX_NAMED).map(|bag| format!("{}: {}: {}", bag.bag, bag.reason.name(), bag.detail));
     let mut reason = named.collect::<Vec<_>>().join("; ");
-    if lost.len() > MOST_NAMED {
-        reason += &format!("; and {} more bags", lost.len() - MOST_NAMED);
+    if lost.len() > MAX_NAMED {
+        reason += &format!("; and {} more bags", lost.len() - MAX_NAMED);
     }
     (!lost.is_empty()).then_some(reason)
 }
 
-/// Whether a finished run was played by servers of ours in rooms that they drew. Their signatures say so: those of the bags,
-/// which cover the header with its place in the run and whether the seed is hosted, and those of the journals, without which
-/// episodes or attempts could be left out.
+/// True if a finished run was played by servers of ours in rooms that they drew. Their signatures prove it: those of
+/// the bags, which cover the header with its index in the run and the origin of the seed, and those of the journals,
+/// without which episodes or attempts could be left out.
 fn is_hosted(results: &Results, signers: &KnownServers) -> bool {
     let is_known = |key: &str| key.parse::<PublicKey>().is_ok_and(|key| signers.name_of(&key).is_some());
     let run = results.run.as_ref().is_some_and(|run| {
@@ -131,9 +129,9 @@ fn is_hosted(results: &Results, signers: &KnownServers) -> bool {
 }
 
 /// A folder with the files of a submission under their names; removed when it is dropped.
-struct Folder(PathBuf);
+struct WorkFolder(PathBuf);
 
-impl Folder {
+impl WorkFolder {
     async fn make(service: &Service, id: SubmissionId, files: &[FileRow]) -> Result<Self, StoreError> {
         let path = service.store.work(id);
         let blobs = service.store.blobs.clone();
@@ -162,7 +160,7 @@ impl Folder {
     }
 }
 
-impl Drop for Folder {
+impl Drop for WorkFolder {
     fn drop(&mut self) {
         if let Err(error) = std::fs::remove_dir_all(&self.0) {
             tracing::warn!(%error, folder = %self.0.display(), "cannot remove a folder of the grader");
@@ -183,7 +181,7 @@ fn link(from: &Path, to: &Path) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
-    /// Guards what a submitter reads about bags that cannot be scored: the name, the kind and the reason of the first ones.
+    /// Guards that a refusal tells the submitter name, kind and reason of the first bags that cannot be scored.
     #[test]
     fn a_refusal_names_the_bags() {
         let bag = |name: &str, reason| ExcludedBag {

@@ -21,20 +21,20 @@ use super::Verifier;
 use crate::store::{Digest, EpisodeJob, Verdict};
 use crate::{Service, StoreError};
 
-/// How often an idle worker looks for work.
+/// Time between two looks for work of an idle worker.
 const LOOK: Duration = Duration::from_millis(250);
-/// Shortest and longest pause of a worker whose server does not answer.
+/// Minimum and maximum pause of a worker whose server does not answer.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
-/// How long an episode waits after a verification that failed without a verdict.
+/// Pause of an episode after a verification that failed without a verdict.
 const LATER: Duration = Duration::from_secs(10);
 /// After this many refusals by servers, an episode counts as one that cannot be replayed.
-const MOST_REFUSALS: u32 = 4;
+const MAX_REFUSALS: u32 = 4;
 
 /// The worker threads, `parallel` for each server.
 #[derive(Debug)]
 pub(super) struct Verifiers(Vec<JoinHandle<()>>);
 
-/// The episodes in work, those that failed a moment ago with the end of their pause, and how often each was refused.
+/// The episodes in progress, those that failed recently with the end of their pause, and each one's number of refusals.
 #[derive(Debug, Default)]
 struct Claims {
     taken: BTreeSet<EpisodeJob>,
@@ -52,12 +52,10 @@ struct Worker {
     name: String,
 }
 
-/// Outcome of an attempt to verify an episode.
-enum Outcome {
+enum VerifyOutcome {
     Decided(Verdict, String),
-    /// No verdict, because the server or the connection to it failed: try again.
+    /// The server or its connection failed, so there is no verdict: try again.
     Again(String),
-    /// The server refuses to play the episode.
     NotTaken(String),
     Stopped,
 }
@@ -117,7 +115,7 @@ impl Worker {
                 }
             };
             let outcome = self.again(&job);
-            let is_idle = matches!(outcome, Outcome::Again(_));
+            let is_idle = matches!(outcome, VerifyOutcome::Again(_));
             if let Err(error) = self.take_in(&job, outcome) {
                 tracing::error!(error = in_full(&error), "cannot store the outcome of a verification; it is repeated");
                 self.sleep(PAUSES.0);
@@ -156,8 +154,7 @@ impl Worker {
         }
     }
 
-    /// Simulates an episode again, and compares.
-    fn again(&self, job: &EpisodeJob) -> Outcome {
+    fn again(&self, job: &EpisodeJob) -> VerifyOutcome {
         let path = self.service.store.blobs.local(&job.bag);
         let start = Instant::now();
         let mut steps = 0;
@@ -166,7 +163,7 @@ impl Worker {
         // Opened anew for each episode: the server may have been away.
         let link = match link.open(Role::Client) {
             Ok(link) => link,
-            Err(error) => return Outcome::Again(in_full(&error)),
+            Err(error) => return VerifyOutcome::Again(in_full(&error)),
         };
         let done = verify(&path, &link.carrier(), server.as_deref(), &self.access, &mut progress, &self.stop);
         let metrics = &self.service.metrics;
@@ -174,57 +171,57 @@ impl Worker {
         metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);
         match done {
             Ok(verification) => of_verification(&verification),
-            Err(VerifyError::Client(ClientError::Stopped)) => Outcome::Stopped,
-            // The bag could be read when it was graded: is it still the same file?
+            Err(VerifyError::Client(ClientError::Stopped)) => VerifyOutcome::Stopped,
+            // The bag could be read when it was graded: check that it is still the same file.
             Err(error @ (VerifyError::Bag { .. } | VerifyError::Reread(_) | VerifyError::Actions(_)))
             | Err(error @ VerifyError::Client(ClientError::Policy(_))) => match digest_of(&path) {
                 Some(digest) if digest == job.bag => {
                     let folder = path.parent().map(|folder| folder.join("").display().to_string()).unwrap_or_default();
                     let reason = in_full(&error).replace(&folder, "").replace(job.bag.as_str(), "the bag");
-                    Outcome::Decided(Verdict::Differs, reason)
+                    VerifyOutcome::Decided(Verdict::Differs, reason)
                 }
-                _ => {
-                    Outcome::Again("the bag on disk is not the one that was uploaded; restore it from a backup".into())
-                }
+                _ => VerifyOutcome::Again(
+                    "the bag on disk is not the one that was uploaded; restore it from a backup".into(),
+                ),
             },
             Err(error) if error.is_of_server() || matches!(error, VerifyError::Lost { .. }) => {
-                Outcome::Again(in_full(&error))
+                VerifyOutcome::Again(in_full(&error))
             }
             Err(VerifyError::Client(ClientError::Refused { field, message, .. })) => {
-                Outcome::NotTaken(format!("{field}: {message}"))
+                VerifyOutcome::NotTaken(format!("{field}: {message}"))
             }
-            Err(error) => Outcome::NotTaken(in_full(&error)),
+            Err(error) => VerifyOutcome::NotTaken(in_full(&error)),
         }
     }
 
-    fn take_in(&self, job: &EpisodeJob, outcome: Outcome) -> Result<(), StoreError> {
+    fn take_in(&self, job: &EpisodeJob, outcome: VerifyOutcome) -> Result<(), StoreError> {
         let metrics = &self.service.metrics;
         let decide = |verdict, detail: &str| {
             metrics.verified.fetch_add(1, Ordering::Relaxed);
             self.runtime.block_on(self.service.store.set_verdict(job, verdict, &self.name, detail))
         };
         match outcome {
-            Outcome::Stopped => Ok(()),
-            Outcome::Decided(verdict, detail) => {
+            VerifyOutcome::Stopped => Ok(()),
+            VerifyOutcome::Decided(verdict, detail) => {
                 if verdict != Verdict::Equal {
                     tracing::info!(submission = %job.submission, episode = %job, server = self.name, detail, "differs");
                 }
                 decide(verdict, &detail)
             }
-            Outcome::Again(reason) => {
+            VerifyOutcome::Again(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "could not be verified; trying again later");
                 // An episode that always fails must not hold up the others.
                 self.claims().later.insert(job.clone(), Instant::now() + LATER);
                 Ok(())
             }
-            Outcome::NotTaken(reason) => {
+            VerifyOutcome::NotTaken(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "the server refuses to play it");
                 let mut claims = self.claims();
                 let times = claims.refusals.entry(job.clone()).or_default();
                 *times += 1;
-                if *times < MOST_REFUSALS {
+                if *times < MAX_REFUSALS {
                     return Ok(());
                 }
                 claims.refusals.remove(job);
@@ -235,14 +232,14 @@ impl Worker {
     }
 }
 
-fn of_verification(verification: &Verification) -> Outcome {
+fn of_verification(verification: &Verification) -> VerifyOutcome {
     if verification.is_equal() {
-        return Outcome::Decided(Verdict::Equal, String::new());
+        return VerifyOutcome::Decided(Verdict::Equal, String::new());
     }
     if let Some(Difference { field, recorded, .. }) = &verification.header
         && is_pinned(field, recorded)
     {
-        return Outcome::Again(format!(
+        return VerifyOutcome::Again(format!(
             "the server's {field} is not that of the benchmark; start the server without --scene"
         ));
     }
@@ -254,14 +251,14 @@ fn of_verification(verification: &Verification) -> Outcome {
     let row = verification.row.as_ref().map(|(step, difference)| said(format!("step {step}"), difference));
     let result = verification.result.as_ref().map(|difference| said("result".into(), difference));
     let ended = || match &verification.simulated {
-        None => "the second run did not end where the bag does".to_owned(),
+        None => "the second run did not end at the bag's last step".to_owned(),
         Some(end) => format!("the second run ended by {} at step {}", end.cause, end.steps),
     };
-    Outcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
+    VerifyOutcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
 }
 
-/// Whether a bag's header has the benchmark's own value of a field. If the second run has another one, the server is not
-/// set up for the benchmark, and nothing is wrong with the bag.
+/// True if a bag's header has the benchmark's own value of a field. If the second run has another one, the server is
+/// not set up for the benchmark, and the bag is not at fault.
 fn is_pinned(field: &str, recorded: &str) -> bool {
     match field {
         "model_digest" => pins::RANKED_ROBOTS.into_iter().any(|robot| pins::model(robot) == Some(recorded)),

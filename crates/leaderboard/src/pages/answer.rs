@@ -15,20 +15,17 @@ use crate::StoreError;
 const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; \
                       frame-ancestors 'none'";
 
-/// Why a page cannot be shown.
 #[derive(Debug)]
 pub(super) enum Problem {
-    /// No such address, run or episode.
     Nothing,
-    /// The submission was refused; only its submitter may read why.
+    /// The submission was refused; only its submitter may read the reason.
     Refused,
-    /// The address asks for something impossible; the text says what to do.
+    /// The address asks for something impossible; the text is the remedy.
     Asked(String),
     /// The bag cannot be shown, for this reason.
     Unshowable(String),
-    /// Too many requests of this kind at once.
     Busy,
-    /// The service itself failed; its log has the reason.
+    /// The service itself failed; the reason is in its log.
     Failed,
 }
 
@@ -79,7 +76,6 @@ impl IntoResponse for Problem {
     }
 }
 
-/// A page without scripts.
 pub(super) fn page(template: &impl Template) -> Response {
     page_with(template, POLICY.to_owned())
 }
@@ -108,7 +104,7 @@ pub(super) fn content(kind: &'static str, body: impl Into<Body>) -> Response {
     ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
 }
 
-/// A file that is compiled in. Browsers ask whether it has changed, and get it only if so.
+/// A file that is compiled in. Browsers ask if it has changed, and get it only then.
 pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static str) -> Response {
     let digest: String = HEXLOWER.encode(&Sha256::digest(text)[..8]);
     let tag = format!("\"{digest}\"");

@@ -12,16 +12,13 @@ use super::state::{Board, Pages};
 use super::tasks::{Card, cards};
 use crate::Entry;
 use crate::paper::{PAPER, PaperRow};
-use crate::standings::{Cell, Neighbours, Obstacle, Place, SIGNIFICANT, Table};
+use crate::standings::{Cell, Neighbours, Obstacle, RankedEntry, SIGNIFICANT, Table};
 use crate::submission::{Division, Observations, Time};
 
-/// Rows on one page.
 const ROWS: usize = 50;
-/// Unranked submissions on one page.
 const UNRANKED: usize = 50;
 
-/// A division that the visitor can choose.
-struct Choice {
+struct DivisionChoice {
     slug: String,
     text: String,
     version: u32,
@@ -31,21 +28,19 @@ struct Choice {
 
 /// A row, with the result of the test against the next one.
 struct Row<'a> {
-    place: &'a Place,
-    /// What the test says in a few words; empty where there is none.
+    place: &'a RankedEntry,
+    /// Result of the test in a few words; may be empty.
     verdict: &'static str,
-    /// Its numbers, or why there is none, as text; empty in the last row.
+    /// The test's numbers, or why there is none; empty in the last row.
     test: String,
-    /// Whether the test finds a significant difference.
     differs: bool,
-    /// Whether another run played some of its episodes.
     has_partners: bool,
 }
 
 #[derive(Template)]
 #[template(path = "board.html")]
 struct BoardPage<'a> {
-    choices: Vec<Choice>,
+    choices: Vec<DivisionChoice>,
     table: Option<&'a Table>,
     rows: Vec<Row<'a>>,
     /// Cells show scores; otherwise clean success rates.
@@ -53,16 +48,15 @@ struct BoardPage<'a> {
     slug: String,
     page: usize,
     pages: usize,
-    /// What the paper reports, under its own conditions; empty in other divisions.
+    /// Results of the paper, under its own conditions; empty in other divisions.
     paper: &'static [PaperRow],
-    /// The best of each subtask.
     cards: Vec<Card<'a>>,
     unranked: &'a [(Entry, Obstacle)],
     more_unranked: usize,
 }
 
 impl BoardPage<'_> {
-    /// The two numbers of a cell: by the strict rulebook, and by the published one.
+    /// The two numbers of a cell: by the strict judge, and by the published one.
     fn value(&self, cell: &Cell) -> (f64, f64) {
         if self.by_score { (cell.strict, cell.published) } else { (cell.strict_clean, cell.published_clean) }
     }
@@ -77,7 +71,7 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
         Some(asked) => Some(board.tables.iter().find(|table| slug_of(table) == asked).ok_or(Problem::Nothing)?),
         None => board.tables.first(),
     };
-    let choices = board.tables.iter().map(|table| Choice {
+    let choices = board.tables.iter().map(|table| DivisionChoice {
         slug: slug_of(table),
         text: show::division(&table.division),
         version: table.version,
@@ -85,7 +79,7 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
         is_shown: false,
     });
     let slug = table.map(slug_of).unwrap_or_default();
-    let choices = choices.map(|choice| Choice { is_shown: choice.slug == slug, ..choice }).collect();
+    let choices = choices.map(|choice| DivisionChoice { is_shown: choice.slug == slug, ..choice }).collect();
     let is_papers = |division: &Division| {
         (division.time, division.observations, division.robot.as_str())
             == (Time::Lockstep, Observations::Standard, "g1_inspire")

@@ -15,19 +15,18 @@ use super::show;
 use super::state::Pages;
 use crate::{Entry, SubmissionId};
 
-/// Pairs on one page.
 const PAIRS: usize = 100;
 
 #[derive(Template)]
 #[template(path = "choose.html")]
 struct ChoosePage<'a> {
     entry: &'a Entry,
-    /// Runs that played some of its episodes, and how many.
+    /// Runs that share episodes with it, and the number of those.
     others: Vec<(&'a Entry, usize)>,
 }
 
-/// The runs that one run can be compared with, `?run=`: those that share episodes with it. Two runs, `?run=&run=`, lead to
-/// their comparison.
+/// The runs that one run can be compared with, `?run=`: those that share episodes with it. Two runs, `?run=&run=`, lead
+/// to their comparison.
 pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let ids: Vec<&str> = show::asked(query.as_deref(), "run").collect();
     let is_id = |id: &&str| id.parse::<SubmissionId>().is_ok();
@@ -42,15 +41,14 @@ pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): Raw
     }
 }
 
-/// An episode that both runs have.
-struct Both<'a> {
+struct EpisodePair<'a> {
     key: Key,
     a: &'a EpisodeRow,
     b: &'a EpisodeRow,
 }
 
-impl Both<'_> {
-    /// Whether both have a bag, so that they can be shown.
+impl EpisodePair<'_> {
+    /// True if both have a bag, so that they can be shown.
     fn can_be_seen(&self) -> bool {
         self.a.failure.is_none() && self.b.failure.is_none()
     }
@@ -63,8 +61,8 @@ struct ComparePage<'a> {
     b: &'a Entry,
     comparison: &'a Comparison,
     /// Each subtask, then all of them together.
-    lines: Vec<Line<'a>>,
-    shown: &'a [Both<'a>],
+    lines: Vec<SubtaskLine<'a>>,
+    shown: &'a [EpisodePair<'a>],
     only_different: bool,
     /// `only_different` as part of the query of other pages of the list.
     only: &'static str,
@@ -74,19 +72,19 @@ struct ComparePage<'a> {
     pages: usize,
 }
 
-/// What both runs did in the pairs of one subtask, or of all.
-struct Line<'a> {
+/// The results of both runs in the pairs of one subtask, or of all.
+struct SubtaskLine<'a> {
     pairs: &'a Pairs,
-    a: Sums,
-    b: Sums,
+    a: RunMeans,
+    b: RunMeans,
 }
 
 /// Heads of the columns of the subtasks; groups stand above them.
 const HEADS: [&str; 14] =
     ["Pairs", "A", "B", "only A", "only B", "p", "A", "B", "p", "A \u{2212} B", "A", "B", "A", "B"];
 
-impl Line<'_> {
-    /// The cells of the line, each with a label that says all without a head.
+impl SubtaskLine<'_> {
+    /// The cells of the line, each with a label that is complete without a head.
     fn cells(&self) -> Vec<(&'static str, String)> {
         let (pairs, a, b) = (self.pairs, &self.a, &self.b);
         let score = |value: f64| format!("{value:.3}");
@@ -111,16 +109,16 @@ impl Line<'_> {
 
 /// Means of one run over the pairs of a line.
 #[derive(Default)]
-struct Sums {
-    /// Score of an episode by the published rulebook: half success, half gate progress.
+struct RunMeans {
+    /// Score of an episode by the published judge: half success, half gate progress.
     published: f64,
     /// Length by the judge that ended the episode, s.
     seconds: f64,
-    /// How often each cause ended an episode, the most frequent first.
+    /// Number of episodes by the cause of their end, the most frequent first.
     ends: Vec<(String, usize)>,
 }
 
-impl Sums {
+impl RunMeans {
     fn of<'a>(rows: impl Iterator<Item = &'a EpisodeRow>) -> Self {
         let (mut count, mut sums) = (0_usize, Self::default());
         for row in rows {
@@ -150,7 +148,7 @@ fn seconds_of(row: &EpisodeRow) -> f64 {
     row.strict_steps.unwrap_or(row.steps) as f64 * fiatlux_rules::CONTROL_DT
 }
 
-/// Whether an episode is a success, by the strict judge if the results have one.
+/// True for a success, by the strict judge if the results have one.
 fn passed(row: &EpisodeRow) -> bool {
     row.strict_success.unwrap_or(row.success)
 }
@@ -166,7 +164,7 @@ impl ComparePage<'_> {
     }
 }
 
-/// The comparison of two runs; `?only=different` lists only the pairs in which one run alone succeeded.
+/// The comparison of two runs; `?only=different` lists only the pairs in which exactly one run succeeded.
 pub(super) async fn runs(
     State(pages): State<Arc<Pages>>,
     Path((a, b)): Path<(String, String)>,
@@ -187,10 +185,10 @@ pub(super) async fn runs(
     let all = both.len();
     let lines = comparison.tasks.iter().chain(comparison.overall.as_ref()).map(|pairs| {
         let of = || both.iter().filter(|both| pairs.task == "all" || both.key.task.short_id() == pairs.task);
-        Line { pairs, a: Sums::of(of().map(|both| both.a)), b: Sums::of(of().map(|both| both.b)) }
+        SubtaskLine { pairs, a: RunMeans::of(of().map(|both| both.a)), b: RunMeans::of(of().map(|both| both.b)) }
     });
     let lines = lines.collect();
-    let differs = |both: &Both<'_>| passed(both.a) != passed(both.b);
+    let differs = |both: &EpisodePair<'_>| passed(both.a) != passed(both.b);
     let different = both.iter().filter(|both| differs(both)).count();
     let only_different = show::asked(query, "only").next() == Some("different");
     if only_different {
@@ -213,10 +211,11 @@ pub(super) async fn runs(
 }
 
 /// The episodes that both runs have, in order of task, seed and index.
-fn pairs<'a>(a: &'a Results, b: &'a Results) -> Vec<Both<'a>> {
+fn pairs<'a>(a: &'a Results, b: &'a Results) -> Vec<EpisodePair<'a>> {
     let key = |row: &EpisodeRow| (row.task.clone(), row.seed, row.episode);
     let others: std::collections::BTreeMap<_, &EpisodeRow> = b.episodes.iter().map(|row| (key(row), row)).collect();
-    let both = a.episodes.iter().filter_map(|row| Some(Both { key: Key::of(row)?, a: row, b: others.get(&key(row))? }));
+    let both =
+        a.episodes.iter().filter_map(|row| Some(EpisodePair { key: Key::of(row)?, a: row, b: others.get(&key(row))? }));
     both.collect()
 }
 

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
 use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
-use fiatlux_replay::{Packed, Shown};
+use fiatlux_replay::{Packed, PackedReplay};
 use tokio::fs::File;
 
 use super::answer::{Problem, content, page, replay_page, without_path};
@@ -24,7 +24,7 @@ const BYTES: &str = "application/octet-stream";
 const FOR_AN_HOUR: HeaderValue = HeaderValue::from_static("public, max-age=3600");
 
 /// A run and one of its episodes.
-pub(super) struct Found {
+pub(super) struct FoundEpisode {
     pub entry: Entry,
     pub results: Arc<Results>,
     pub key: Key,
@@ -32,7 +32,7 @@ pub(super) struct Found {
     index: usize,
 }
 
-impl Found {
+impl FoundEpisode {
     pub fn row(&self) -> &EpisodeRow {
         &self.results.episodes[self.index]
     }
@@ -43,11 +43,11 @@ impl Found {
 }
 
 /// The episode that an address names.
-pub(super) async fn find(pages: &Pages, id: &str, key: &str) -> Result<Found, Problem> {
+pub(super) async fn find(pages: &Pages, id: &str, key: &str) -> Result<FoundEpisode, Problem> {
     let key: Key = key.parse().map_err(|()| Problem::Nothing)?;
     let (entry, results) = pages.run(id).await?;
     let index = results.episodes.iter().position(|row| key.is_of(row)).ok_or(Problem::Nothing)?;
-    Ok(Found { entry, results, key, index })
+    Ok(FoundEpisode { entry, results, key, index })
 }
 
 #[derive(Template)]
@@ -60,7 +60,6 @@ struct EpisodePage<'a> {
     replay: Option<&'a SitePage>,
     before: Option<Key>,
     after: Option<Key>,
-    /// Other runs that played this episode.
     others: Vec<&'a Entry>,
 }
 
@@ -72,7 +71,6 @@ impl EpisodePage<'_> {
     }
 }
 
-/// The page of an episode.
 pub(super) async fn episode(
     State(pages): State<Arc<Pages>>,
     Path((id, key)): Path<(String, String)>,
@@ -129,7 +127,7 @@ pub(super) async fn shapes(
     asked: HeaderMap,
     Path(digest): Path<String>,
 ) -> Result<Response, Problem> {
-    let block = pages.desk.block(&digest).ok_or(Problem::Nothing)?;
+    let block = pages.replays.block(&digest).ok_or(Problem::Nothing)?;
     Ok(for_ever(block.answer(&asked, BYTES)))
 }
 
@@ -156,15 +154,15 @@ async fn part(
     asked: HeaderMap,
     Path((id, key)): Path<(String, String)>,
     kind: &'static str,
-    part: fn(Shown) -> Packed,
+    part: fn(PackedReplay) -> Packed,
 ) -> Result<Response, Problem> {
     let (id, key) = names(&pages, &id, &key).await?;
     let bag = pages.service.store.bag(id, key.task.short_id(), key.seed, key.episode).await?.ok_or(Problem::Nothing)?;
-    let desk = Arc::clone(&pages.desk);
+    let replays = Arc::clone(&pages.replays);
     let name = format!("{key}.mcap");
     let path = bag.clone();
     let shown = pages.heavy.read(&bag, move |patience| {
-        let shown = desk.show(&path, Some(&name), Some(patience));
+        let shown = replays.show(&path, Some(&name), Some(patience));
         shown.map_err(|error| Problem::Unshowable(without_path(&error, &path, &name)))
     });
     Ok(for_an_hour(part(shown.await??).answer(&asked, kind)))
@@ -198,7 +196,7 @@ pub(super) async fn bag(
     Ok(answer)
 }
 
-/// When each criterion held, and the force on the hands, as a picture.
+/// The criteria and the force on the hands over time, as a picture.
 pub(super) async fn figure(
     State(pages): State<Arc<Pages>>,
     Path((id, key)): Path<(String, String)>,

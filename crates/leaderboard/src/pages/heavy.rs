@@ -14,14 +14,14 @@ use super::answer::Problem;
 
 /// Number of jobs that may run at once.
 const AT_ONCE: usize = 2;
-/// Number of requests that may run or wait; further ones are refused.
+/// Maximum number of requests that run or wait; further ones are refused.
 const WAITING: usize = 96;
-/// Longest time to read a bag. An episode of 120 s takes less than a second.
+/// Time limit for reading a bag. An episode of 120 s takes less than a second.
 const READ_TIME: Duration = Duration::from_secs(10);
-/// Number of bags that are remembered because they took longer.
-const MOST_SLOW: usize = 4096;
+/// Maximum number of slow bags that are remembered.
+const MAX_SLOW: usize = 4096;
 
-/// Runs heavy work on threads of its own, and limits how much.
+/// Runs heavy work on separate threads, and limits it.
 #[derive(Debug)]
 pub(super) struct Heavy {
     permits: Arc<Semaphore>,
@@ -32,9 +32,9 @@ pub(super) struct Heavy {
 }
 
 /// Counts a request until it is dropped.
-struct Asked(Arc<AtomicUsize>);
+struct PendingRequest(Arc<AtomicUsize>);
 
-impl Drop for Asked {
+impl Drop for PendingRequest {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }
@@ -52,18 +52,18 @@ impl Default for Heavy {
 }
 
 impl Heavy {
-    /// Runs `work` on another thread, once it is its turn.
+    /// Runs `work` on another thread when its turn comes.
     ///
     /// # Errors
     /// [`Problem::Busy`] if too many requests wait already.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Problem> {
         let before = self.asked.fetch_add(1, Ordering::Relaxed);
-        let asked = Asked(Arc::clone(&self.asked));
+        let asked = PendingRequest(Arc::clone(&self.asked));
         if before >= WAITING {
             return Err(Problem::Busy);
         }
         let permit = Arc::clone(&self.permits).acquire_owned().await.map_err(|_| Problem::Failed)?;
-        // If the client goes away, the work still runs to its end, and counts until then.
+        // If the client disconnects, the work still runs to its end, and counts until then.
         let done = tokio::task::spawn_blocking(move || {
             let made = work();
             drop((permit, asked));
@@ -72,7 +72,7 @@ impl Heavy {
         done.await.map_err(|_| Problem::Failed)
     }
 
-    /// As [`Heavy::run`], for work that reads a bag with a patience of [`READ_TIME`]. A bag that takes longer is not read again.
+    /// As [`Heavy::run`], for work that reads a bag with a patience of [`READ_TIME`]. A slower bag is not read again.
     ///
     /// # Errors
     /// Also [`Problem::Unshowable`] if it took too long, now or before.
@@ -95,7 +95,7 @@ impl Heavy {
             return Ok(made);
         }
         let mut slow = self.slow();
-        if slow.len() >= MOST_SLOW {
+        if slow.len() >= MAX_SLOW {
             slow.pop_front();
         }
         slow.push_back(bag.into());
@@ -112,14 +112,14 @@ impl Heavy {
 mod tests {
     use super::*;
 
-    /// Guards against a bag that keeps a core busy each time it is asked for.
+    /// Guards against a bag that keeps a core busy with each request.
     #[tokio::test]
     async fn a_bag_that_takes_too_long_is_read_once() {
         let heavy = Heavy { read_time: Duration::from_millis(50), ..Heavy::default() };
         let slow = |patience: Patience| {
             let start = std::time::Instant::now();
             while patience.goes_on() {
-                assert!(start.elapsed() < Duration::from_secs(10), "it is never over");
+                assert!(start.elapsed() < Duration::from_secs(10), "it does not end");
                 std::thread::sleep(Duration::from_millis(5));
             }
         };

@@ -6,12 +6,9 @@ use std::str::FromStr;
 use fiatlux_grading::EpisodeRow;
 use fiatlux_rules::Task;
 
-/// An episode of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Key {
-    /// Task that was played.
     pub task: Task,
-    /// Layout seed, which draws the room.
     pub seed: u64,
     /// Index among the episodes of this task and seed, from 0.
     pub episode: u64,
@@ -23,7 +20,7 @@ impl Key {
         Some(Self { task: row.task.parse().ok()?, seed: row.seed, episode: row.episode })
     }
 
-    /// Whether this is the episode of a row.
+    /// True if this is the episode of a row.
     pub fn is_of(&self, row: &EpisodeRow) -> bool {
         Self::of(row).is_some_and(|key| key == *self)
     }
@@ -38,7 +35,7 @@ impl fmt::Display for Key {
 impl FromStr for Key {
     type Err = ();
 
-    /// Takes what [`fmt::Display`] gives, and nothing else: an episode has one address.
+    /// Reads the output of [`fmt::Display`] and nothing else: an episode has one address.
     fn from_str(text: &str) -> Result<Self, ()> {
         let mut parts = text.split('-');
         let number = |part: Option<&str>, prefix: char| part?.strip_prefix(prefix)?.parse().ok();

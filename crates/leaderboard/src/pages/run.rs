@@ -15,17 +15,17 @@ use super::show;
 use super::state::Pages;
 use crate::{Entry, SubmissionId};
 
-/// Episodes of a task on the page of the run, and on the page of the task.
+/// Maximum number of episodes of a task on the page of the run, and on the page of the task.
 const FEW: usize = 6;
 const MANY: usize = 24;
-/// Most squares in a row of the matrix.
+/// Maximum number of squares in a row of the matrix.
 const SQUARES: usize = 64;
 
-/// Most runs that are offered for a comparison.
+/// Maximum number of runs that are offered for a comparison.
 pub(super) const PARTNERS: usize = 40;
 
 /// A row of the matrix: the episodes of one task.
-struct Line<'a> {
+struct TaskLine<'a> {
     task: Task,
     passed: usize,
     count: usize,
@@ -40,18 +40,17 @@ struct RunPage<'a> {
     report: SiteReport,
     /// Rank, number of rows of the table, and the table's address; `None` if the run is not ranked.
     place: Option<(Option<usize>, usize, String)>,
-    /// Why it is not ranked; empty if it is.
+    /// The reason why it is not ranked; may be empty.
     obstacle: &'a str,
-    /// Other runs that played some of its episodes, and how many, to compare it with.
+    /// Runs that share episodes with it, and the number of those.
     others: Vec<(&'a Entry, usize)>,
-    /// Its subtasks that have pictures of a success: the subtask, and the episode.
+    /// Subtasks with pictures of a success: the subtask, and the episode.
     pictures: Vec<(Task, Key)>,
-    lines: Vec<Line<'a>>,
-    /// An episode that has a bag, for the commands on the page.
+    lines: Vec<TaskLine<'a>>,
+    /// An episode with a bag, for the commands on the page.
     example: Option<Key>,
 }
 
-/// The page of a run.
 pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>) -> Result<Response, Problem> {
     let (entry, results) = pages.run(&id).await?;
     let board = pages.board_with(entry.id).await?;
@@ -73,11 +72,11 @@ pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>)
     Ok(page(&RunPage { entry: &entry, results: &results, report, place, obstacle, others, pictures, lines, example }))
 }
 
-fn line(rows: &[EpisodeRow]) -> Option<Line<'_>> {
+fn line(rows: &[EpisodeRow]) -> Option<TaskLine<'_>> {
     let task = rows.first()?.task.parse().ok()?;
     let passed = rows.iter().filter(|row| row.strict_success.unwrap_or(row.clean)).count();
     let squares = rows.iter().take(SQUARES).filter_map(|row| Some((Key::of(row)?, row))).collect();
-    Some(Line { task, passed, count: rows.len(), squares })
+    Some(TaskLine { task, passed, count: rows.len(), squares })
 }
 
 /// Calls `report` with the addresses of a run's episodes.
@@ -102,7 +101,6 @@ struct TaskPage<'a> {
     pages: usize,
 }
 
-/// All episodes of a task, in several pages.
 pub(super) async fn task(
     State(pages): State<Arc<Pages>>,
     Path((id, task)): Path<(String, String)>,

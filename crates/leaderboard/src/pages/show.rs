@@ -21,7 +21,7 @@ pub(super) fn spread(std: &Option<f64>) -> String {
     std.map_or(String::new(), |std| format!("\u{b1}\u{202f}{std:.3}"))
 }
 
-/// A rate or score in the cell of a table: `0` and `1` where it is exactly that, so that they stand out.
+/// A rate or score in the cell of a table: `0` and `1` only for exactly these values, so that they stand out.
 pub(super) fn cell(share: &f64) -> String {
     match *share {
         0.0 => "0".into(),
@@ -63,7 +63,7 @@ pub(super) fn cause_class(cause: &str) -> &'static str {
     fiatlux_grading::report::cause_class(cause)
 }
 
-/// Why an episode ended, by the strict judge if there was one; for an episode without rows, why it counts as a failure.
+/// The cause of an episode's end, by the strict judge if there was one; without rows, the cause of its failure.
 pub(super) fn end_of(row: &EpisodeRow) -> &str {
     row.failure.as_deref().or(row.strict_end.as_deref()).unwrap_or(&row.end)
 }
@@ -77,7 +77,7 @@ pub(super) fn badge(badge: &Badge) -> &'static str {
     }
 }
 
-/// What a badge says, in a sentence.
+/// The meaning of a badge, in a sentence.
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
         Badge::SelfReported => "The bags are consistent; nobody else has simulated them yet.",
@@ -122,7 +122,7 @@ pub(super) fn division(division: &Division) -> String {
     format!("{time}, {} observations, {}", observations(division.observations), robot(&division.robot))
 }
 
-/// A division in a few words, such as `privileged`: what is not the most usual.
+/// A division in a few words, such as `privileged`: only its uncommon parts.
 pub(super) fn brief(division: &Division) -> String {
     let mut words = vec![observations(division.observations)];
     if division.time != Time::Lockstep {
@@ -150,7 +150,7 @@ pub(super) fn seconds(steps: &u64) -> String {
     format!("{:.2}\u{202f}s", *steps as f64 * fiatlux_rules::CONTROL_DT)
 }
 
-/// Rooms in a few words: `seeds 64..75`, or `4 hosted rooms` where a server drew them.
+/// Rooms in a few words: `seeds 64..75`, or `4 hosted rooms` if a server drew them.
 pub(super) fn rooms(rooms: &Rooms) -> String {
     match (rooms.hosted, rooms.seeds.as_slice()) {
         (true, [_]) => "1 hosted room".into(),
@@ -166,19 +166,19 @@ pub(super) fn asked<'a>(query: Option<&'a str>, name: &'a str) -> impl Iterator<
     pairs.filter(move |(found, _)| *found == name).map(|(_, value)| value)
 }
 
-/// The part of a list that one page shows, and the number of pages. Pages count from 1.
-pub(super) struct Part<'a, T> {
+/// The items of a list on one page, and the number of pages. Pages count from 1.
+pub(super) struct ListPage<'a, T> {
     pub shown: &'a [T],
     pub page: usize,
     pub pages: usize,
 }
 
 /// The part that `page=` asks for, or the nearest one that exists.
-pub(super) fn part<'a, T>(all: &'a [T], size: usize, query: Option<&str>) -> Part<'a, T> {
+pub(super) fn part<'a, T>(all: &'a [T], size: usize, query: Option<&str>) -> ListPage<'a, T> {
     let pages = all.len().div_ceil(size).max(1);
     let page = asked(query, "page").next().and_then(|page| page.parse().ok()).unwrap_or(1).clamp(1, pages);
     let first = (page - 1) * size;
-    Part { shown: &all[first.min(all.len())..(first + size).min(all.len())], page, pages }
+    ListPage { shown: &all[first.min(all.len())..(first + size).min(all.len())], page, pages }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The state that the pages share: the service, and caches of what takes long to compute.
+//! The state that the pages share: the service, and caches.
 
 use std::collections::btree_map::Entry as Slot;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -7,55 +7,55 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use fiatlux_grading::Results;
-use fiatlux_replay::Desk;
+use fiatlux_replay::ReplayCache;
 use tokio::sync::OwnedMutexGuard;
 
 use super::answer::Problem;
 use super::heavy::Heavy;
 use super::key::Key;
-use crate::standings::{Neighbours, Obstacle, Played, Standing, Table, TaskTable, Tried, by_task, tables};
+use crate::standings::{
+    Neighbours, Obstacle, PlayedEpisodes, Standing, SubtaskResults, Table, TaskTable, by_task, tables,
+};
 use crate::store::{Picture, Pictures};
-use crate::{Entry, Service, State, SubmissionId};
+use crate::{Entry, Service, Stage, SubmissionId};
 
-/// How long the tables are shown before the service looks for new entries.
+/// Age below which the tables are shown without a check for new entries.
 const FRESH: Duration = Duration::from_secs(1);
-/// For how long they are shown while somebody looks. Whoever comes later waits for new ones.
+/// Maximum age of tables that are shown while new ones are made. Later visitors wait for the new ones.
 const STALE: Duration = Duration::from_secs(10);
-/// Replays that are kept, of at most 50 MB each.
+/// Maximum number of cached replays, of at most 50 MB each.
 const REPLAYS: usize = 4;
-/// Number of figures in the cache, about 20 kB each.
+/// Maximum number of cached figures, about 20 kB each.
 const FIGURES: usize = 512;
 
-/// The state that the pages share.
 #[derive(Debug)]
 pub(super) struct Pages {
     pub service: Arc<Service>,
-    pub desk: Arc<Desk>,
+    pub replays: Arc<ReplayCache>,
     pub heavy: Heavy,
     figures: Mutex<VecDeque<((SubmissionId, String), Bytes)>>,
     shown: Mutex<Option<(Instant, Arc<Board>)>>,
-    kept: Arc<tokio::sync::Mutex<Kept>>,
+    kept: Arc<tokio::sync::Mutex<BoardInputs>>,
 }
 
-/// What tables are made of. Results of an entry do not change.
+/// The inputs of the tables. Results of an entry do not change.
 #[derive(Debug, Default)]
-struct Kept {
-    runs: BTreeMap<SubmissionId, Run>,
+struct BoardInputs {
+    runs: BTreeMap<SubmissionId, RunInputs>,
     neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
 }
 
-/// What is kept of the results of a submission.
+/// Cached values of a submission's results.
 #[derive(Debug)]
-struct Run {
+struct RunInputs {
     standing: Result<Standing, Obstacle>,
-    tried: Option<Tried>,
-    played: Arc<Played>,
+    tried: Option<SubtaskResults>,
+    played: Arc<PlayedEpisodes>,
 }
 
-/// The leaderboard as it is now.
 #[derive(Debug, Default)]
 pub(super) struct Board {
-    /// The entries it was made from, oldest first.
+    /// Entries from which it was made, oldest first.
     pub entries: Vec<Entry>,
     /// One table for each division, latest benchmark version first.
     pub tables: Vec<Table>,
@@ -63,12 +63,9 @@ pub(super) struct Board {
     pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
     /// Entries that are not ranked, latest first, with the reason.
     pub unranked: Vec<(Entry, Obstacle)>,
-    /// Rankings of the twelve subtasks.
     pub tasks: Vec<TaskTable>,
-    /// Pictures of the best successes.
     pub pictures: Pictures,
-    /// Which episodes each entry played.
-    pub played: BTreeMap<SubmissionId, Arc<Played>>,
+    pub played: BTreeMap<SubmissionId, Arc<PlayedEpisodes>>,
     /// Entries that share episodes with another one.
     pub sharing: BTreeSet<SubmissionId>,
 }
@@ -91,7 +88,7 @@ impl Board {
         self.pictures.get(&(id, task.to_owned()))
     }
 
-    /// The other entries that share episodes with one, and how many, the latest first.
+    /// The other entries that share episodes with this one, and their numbers, latest first.
     pub fn partners(&self, id: SubmissionId) -> Vec<(&Entry, usize)> {
         let Some(own) = self.played.get(&id) else { return Vec::new() };
         let shared = |entry: &Entry| self.played.get(&entry.id).map_or(0, |other| own.shared(other));
@@ -104,7 +101,7 @@ impl Pages {
     pub fn new(service: Arc<Service>) -> Self {
         Self {
             service,
-            desk: Arc::new(Desk::keeping(REPLAYS)),
+            replays: Arc::new(ReplayCache::keeping(REPLAYS)),
             heavy: Heavy::default(),
             figures: Mutex::default(),
             shown: Mutex::default(),
@@ -112,26 +109,26 @@ impl Pages {
         }
     }
 
-    /// A submission that anybody may see.
+    /// A submission that everybody may see.
     pub async fn open(&self, id: &str) -> Result<Entry, Problem> {
         let id: SubmissionId = id.parse().map_err(|_| Problem::Nothing)?;
         let entry = self.service.store.entry(id).await?.ok_or(Problem::Nothing)?;
         match entry.state {
-            State::Graded | State::Verified => Ok(entry),
-            State::Refused => Err(Problem::Refused),
-            State::Uploading | State::Received => Err(Problem::Nothing),
+            Stage::Graded | Stage::Verified => Ok(entry),
+            Stage::Refused => Err(Problem::Refused),
+            Stage::Uploading | Stage::Received => Err(Problem::Nothing),
         }
     }
 
-    /// A submission that anybody may see, and its results.
+    /// A submission that everybody may see, and its results.
     pub async fn run(&self, id: &str) -> Result<(Entry, Arc<Results>), Problem> {
         let entry = self.open(id).await?;
         let results = self.service.store.results(entry.id).await?.ok_or(Problem::Nothing)?;
         Ok((entry, results))
     }
 
-    /// The leaderboard, as it was a second ago or, where it is asked for seldom, ten. Nobody waits for a new one whom an old
-    /// one serves.
+    /// The leaderboard, at most a second old if it is requested often, else at most ten. Only a visitor who finds no
+    /// such copy waits for a new one.
     pub async fn board(self: &Arc<Self>) -> Result<Arc<Board>, Problem> {
         let shown = self.shown();
         let age = shown.as_ref().map(|(made, _)| made.elapsed());
@@ -140,7 +137,7 @@ impl Pages {
             (Some((_, board)), Some(age)) if age < STALE => {
                 if let Ok(kept) = Arc::clone(&self.kept).try_lock_owned() {
                     let pages = Arc::clone(self);
-                    // What fails is in the log, and the next one who asks tries again.
+                    // An error is logged, and the next request tries again.
                     tokio::spawn(async move { pages.renewed(kept, None).await.map(drop) });
                 }
                 Ok(board)
@@ -152,8 +149,8 @@ impl Pages {
         }
     }
 
-    /// Like [`Pages::board`], but never older than an entry that was graded: the pages of a new run must not say that it
-    /// shares no episode with others.
+    /// Like [`Pages::board`], but never older than an entry that was graded: the pages of a new run must not claim that
+    /// it shares no episode with others.
     pub async fn board_with(self: &Arc<Self>, id: SubmissionId) -> Result<Arc<Board>, Problem> {
         let board = self.board().await?;
         if board.has(id) {
@@ -167,10 +164,10 @@ impl Pages {
         self.shown.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The leaderboard, made anew where it is not fresh or lacks a needed entry. One at a time holds what it is made of.
+    /// The leaderboard, made anew if it is not fresh or lacks a needed entry. Only one task at a time has the inputs.
     async fn renewed(
         &self,
-        mut kept: OwnedMutexGuard<Kept>,
+        mut kept: OwnedMutexGuard<BoardInputs>,
         needed: Option<SubmissionId>,
     ) -> Result<Arc<Board>, Problem> {
         let shown = self.shown();
@@ -190,16 +187,16 @@ impl Pages {
         Ok(board)
     }
 
-    async fn make(&self, kept: &mut Kept, entries: Vec<Entry>) -> Result<Board, Problem> {
+    async fn make(&self, kept: &mut BoardInputs, entries: Vec<Entry>) -> Result<Board, Problem> {
         let mut board = Board::default();
         let mut ranked = Vec::new();
         for entry in &entries {
             if let Slot::Vacant(slot) = kept.runs.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                slot.insert(Run {
+                slot.insert(RunInputs {
                     standing: Standing::of(&results, entry.badge),
-                    tried: Tried::of(&results, entry.badge),
-                    played: Arc::new(Played::of(&results)),
+                    tried: SubtaskResults::of(&results, entry.badge),
+                    played: Arc::new(PlayedEpisodes::of(&results)),
                 });
             }
             let Some(run) = kept.runs.get(&entry.id) else { continue };
@@ -229,7 +226,7 @@ impl Pages {
         kept.neighbours.clone_from(&board.neighbours);
         kept.runs.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
         board.entries = entries;
-        let shares = Played::any_shared(&board.played.values().map(Arc::as_ref).collect::<Vec<_>>());
+        let shares = PlayedEpisodes::any_shared(&board.played.values().map(Arc::as_ref).collect::<Vec<_>>());
         board.sharing = board.played.keys().zip(shares).filter(|(_, shares)| *shares).map(|(id, _)| *id).collect();
         Ok(board)
     }

@@ -12,7 +12,7 @@ use super::answer::{Problem, content, page};
 use super::key::Key;
 use super::show;
 use super::state::{Board, Pages};
-use crate::standings::{TaskPlace, TaskTable};
+use crate::standings::{RankedTask, TaskTable};
 use crate::store::{Digest, Picture};
 use crate::{Division, SubmissionId};
 
@@ -21,7 +21,7 @@ const ROWS: usize = 50;
 /// A submission's pictures never change.
 const FOR_A_DAY: HeaderValue = HeaderValue::from_static("public, max-age=86400");
 
-/// A subtask, with the best that was reached in each division.
+/// A subtask, with the best success of each division.
 pub(super) struct Card<'a> {
     pub task: Task,
     pub bests: Vec<Best<'a>>,
@@ -29,14 +29,12 @@ pub(super) struct Card<'a> {
     pub pictured: Option<(SubmissionId, Key)>,
 }
 
-/// The best submission of a division in a subtask.
 pub(super) struct Best<'a> {
     /// The division in a few words.
     pub division: String,
-    pub place: &'a TaskPlace,
+    pub place: &'a RankedTask,
 }
 
-/// The cards of all subtasks.
 pub(super) fn cards(board: &Board) -> Vec<Card<'_>> {
     board.tasks.iter().map(|table| card(board, table)).collect()
 }
@@ -51,10 +49,9 @@ fn card<'a>(board: &'a Board, table: &'a TaskTable) -> Card<'a> {
     Card { task, bests, pictured }
 }
 
-/// A division's ranking, as the page shows it.
-struct Group<'a> {
+struct DivisionRanking<'a> {
     division: &'a Division,
-    places: &'a [TaskPlace],
+    places: &'a [RankedTask],
     more: usize,
 }
 
@@ -62,19 +59,18 @@ struct Group<'a> {
 #[template(path = "subtask.html")]
 struct SubtaskPage<'a> {
     card: Card<'a>,
-    groups: Vec<Group<'a>>,
+    groups: Vec<DivisionRanking<'a>>,
     /// Criteria of the strict gate, in words.
     criteria: Vec<String>,
     before: Option<Task>,
     after: Option<Task>,
 }
 
-/// The rankings of a subtask.
 pub(super) async fn task(State(pages): State<Arc<Pages>>, Path(task): Path<String>) -> Result<Response, Problem> {
     let task = subtask(&task)?;
     let board = pages.board().await?;
     let table = board.tasks.iter().find(|table| table.task == task).ok_or(Problem::Nothing)?;
-    let groups = table.divisions.iter().map(|(division, places)| Group {
+    let groups = table.divisions.iter().map(|(division, places)| DivisionRanking {
         division,
         places: &places[..places.len().min(ROWS)],
         more: places.len().saturating_sub(ROWS),
@@ -114,7 +110,7 @@ async fn picture(
     Ok(answer)
 }
 
-/// A subtask by its short id, written as we write it: a page has one address.
+/// A subtask by its short id in our spelling: a page has one address.
 pub(super) fn subtask(text: &str) -> Result<Task, Problem> {
     let found = Task::SUBTASKS.into_iter().find(|task| task.short_id() == text);
     found.ok_or(Problem::Nothing)

@@ -1,4 +1,4 @@
-//! Which episodes a submission played: two that share some can be compared.
+//! The episodes that a submission played: two submissions that share some can be compared.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,12 @@ use fiatlux_grading::Results;
 
 /// The episodes of a submission in order: task, seed, index.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(crate) struct Played {
+pub(crate) struct PlayedEpisodes {
     version: u32,
     episodes: Vec<(String, u64, u64)>,
 }
 
-impl Played {
+impl PlayedEpisodes {
     pub fn of(results: &Results) -> Self {
         let mut episodes: Vec<_> =
             results.episodes.iter().map(|row| (row.task.clone(), row.seed, row.episode)).collect();
@@ -19,7 +19,7 @@ impl Played {
         Self { version: results.conditions.benchmark_version, episodes }
     }
 
-    /// Whether it played an episode.
+    /// True if it played the episode.
     pub fn has(&self, task: &str, seed: u64, episode: u64) -> bool {
         let key = |(t, s, e): &(String, u64, u64)| t.as_str().cmp(task).then(s.cmp(&seed)).then(e.cmp(&episode));
         self.episodes.binary_search_by(key).is_ok()
@@ -48,7 +48,7 @@ impl Played {
         count
     }
 
-    /// Whether some other one of these shares an episode, for each of them.
+    /// For each of these, true if another one shares an episode.
     pub fn any_shared(all: &[&Self]) -> Vec<bool> {
         let mut counts: HashMap<(u32, &(String, u64, u64)), usize> = HashMap::new();
         all.iter().flat_map(|played| played.keys()).for_each(|key| *counts.entry(key).or_default() += 1);
@@ -64,15 +64,15 @@ mod tests {
     #[test]
     fn what_two_share() {
         let (a, mut other) = (results(1), results(2));
-        assert_eq!(Played::of(&a).shared(&Played::of(&other)), 24);
-        assert!(Played::of(&a).has("S12", 65, 0) && !Played::of(&a).has("S12", 66, 0));
+        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 24);
+        assert!(PlayedEpisodes::of(&a).has("S12", 65, 0) && !PlayedEpisodes::of(&a).has("S12", 66, 0));
         other.episodes.iter_mut().filter(|row| row.task == "S01").for_each(|row| row.seed += 100);
-        assert_eq!(Played::of(&a).shared(&Played::of(&other)), 22);
+        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 22);
         let mut elsewhere = results(2);
         elsewhere.episodes.iter_mut().for_each(|row| row.seed += 200);
-        let all = [&a, &elsewhere, &other].map(Played::of);
-        assert_eq!(Played::any_shared(&all.each_ref()), [true, false, true]);
+        let all = [&a, &elsewhere, &other].map(PlayedEpisodes::of);
+        assert_eq!(PlayedEpisodes::any_shared(&all.each_ref()), [true, false, true]);
         other.conditions.benchmark_version += 1;
-        assert_eq!(Played::of(&a).shared(&Played::of(&other)), 0);
+        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 0);
     }
 }

@@ -1,4 +1,4 @@
-//! Rankings of single subtasks. They are open to every submission that played the subtask, whatever else it played.
+//! Rankings of single subtasks. They are open to every submission that played the subtask.
 //!
 //! Their order is by the lower end of the 95 % interval of strict clean success: a rate of 1 over one episode says less than one
 //! of 0.98 over 64. Submissions without a success are listed and have no rank.
@@ -11,17 +11,17 @@ use fiatlux_rules::Task;
 use super::{Cell, Rooms, is_fair};
 use crate::{Badge, Division, Entry};
 
-/// What a submission did in the subtasks that it played.
+/// The results of a submission in the subtasks that it played.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Tried {
+pub(crate) struct SubtaskResults {
     version: u32,
     division: Division,
     cells: Vec<(Task, Cell, Rooms)>,
 }
 
-impl Tried {
-    /// The subtasks of a submission with this badge; `None` if its conditions are not ranked, or its rooms or episodes are
-    /// chosen in a way that no ranking allows.
+impl SubtaskResults {
+    /// The subtasks of a submission with this badge; `None` if its conditions are not ranked, or its rooms or episodes
+    /// are chosen in a way that no ranking allows.
     pub fn of(results: &Results, badge: Badge) -> Option<Self> {
         is_fair(results, badge).ok()?;
         let cell = |task: Task| {
@@ -38,21 +38,18 @@ impl Tried {
     }
 }
 
-/// A submission in the ranking of a subtask.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct TaskPlace {
+pub(crate) struct RankedTask {
     /// 1 for the best; equal rows share a rank, and one without a success has none.
     pub rank: Option<usize>,
-    /// The submission that has this place.
     pub entry: Entry,
-    /// Its scores in this subtask.
     pub cell: Cell,
     /// The rooms in which it played the subtask.
     pub rooms: Rooms,
 }
 
-impl TaskPlace {
-    /// By what it is ranked: the least likely success rate, then the score s.
+impl RankedTask {
+    /// The order of the ranking: the lower bound of the success rate, then the score s.
     fn merit(&self) -> (f64, f64) {
         let lower = if self.cell.strict_clean > 0.0 { self.cell.strict_interval[0] } else { 0.0 };
         (lower, self.cell.strict)
@@ -62,28 +59,27 @@ impl TaskPlace {
 /// The rankings of a subtask in the latest version of the benchmark, one for each division.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TaskTable {
-    /// The subtask.
     pub task: Task,
     /// Rows by division, the best first; none of them is empty.
-    pub divisions: BTreeMap<Division, Vec<TaskPlace>>,
+    pub divisions: BTreeMap<Division, Vec<RankedTask>>,
 }
 
 impl TaskTable {
-    /// The best of each division that has a success.
-    pub fn best(&self) -> impl Iterator<Item = (&Division, &TaskPlace)> {
+    /// The best row of each division that has a success.
+    pub fn best(&self) -> impl Iterator<Item = (&Division, &RankedTask)> {
         let first = self.divisions.iter().filter_map(|(division, places)| Some((division, places.first()?)));
         first.filter(|(_, place)| place.rank.is_some())
     }
 }
 
 /// Rankings of all twelve subtasks, S01 first.
-pub(crate) fn by_task(tried: &[(&Entry, &Tried)]) -> Vec<TaskTable> {
+pub(crate) fn by_task(tried: &[(&Entry, &SubtaskResults)]) -> Vec<TaskTable> {
     let latest = tried.iter().map(|(_, tried)| tried.version).max();
     let table = |task: Task| {
-        let mut divisions: BTreeMap<Division, Vec<TaskPlace>> = BTreeMap::new();
+        let mut divisions: BTreeMap<Division, Vec<RankedTask>> = BTreeMap::new();
         for (entry, tried) in tried.iter().filter(|(_, tried)| Some(tried.version) == latest) {
             let Some((_, cell, rooms)) = tried.cells.iter().find(|(found, ..)| *found == task) else { continue };
-            let place = TaskPlace { rank: None, entry: (*entry).clone(), cell: cell.clone(), rooms: rooms.clone() };
+            let place = RankedTask { rank: None, entry: (*entry).clone(), cell: cell.clone(), rooms: rooms.clone() };
             divisions.entry(tried.division.clone()).or_default().push(place);
         }
         divisions.values_mut().for_each(|places| rank(places));
@@ -93,7 +89,7 @@ pub(crate) fn by_task(tried: &[(&Entry, &Tried)]) -> Vec<TaskTable> {
 }
 
 /// Puts the best first, the earlier one of equals above.
-fn rank(places: &mut [TaskPlace]) {
+fn rank(places: &mut [RankedTask]) {
     places.sort_by(|a, b| {
         let ((lower_a, score_a), (lower_b, score_b)) = (a.merit(), b.merit());
         let by_merit = lower_b.total_cmp(&lower_a).then(score_b.total_cmp(&score_a));
@@ -123,14 +119,17 @@ mod tests {
         changed
     }
 
-    /// Guards the order by what a rate proves, that nobody leads without a success, and that one subtask is enough.
+    /// Guards the order by the lower bound of a rate, that nobody leads without a success, and that one subtask is
+    /// enough.
     #[test]
     fn a_subtask_is_ranked_by_what_its_rate_proves() {
         let all = [with(1.0, [0.21, 1.0]), with(0.98, [0.92, 1.0]), with(0.0, [0.0, 0.8]), with(1.0, [0.21, 1.0])];
         let tried: Vec<_> = all
             .iter()
             .zip(1..)
-            .map(|(results, id)| (entry(id, "p", results), Tried::of(results, Badge::Replayed).expect("ranked")))
+            .map(|(results, id)| {
+                (entry(id, "p", results), SubtaskResults::of(results, Badge::Replayed).expect("ranked"))
+            })
             .collect();
         let pairs: Vec<_> = tried.iter().map(|(entry, tried)| (entry, tried)).collect();
         let tables = by_task(&pairs);
@@ -142,22 +141,22 @@ mod tests {
         assert!(tables[1].divisions.is_empty() && tables[1].best().next().is_none());
     }
 
-    /// Guards that divisions stand apart, and that rooms for training have no place here either.
+    /// Guards that divisions are ranked separately, and that rooms for training are not ranked here either.
     #[test]
     fn a_subtask_has_the_rules_of_the_tables() {
         let mut privileged = with(1.0, [0.8, 1.0]);
         privileged.conditions.observations = "privileged".into();
         let standard = with(0.5, [0.3, 0.7]);
-        let of = |results: &Results| Tried::of(results, Badge::Replayed).expect("ranked");
+        let of = |results: &Results| SubtaskResults::of(results, Badge::Replayed).expect("ranked");
         let entries = [entry(1, "a", &privileged), entry(2, "b", &standard)];
         let tried = [of(&privileged), of(&standard)];
         let tables = by_task(&[(&entries[0], &tried[0]), (&entries[1], &tried[1])]);
         assert_eq!(tables[0].best().map(|(_, place)| place.entry.id.0).collect::<Vec<_>>(), [2, 1]);
         let mut trained = with(1.0, [0.8, 1.0]);
         trained.seeds = vec![1000];
-        assert_eq!(Tried::of(&trained, Badge::Replayed), None);
+        assert_eq!(SubtaskResults::of(&trained, Badge::Replayed), None);
         let mut loose = with(1.0, [0.8, 1.0]);
         loose.without_journal = vec!["run".into()];
-        assert_eq!(Tried::of(&loose, Badge::Replayed), None);
+        assert_eq!(SubtaskResults::of(&loose, Badge::Replayed), None);
     }
 }

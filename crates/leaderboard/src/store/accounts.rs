@@ -6,52 +6,42 @@ use sqlx::{Row as _, Sqlite, Transaction};
 use super::{Store, now_ms};
 use crate::StoreError;
 
-/// Who may submit, and how much.
+/// The holder of tokens, with the limits on its submissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Account {
-    /// Name of the account: letters, digits, `-` and `_`.
+    /// Letters, digits, `-` and `_`.
     pub name: String,
-    /// When it was created, ms since 1970.
     pub created_ms: i64,
-    /// When it was closed, ms since 1970; the tokens of a closed account are refused.
+    /// The tokens of a closed account are refused.
     pub closed_ms: Option<i64>,
-    /// Largest number of submissions that it may begin within 24 hours.
+    /// Maximum number of submissions begun within 24 hours.
     pub submissions_a_day: i64,
-    /// Largest size of all its submissions together, bytes.
+    /// Maximum size of all its submissions together, bytes.
     pub max_bytes: i64,
 }
 
-/// A token as the store keeps it: its digest, never the token itself.
+/// A token in the store: its digest, never the token itself. Times are ms since 1970.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TokenRow {
     /// Its public part, 16 hexadecimal digits.
     pub id: String,
-    /// Name of the account that the token is for.
     pub account: String,
     /// SHA-256 of the whole token, hexadecimal.
     pub sha256: String,
-    /// When it was created, ms since 1970.
     pub created_ms: i64,
-    /// When it expires, ms since 1970.
     pub expires_ms: i64,
-    /// When it was revoked, ms since 1970; `None` if it was not.
     pub revoked_ms: Option<i64>,
 }
 
-/// A line of the audit log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditRow {
-    /// Number of the line, from 1.
     pub seq: i64,
-    /// When it happened, ms since 1970.
     pub at_ms: i64,
-    /// Who did it: `admin`, `service`, or an account.
+    /// `admin`, `service`, or an account.
     pub who: String,
-    /// What was done, such as `token made`.
     pub action: String,
-    /// What it was done to: an account, the id of a token, or a submission.
+    /// An account, the id of a token, or a submission.
     pub subject: String,
-    /// Further details; may be empty.
     pub detail: String,
 }
 
@@ -82,7 +72,7 @@ impl Store {
         Ok(is_new)
     }
 
-    /// Sets an account's limits, and whether it is closed; returns `false` if there is no such account.
+    /// Sets an account's limits, and closes or opens it; returns `false` if there is no such account.
     pub(crate) async fn change_account(&self, account: &Account) -> Result<bool, StoreError> {
         let mut tx = self.write().await?;
         let done =
@@ -101,13 +91,11 @@ impl Store {
         Ok(done.rows_affected() == 1)
     }
 
-    /// The account of this name, if there is one.
     pub(crate) async fn account(&self, name: &str) -> Result<Option<Account>, StoreError> {
         let row = sqlx::query("SELECT * FROM accounts WHERE name = $1").bind(name).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(ACCOUNT))?.map(|row| account_of(&row)).transpose()
     }
 
-    /// All accounts, by name.
     pub(crate) async fn accounts(&self) -> Result<Vec<Account>, StoreError> {
         let rows = sqlx::query("SELECT * FROM accounts ORDER BY name").fetch_all(&self.pool).await;
         rows.map_err(StoreError::database(ACCOUNT))?.iter().map(account_of).collect()
@@ -130,7 +118,6 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// A token by its public part.
     pub(crate) async fn token(&self, id: &str) -> Result<Option<TokenRow>, StoreError> {
         let row = sqlx::query("SELECT * FROM tokens WHERE id = $1").bind(id).fetch_optional(&self.pool).await;
         row.map_err(StoreError::database(TOKEN))?.map(|row| token_of(&row)).transpose()

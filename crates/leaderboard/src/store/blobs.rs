@@ -27,12 +27,10 @@ impl Digest {
         (text.len() == 64 && text.bytes().all(is_digit)).then(|| Self(text.to_owned()))
     }
 
-    /// Computes the digest of some bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self::from(Sha256::new().chain_update(bytes))
     }
 
-    /// The 64 hexadecimal digits.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -57,7 +55,6 @@ pub(crate) struct Blobs {
 }
 
 impl Blobs {
-    /// Opens or creates the store in a local folder.
     pub fn open(root: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(root).map_err(StoreError::io("make", root))?;
         let store = LocalFileSystem::new_with_prefix(root).map_err(StoreError::blobs("be opened"))?.with_fsync(true);
@@ -74,13 +71,13 @@ impl Blobs {
         Ok(digest)
     }
 
-    /// Keeps a copy of a file, if it has this digest; else keeps nothing and says `false`.
+    /// Stores a copy of a file if it has this digest; else stores nothing and returns `false`.
     pub async fn put_checked(&self, digest: &Digest, file: &Path) -> Result<bool, StoreError> {
         let failed = |error| StoreError::blobs("take a file")(error);
         let mut upload = self.store.put_multipart(&digest.key()).await.map_err(failed)?;
         let copied = async {
             let mut source =
-                Source { file: File::open(file).map_err(StoreError::io("open", file))?, sum: Sha256::new() };
+                DigestReader { file: File::open(file).map_err(StoreError::io("open", file))?, sum: Sha256::new() };
             loop {
                 // Milliseconds for each block: not on a thread that answers requests.
                 let next = tokio::task::spawn_blocking(move || source.next().map(|block| (block, source)));
@@ -103,7 +100,6 @@ impl Blobs {
         copied.map(|_| is_it)
     }
 
-    /// Whether the store has a file of this digest.
     pub async fn has(&self, digest: &Digest) -> Result<bool, StoreError> {
         match self.store.head(&digest.key()).await {
             Ok(_) => Ok(true),
@@ -112,7 +108,6 @@ impl Blobs {
         }
     }
 
-    /// Reads a whole file into memory.
     pub async fn read(&self, digest: &Digest) -> Result<Vec<u8>, StoreError> {
         let failed = |error| StoreError::blobs("read a file")(error);
         let found = self.store.get(&digest.key()).await.map_err(failed)?;
@@ -127,8 +122,8 @@ impl Blobs {
         }
     }
 
-    /// Removes what uploads left that were cut off with their service: files `DIGEST#NUMBER`, which nobody reads. Returns how
-    /// many. Nothing may write meanwhile.
+    /// Removes partial files of uploads that were cut off with their service, `DIGEST#NUMBER`, which nobody reads.
+    /// Returns their number. Nothing may write meanwhile.
     pub async fn remove_staged(&self) -> Result<usize, StoreError> {
         let root = self.root.clone();
         let removed = tokio::task::spawn_blocking(move || {
@@ -144,19 +139,18 @@ impl Blobs {
         removed.await.map_err(|_| StoreError::corrupt("the folder of the bags", "a thread ended early"))?
     }
 
-    /// A content as a file of this machine.
     pub fn local(&self, digest: &Digest) -> PathBuf {
         self.root.join(&digest.0[..2]).join(&digest.0)
     }
 }
 
-/// A file, and the digest of what was read of it.
-struct Source {
+/// A file, and the digest of the part that was read.
+struct DigestReader {
     file: File,
     sum: Sha256,
 }
 
-impl Source {
+impl DigestReader {
     /// The next block; an empty one at the end.
     fn next(&mut self) -> std::io::Result<Vec<u8>> {
         let mut block = Vec::with_capacity(BLOCK);
@@ -171,7 +165,7 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     entries.map(|entry| Ok(entry.map_err(StoreError::io("read", folder))?.path())).collect()
 }
 
-/// Whether a file has the name under which the store writes a content before it is whole.
+/// True if a file has the name under which the store writes a content before it is complete.
 fn is_staged(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.split_once('#'));
     name.is_some_and(|(digest, number)| {
@@ -184,7 +178,7 @@ fn is_staged(path: &Path) -> bool {
 mod tests {
     use super::*;
 
-    /// Guards that what the library leaves of a content that is cut off is found by its name, and a whole one left alone.
+    /// Guards that the library's partial files are found by their names, and complete ones left alone.
     #[tokio::test]
     async fn what_a_kill_leaves_is_removed() {
         let root = std::env::temp_dir().join(format!("fiatlux-blobs-{}", std::process::id()));

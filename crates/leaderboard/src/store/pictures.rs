@@ -14,7 +14,6 @@ const CHANGE: &str = "store pictures";
 /// Pictures of one episode, by the digests of their files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Picture {
-    /// Layout seed of the episode.
     pub seed: u64,
     pub episode: u64,
     /// A PNG file.
@@ -64,7 +63,6 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// The pictures of all submissions.
     pub(crate) async fn pictures(&self) -> Result<Pictures, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query("SELECT * FROM pictures").fetch_all(&self.pool).await.map_err(failed)?;

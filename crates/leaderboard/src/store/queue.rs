@@ -12,7 +12,6 @@ use crate::{Badge, Division, StoreError, SubmissionId};
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
 
-/// What simulating an episode again has shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// The second run was equal to the last bit.
@@ -33,19 +32,17 @@ impl Verdict {
     }
 }
 
-/// An episode of a graded submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct EpisodePlan {
     pub task: String,
     pub seed: u64,
     pub episode: u64,
-    /// Place of its bag among the submission's files.
+    /// Index of its bag in the submission's files.
     pub place: i64,
-    /// Whether it can be verified by simulating it again.
+    /// It can be verified by simulating it again.
     pub verify: bool,
 }
 
-/// An episode that waits to be verified.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct EpisodeJob {
     pub submission: SubmissionId,
@@ -204,7 +201,6 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// Number of episodes by verdict.
     pub(crate) async fn verdicts(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT verdict AS kind, COUNT(*) AS count FROM episodes GROUP BY verdict ORDER BY verdict")

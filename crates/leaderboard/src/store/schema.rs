@@ -8,7 +8,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 
 use crate::StoreError;
 
-/// What each version adds, from version 1 on.
+/// The statements of each version, from version 1 on.
 const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES];
 
 const FIRST: &[&str] = &[
@@ -74,7 +74,7 @@ const FIRST: &[&str] = &[
     "CREATE INDEX episodes_by_verdict ON episodes (verdict, submission)",
 ];
 
-/// Pictures of the best success of each subtask; `drawn` is when a submission got its pictures.
+/// Pictures of the best success of each subtask; `drawn` is the time at which a submission got its pictures.
 const PICTURES: &[&str] = &[
     "CREATE TABLE pictures (
         submission TEXT NOT NULL REFERENCES submissions (id),
@@ -88,7 +88,6 @@ const PICTURES: &[&str] = &[
     "ALTER TABLE submissions ADD COLUMN drawn BIGINT",
 ];
 
-/// Upgrades a database to the latest version.
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
     let failed = |action| StoreError::database(action);
     sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")

@@ -6,10 +6,10 @@ use sqlx::{Row as _, Sqlite, Transaction};
 use super::accounts::audit;
 use super::{Account, Digest, Store, moment, now_ms};
 use crate::submission::{BAG, FileSpec, word_of, word_to};
-use crate::{Badge, Division, Entry, Manifest, State, StoreError, SubmissionId};
+use crate::{Badge, Division, Entry, Manifest, Stage, StoreError, SubmissionId};
 
-/// Most submissions of an account that may wait for files at once.
-const MOST_OPEN: i64 = 8;
+/// Maximum number of submissions of an account that may wait for files at once.
+const MAX_OPEN: i64 = 8;
 /// Period of the daily limit, ms.
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
@@ -24,11 +24,9 @@ pub(crate) struct Draft {
     pub files: Vec<FileSpec>,
 }
 
-/// Outcome of a request to begin a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Begun {
+pub(crate) enum BeginOutcome {
     New,
-    /// The same account began the same submission before.
     Known,
     /// The account has begun this many within 24 hours, which is its limit.
     TooManyToday(i64),
@@ -41,19 +39,17 @@ pub(crate) enum Begun {
 /// A file of a submission, as its submitter may see it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileRow {
-    /// Its place in the submission's list of files, from 0.
+    /// Its index in the submission's list of files.
     pub place: i64,
-    /// Name of the file, which was checked to be no path.
+    /// Checked to be no path.
     pub name: String,
-    /// Announced length of the file, bytes.
     pub bytes: i64,
     /// Announced SHA-256 of its content, hexadecimal.
     pub sha256: String,
-    /// Whether the whole file has arrived and was found to have this digest.
+    /// The whole file has arrived, with this digest.
     pub stored: bool,
 }
 
-/// A file to store or to read.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredFile {
     pub bytes: u64,
@@ -61,12 +57,10 @@ pub(crate) struct StoredFile {
     pub stored: bool,
 }
 
-/// Number of submissions or episodes of one kind.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Count {
-    /// The kind: a state or a verdict.
+    /// A state or a verdict.
     pub kind: String,
-    /// Number of submissions or episodes of this kind.
     pub count: i64,
 }
 
@@ -139,7 +133,7 @@ impl Store {
     }
 
     /// Begins a submission if the limits of its account allow it. Beginning the same draft again changes nothing.
-    pub(crate) async fn begin(&self, account: &Account, draft: &Draft) -> Result<Begun, StoreError> {
+    pub(crate) async fn begin(&self, account: &Account, draft: &Draft) -> Result<BeginOutcome, StoreError> {
         let failed = |error| StoreError::database("take a submission")(error);
         let bytes: i64 = draft.files.iter().map(|file| file.bytes as i64).sum();
         let (id, now) = (draft.id.to_string(), now_ms());
@@ -158,16 +152,16 @@ impl Store {
         .map_err(failed)?;
         let count = |column| row.try_get::<i64, _>(column).map_err(failed);
         if count("known")? > 0 {
-            return Ok(Begun::Known);
+            return Ok(BeginOutcome::Known);
         }
         if count("today")? >= account.submissions_a_day {
-            return Ok(Begun::TooManyToday(account.submissions_a_day));
+            return Ok(BeginOutcome::TooManyToday(account.submissions_a_day));
         }
-        if count("open")? >= MOST_OPEN {
-            return Ok(Begun::TooManyOpen(MOST_OPEN));
+        if count("open")? >= MAX_OPEN {
+            return Ok(BeginOutcome::TooManyOpen(MAX_OPEN));
         }
         if count("bytes")?.saturating_add(bytes) > account.max_bytes {
-            return Ok(Begun::TooManyBytes(account.max_bytes));
+            return Ok(BeginOutcome::TooManyBytes(account.max_bytes));
         }
         let manifest = serde_json::to_string(&draft.manifest)
             .map_err(|error| StoreError::corrupt("the manifest of a new submission", error))?;
@@ -199,7 +193,7 @@ impl Store {
         let files = format!("{} files, {bytes} bytes", draft.files.len());
         audit(&mut tx, &account.name, "submission begun", &id, &files).await?;
         tx.commit().await.map_err(failed)?;
-        Ok(Begun::New)
+        Ok(BeginOutcome::New)
     }
 
     /// The files of a submission, by place.
@@ -243,7 +237,6 @@ impl Store {
         row.map(|row| Ok((id_of(&row, "id")?, row.try_get("account").map_err(failed)?))).transpose()
     }
 
-    /// One file of a submission.
     pub(crate) async fn file(&self, id: SubmissionId, place: u32) -> Result<Option<StoredFile>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let row = sqlx::query("SELECT bytes, sha256, stored FROM files WHERE submission = $1 AND place = $2")
@@ -258,7 +251,6 @@ impl Store {
         Ok(Some(StoredFile { bytes, digest, stored: row.try_get::<i64, _>("stored").map_err(failed)? != 0 }))
     }
 
-    /// Notes that a file is stored.
     pub(crate) async fn set_stored(&self, id: SubmissionId, place: u32) -> Result<(), StoreError> {
         let mut tx = self.write().await?;
         sqlx::query("UPDATE files SET stored = 1 WHERE submission = $1 AND place = $2")
@@ -345,8 +337,8 @@ impl Store {
             }
         }
         audit(&mut tx, who, "submission removed", &id.to_string(), "").await?;
-        // Files go last, before the commit, so that nobody can begin a submission that needs them: a file too many does no
-        // harm, a missing one does.
+        // Files are removed last, before the commit, so that nobody can begin a submission that needs them: an extra
+        // file does no harm, a missing one does.
         for row in alone.iter().chain(&results).chain(&pictures) {
             let digest = digest_of(&row.try_get::<String, _>(0).map_err(failed)?)?;
             self.blobs.remove(&digest).await?;
@@ -392,7 +384,6 @@ impl Store {
         rows.iter().map(|row| digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
     }
 
-    /// Number of submissions by state.
     pub(crate) async fn states(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
@@ -434,7 +425,8 @@ pub(super) fn id_of(row: &SqliteRow, column: &str) -> Result<SubmissionId, Store
 }
 
 pub(super) fn digest_of(text: &str) -> Result<Digest, StoreError> {
-    Digest::parse(text).ok_or_else(|| StoreError::corrupt(format!("the digest '{text}'"), "it is not one"))
+    Digest::parse(text)
+        .ok_or_else(|| StoreError::corrupt(format!("the digest '{text}'"), "it is not 64 hexadecimal digits"))
 }
 
 fn entry_of(row: &SqliteRow) -> Result<Entry, StoreError> {
@@ -451,7 +443,7 @@ fn entry_of(row: &SqliteRow) -> Result<Entry, StoreError> {
         account: text("account")?,
         division: division.map_err(corrupt)?,
         badge: word_of::<Badge>(&text("badge")?).map_err(corrupt)?,
-        state: word_of::<State>(&text("state")?).map_err(corrupt)?,
+        state: word_of::<Stage>(&text("state")?).map_err(corrupt)?,
         reason: text("reason")?,
         received: moment(received.map_or_else(|| number("begun"), Ok)?),
         progress: (number("done")? as u64, number("whole")? as u64),

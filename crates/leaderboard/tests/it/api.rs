@@ -4,7 +4,8 @@ use crate::common::{Board, bag, manifest, sha256, wish};
 use fiatlux_leaderboard::{ServiceOptions, Store};
 use serde_json::{Value, json};
 
-/// Guards the whole way of a submission: announced, sent, graded, listed, with the grader's results and the bag that was sent.
+/// Guards the course of a submission: announced, sent, graded, listed, with the grader's results and the bag that was
+/// sent.
 #[test]
 fn a_submission_is_graded_and_listed() {
     let board = Board::start("graded", ServiceOptions::default());
@@ -30,7 +31,7 @@ fn a_submission_is_graded_and_listed() {
     let other = board.token("other");
     let (status, theirs) = board.json("POST", "/api/v1/submissions", Some(&other), &wish(&manifest(), &files));
     assert!(status == 201 && theirs["id"] != json!(id), "{theirs}");
-    // Strangers have no business with them.
+    // Strangers cannot read the metrics.
     assert_eq!(board.ask("GET", "/metrics", None, b"").0, 404);
     let text = board.metrics();
     assert!(
@@ -85,7 +86,7 @@ fn an_upload_goes_on_where_it_broke_off() {
     assert_eq!(board.decided(id, &token)["state"], "graded");
 }
 
-/// Guards what a submitter reads about inconsistent bags, and that nobody else can read it.
+/// Guards that a submitter can read why bags are inconsistent, and that nobody else can.
 #[test]
 fn a_changed_bag_is_refused_with_its_name() {
     let board = Board::start("refused", ServiceOptions::default());
@@ -130,7 +131,7 @@ fn bags_of_another_account_are_refused() {
     assert!(status == 404 && page.contains("This submission was refused") && !page.contains(&first), "{page}");
     let again = board.submit(&owner, &json!({ "policy": "zero", "note": "again" }), &files);
     assert_eq!(board.decided(&again, &owner)["state"], "graded");
-    // A submission that is gone no longer keeps a place.
+    // A removed submission no longer counts.
     board.runtime.block_on(async {
         for id in [&first, &again] {
             board.store.remove_submission(id.parse().unwrap()).await.unwrap();
@@ -151,7 +152,7 @@ fn halves_of_bags_are_removed() {
     let kept = board.runtime.block_on(store.bag(id.parse().unwrap(), "S01", 3, 0)).unwrap().unwrap();
     let [digest, folder] = [kept.file_name().unwrap().to_str().unwrap(), kept.parent().unwrap().to_str().unwrap()];
     let name = |end: &str| format!("{folder}/{digest}{end}");
-    // What the store itself writes before a content is whole has such a name; others are somebody else's.
+    // The store writes incomplete content under such a name; other names are not its own.
     let halves = [name("#1"), name("#27")];
     let others = [name(""), name("#"), name("#1a"), name("-1"), format!("{folder}/note#1")];
     halves.iter().chain(&others[1..]).for_each(|path| std::fs::write(path, "half").unwrap());

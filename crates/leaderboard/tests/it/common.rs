@@ -19,7 +19,7 @@ use tokio::sync::oneshot;
 
 use bags::{Folder, Story};
 
-/// How long a test waits for something that must happen.
+/// Time limit for an event that must happen.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A service that runs until it is dropped.

@@ -17,7 +17,7 @@ fn options() -> ServiceOptions {
     }
 }
 
-/// Guards that nobody gets in without a token that is neither expired nor revoked, of an account that is open.
+/// Guards that only a token that is neither expired nor revoked, of an open account, gives access.
 #[test]
 fn tokens_that_are_not_good_open_nothing() {
     let board = Board::start("tokens", options());
@@ -291,7 +291,7 @@ fn with_large_bag(name: &str, pace: Pace) -> (Board, String) {
     (board, format!("/runs/{id}/episodes/S01-s3-e0/bag"))
 }
 
-/// Guards that readers who do not read take the places of nobody else, whether they are at one address or at many.
+/// Guards that readers who do not read take the places of nobody else, at one address or at many.
 #[test]
 fn readers_that_do_not_read_keep_nobody_out() {
     let (board, bag) = with_large_bag("idle-readers", Pace::default());
@@ -313,7 +313,7 @@ fn readers_that_do_not_read_keep_nobody_out() {
     assert_eq!(statuses.iter().filter(|status| **status == 200).count(), 24, "{statuses:?}");
     assert!(statuses.iter().all(|status| [200, 503].contains(status)), "{statuses:?}");
     quick("many addresses");
-    // Whoever hangs up gives the place back.
+    // A disconnected reader frees its place.
     drop(one);
     drop(many);
     let start = Instant::now();
@@ -339,7 +339,7 @@ fn a_reader_that_does_not_read_is_cut() {
     assert!(rest.len() < 4 << 20, "{} bytes", rest.len());
 }
 
-/// Guards against guessing: who sends wrong tokens waits for each answer, and nobody else does.
+/// Guards against guessing: a sender of wrong tokens waits for each answer, and nobody else does.
 #[test]
 fn wrong_tokens_are_slowed() {
     let pause = Duration::from_millis(250);

@@ -1,4 +1,4 @@
-//! The service over HTTP: its API and its pages, and what it refuses.
+//! The service over HTTP: its API, its pages, and its refusals.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod api;

@@ -6,7 +6,7 @@ use fiatlux_leaderboard::{Pace, ServiceOptions};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 
-/// Largest peak memory that the process may reach, bytes.
+/// Maximum peak memory of the process, bytes.
 const MAX_MEMORY: u64 = 1 << 30;
 
 fn mutated(random: &mut Pcg64Mcg, requests: &[Vec<u8>]) -> Vec<u8> {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 const METHODS: [&str; 5] = ["get", "post", "put", "delete", "patch"];
 
-/// How a value violates a schema, if it does; knows the part of JSON Schema that our document uses.
+/// The first violation of a schema by a value; supports the part of JSON Schema that our document uses.
 fn misfit(document: &Value, schema: &Value, value: &Value, at: &str) -> Option<String> {
     if let Some(target) = schema["$ref"].as_str() {
         let name = target.strip_prefix("#/components/schemas/").unwrap();

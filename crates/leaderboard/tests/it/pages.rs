@@ -1,4 +1,4 @@
-//! Tests the pages: what they show of submissions, what they let a browser load, and what they refuse.
+//! The pages: their content, what they let a browser load, and their refusals.
 
 use std::path::PathBuf;
 
@@ -91,12 +91,12 @@ fn every_page_is_there_and_lets_nothing_in() {
     assert!(head.contains("filename=\"s05-s3-e0.mcap\""), "{head}");
     let length = std::fs::metadata(board.folder.0.join("better/S05-s3-e0.mcap")).unwrap().len();
     assert!(head.contains(&format!("content-length: {length}")), "{head}");
-    // These bags have no scene to draw; the answer says so without the path of the file.
+    // These bags have no scene to draw; the answer states it without the path of the file.
     let (head, document) = answer(&board, &format!("{episode}/document.json"));
     assert!(head.starts_with("http/1.1 422") && !document.contains("blobs"), "{head}\n{document}");
 }
 
-/// Guards that an address reaches only what it names, and that unknown addresses get 404.
+/// Guards that an address reaches only its own page, and that unknown addresses get 404.
 #[test]
 fn other_addresses_are_refused() {
     let board = Board::start("addresses", ServiceOptions::default());
@@ -148,7 +148,7 @@ fn other_addresses_are_refused() {
     assert_eq!(board.ask("GET", &format!("/runs/{begun}"), None, b"").0, 404);
 }
 
-/// Guards that a comparison is offered where two runs share an episode, and only there.
+/// Guards that a comparison is offered only if two runs share an episode.
 #[test]
 fn a_comparison_is_offered_where_rooms_are_shared() {
     let board = Board::start("partners", ServiceOptions::default());

@@ -13,10 +13,9 @@ use fiatlux_wire::{
 };
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
 
-/// Longest length of the episode in steps; the robot may fall earlier.
+/// Maximum length of the episode in steps; the robot may fall earlier.
 const STEPS: u64 = 150;
 
-/// A random generator for tests.
 pub struct Random(pub u64);
 
 impl Random {
@@ -27,7 +26,7 @@ impl Random {
 }
 
 /// An episode that was played here: its rows, its robot, and its bag.
-pub struct Played {
+pub struct RecordedEpisode {
     pub folder: PathBuf,
     pub bag: PathBuf,
     pub rows: Vec<Row>,
@@ -37,7 +36,6 @@ pub struct Played {
     pub cause: &'static str,
 }
 
-/// An empty folder for one test.
 pub fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&folder);
@@ -46,7 +44,7 @@ pub fn folder(name: &str) -> PathBuf {
 }
 
 /// Plays a task with restless joints, and records it.
-pub fn play(name: &str, task: Task, seed: u64) -> Played {
+pub fn play(name: &str, task: Task, seed: u64) -> RecordedEpisode {
     let folder = folder(name);
     let spec = EpisodeSpec::new(task, seed, 0);
     let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
@@ -87,7 +85,7 @@ pub fn play(name: &str, task: Task, seed: u64) -> Played {
         ..EpisodeResult::default()
     };
     let bag = writer.finish(&result).unwrap();
-    Played { folder, bag, rows, criteria, scene, cause }
+    RecordedEpisode { folder, bag, rows, criteria, scene, cause }
 }
 
 fn header(episode: &Episode) -> EpisodeHeader {

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::common::{Random, play, read_track};
 
-/// Error of single precision for a position of a few metres, m, and for a unit quaternion.
+/// Rounding error of single precision for a position of a few metres, m, and for a unit quaternion.
 const CLOSE: f32 = 2e-6;
 
 fn numbers(pose: &Isometry3<f64>) -> [f32; POSE] {
@@ -42,7 +42,7 @@ fn poses_are_those_of_the_robots_kinematics() {
     }
 }
 
-/// Two outside references: where the engine measured the palms, and the frames that the bag holds for Foxglove, each
+/// Two outside references: the poses of the palms from the engine, and the frames that the bag holds for Foxglove, each
 /// relative to its parent and multiplied out here.
 #[test]
 fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
@@ -82,7 +82,7 @@ fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
     }
 }
 
-/// Conditions are those of the judge in force, and forces are those of the rows.
+/// Guards that conditions are those of the judge in force, and forces are those of the rows.
 #[test]
 fn conditions_and_forces_are_those_of_the_rows() {
     let played = play("conditions", Task::S11, 2);
@@ -117,7 +117,7 @@ fn conditions_and_forces_are_those_of_the_rows() {
     assert_eq!(document.recorded_end.as_deref(), Some(played.cause));
 }
 
-/// Memory is limited: in a long episode only some rows have poses, but all have their conditions.
+/// Guards that memory is limited: in a long episode only some rows have poses, but all have their conditions.
 #[test]
 fn long_episodes_are_thinned_out() {
     let played = play("long", Task::S07, 1);
@@ -136,8 +136,8 @@ fn long_episodes_are_thinned_out() {
     assert!(thin.document().notes.iter().any(|note| note.contains("poses stand 0.")));
 }
 
-/// The shapes are those that clips show, each in an existing frame and with valid indices.
-/// The head camera's pictures stand at their steps. What goes back in time or is no PNG is left out, and too many are thinned.
+/// Guards that the shapes are those of clips, each in an existing frame and with valid indices, and that the head
+/// camera's pictures are at their steps. Pictures out of order or not in PNG are left out, and too many are thinned.
 #[test]
 fn pictures_are_those_of_the_bag() {
     let played = play("pictures", Task::S05, 8);
@@ -148,7 +148,7 @@ fn pictures_are_those_of_the_bag() {
         let mut writer = BagWriter::create(&bag, &EpisodeHeader { sensors, ..header.clone() }).unwrap();
         writer.message(topic::STATE, 0, &state_message(&played.rows[0]).encode_to_vec()).unwrap();
         for (step, format, length) in pictures {
-            // What packs well is refused as a bomb.
+            // Data that compresses well would be refused as a bomb.
             let data = (0..*length).map(|_| random.below(256) as u8).collect();
             let timestamp = Some(time_of(*step));
             let image = CompressedImage { timestamp, data, format: (*format).into(), ..CompressedImage::default() };
@@ -203,7 +203,7 @@ fn shapes_fit_their_description() {
     assert_eq!(json["stage"]["frames"][0]["name"], "pelvis");
 }
 
-/// Guards that an episode becomes a still and a moving picture, and that whoever stops the drawing is told so.
+/// Guards that an episode becomes a still and a moving picture, and that drawing can be stopped.
 #[test]
 fn a_poster_is_drawn_and_can_be_stopped() {
     let played = play("poster", Task::S05, 8);

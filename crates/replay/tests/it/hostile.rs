@@ -1,4 +1,4 @@
-//! Bags that are cut, damaged or made up: whatever is whole is shown, and nothing panics.
+//! Bags that are cut, damaged or made up: complete rows are shown, and nothing panics.
 
 use fiatlux_bag::{Bag, BagWriter, topic};
 use fiatlux_proto::Message;
@@ -65,7 +65,7 @@ fn mutated_bags_never_panic() {
     assert!(shown > 20 && refused > 20, "{shown} shown, {refused} refused");
 }
 
-/// A made-up bag in a valid format, whose rows are not valid.
+/// Guards that invalid rows of a bag in a valid format are left out.
 #[test]
 fn rows_that_are_none_are_left_out() {
     let played = play("made_up", Task::S05, 6);

@@ -107,13 +107,13 @@ fn a_folder_is_listed_and_a_broken_bag_says_why() {
     assert_eq!(status, 422);
     assert!(String::from_utf8(why).unwrap().contains("name an .mcap file that a recorder wrote"));
     assert!(String::from_utf8(serving.get("/episode/1").2).unwrap().contains("All episodes"));
-    // A missing bag gives an error answer, and the server goes on.
+    // A missing bag gives an error answer, and the server continues.
     std::fs::remove_file(&played.bag).unwrap();
     assert_eq!(serving.get("/episode/1/track.bin").0, 422);
     assert_eq!(serving.get("/episode/1/bag").0, 404);
 }
 
-/// A client's path never becomes a path of a file, and pages of other hosts cannot ask.
+/// Guards that a client's path never becomes a path of a file, and that pages of other hosts cannot read.
 #[test]
 fn paths_and_hosts_that_are_not_ours_are_refused() {
     let played = play("refused", Task::S05, 9);
@@ -156,7 +156,7 @@ fn a_port_that_is_taken_is_said() {
     assert!(said.contains("choose another port with --port"), "{said}");
 }
 
-/// Guards that a browser gets the parts packed, and that they unpack to the same bytes.
+/// Guards that a browser gets compressed parts, and that they decompress to the same bytes.
 #[test]
 fn parts_are_sent_packed_to_who_takes_gzip() {
     let played = play("packed", Task::S05, 8);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_access::{Identity, RecorderKey, Reply, Secrets, Tokens, is_proof, welcome};
+use fiatlux_access::{Identity, RecorderKey, Secrets, SignedReply, Tokens, is_proof, welcome};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Hello, Refusal, Version, Welcome};
 use fiatlux_proto::{Message, PROTOCOL};
@@ -31,7 +31,7 @@ impl<'a> Guest<'a> {
         id: &str,
         content: &[u8],
     ) -> Result<(Welcome, Secrets), Refusal> {
-        let reply = Reply { request: self.request, server, id, content };
+        let reply = SignedReply { request: self.request, server, id, content };
         welcome(identity, self.hello, reply).map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))
     }
 }

@@ -13,8 +13,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use fiatlux_access::{Identity, sign_journal};
 use fiatlux_bag::run::{
-    Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, Planned, Prefix, Registration, State, clip,
-    journal_of,
+    EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, PlannedEpisode, Prefix, Registration,
+    clip, journal_of,
 };
 use fiatlux_cli::in_full;
 use fiatlux_proto::keys::is_name;
@@ -236,7 +236,7 @@ impl Run {
         let mut state = lock(&self.state);
         state.flush()?;
         let ledger = state.ledger();
-        let is_waiting = ledger.episodes().iter().any(|episode| episode.state == State::Waiting);
+        let is_waiting = ledger.episodes().iter().any(|episode| episode.state == EpisodeState::Waiting);
         let asks_siblings = is_waiting || ledger.is_hosted() && ledger.is_finished();
         let siblings = if asks_siblings { state.siblings().ok() } else { None };
         // On another server with the same seeds the run may continue.
@@ -253,20 +253,20 @@ impl Run {
             let own = (ledger.registration().server.as_str(), &episode.state);
             let elsewhere = || siblings.as_ref()?.decided(index, planned);
             let (server, state) = match own.1 {
-                State::Waiting => elsewhere().unwrap_or(own),
+                EpisodeState::Waiting => elsewhere().unwrap_or(own),
                 _ => own,
             };
             match state {
-                State::Waiting => message.cause = episode.abandoned.chars().take(MAX_CAUSE).collect(),
-                State::Open { .. } => message.state = StateMessage::Open.into(),
-                State::Played(played) => {
+                EpisodeState::Waiting => message.cause = episode.abandoned.chars().take(MAX_CAUSE).collect(),
+                EpisodeState::Open { .. } => message.state = StateMessage::Open.into(),
+                EpisodeState::Played(played) => {
                     message.state = StateMessage::Played.into();
                     message.cause.clone_from(&played.cause);
                     message.digest.clone_from(&played.digest);
                     message.success = played.success;
                     message.server = server.into();
                 }
-                State::Failed { cause } => {
+                EpisodeState::Failed { cause } => {
                     message.state = StateMessage::Failed.into();
                     message.cause.clone_from(cause);
                     message.server = server.into();
@@ -289,7 +289,7 @@ impl Run {
         let state = lock(&self.state);
         let Registration { run, episodes, .. } = state.ledger().registration();
         match episodes.get(index as usize) {
-            Some(Planned { task, seed }) => format!("{task} seed {seed} of run {run}"),
+            Some(PlannedEpisode { task, seed }) => format!("{task} seed {seed} of run {run}"),
             None => format!("episode {index} of run {run}"),
         }
     }
@@ -319,19 +319,21 @@ impl Run {
             );
         };
         match &episode.state {
-            State::Open { session } => {
+            EpisodeState::Open { session } => {
                 let message =
                     format!("episode {index} is open in session {session}; close that one, or wait until it is");
                 return wrong(Code::Busy, message);
             }
-            State::Played(_) => return wrong(Code::Value, format!("episode {index} was played; open another one")),
-            State::Failed { cause } => {
+            EpisodeState::Played(_) => {
+                return wrong(Code::Value, format!("episode {index} was played; open another one"));
+            }
+            EpisodeState::Failed { cause } => {
                 return wrong(Code::Value, format!("episode {index} has failed ({cause}); open another one"));
             }
-            State::Waiting if episode.attempts >= MAX_ATTEMPTS => {
+            EpisodeState::Waiting if episode.attempts >= MAX_ATTEMPTS => {
                 return wrong(Code::Value, format!("episode {index} was begun {MAX_ATTEMPTS} times; open another one"));
             }
-            State::Waiting => {}
+            EpisodeState::Waiting => {}
         }
         let others = state.siblings()?.prefix_of(index as usize, planned)?;
         let own = episode.prefix.clone();

@@ -348,7 +348,7 @@ pub(super) fn refused(key: String) -> impl FnOnce(CarrierError) -> ServerError {
 
 #[cfg(test)]
 mod tests {
-    use fiatlux_access::{Channel, Greeting, Label, Reply, Side as End};
+    use fiatlux_access::{Channel, Greeting, Label, Side as End, SignedReply};
     use fiatlux_carrier::Question;
     use fiatlux_proto::v3::{OpenReply, OpenRequest, ResetReply, open_reply, reset_reply};
     use fiatlux_proto::{Message, PROTOCOL};
@@ -380,7 +380,7 @@ mod tests {
             let reply = OpenReply::decode(reply.payload).unwrap();
             let Some(open_reply::Reply::Session(info)) = reply.reply else { panic!("{reply:?}") };
             let content = info.encode_to_vec();
-            let said = Reply { request: &request, server: "panics", id: &info.session, content: &content };
+            let said = SignedReply { request: &request, server: "panics", id: &info.session, content: &content };
             let verified = greeting.verify(said, &reply.welcome.unwrap(), None).unwrap();
             channels.push(Channel::new(&greeting.agree(&verified).unwrap(), End::Client).unwrap());
         }

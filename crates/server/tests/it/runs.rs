@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 use crate::common::{Keys, ask_run, ask_run_as, ask_sealed, channel_of, open_session, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, run_identity};
-use fiatlux_bag::run::{Ledger, LedgerError, Prefix, State, journal_of};
+use fiatlux_bag::run::{EpisodeState, Ledger, LedgerError, Prefix, journal_of};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::run_episode::State as EpisodeState;
+use fiatlux_proto::v3::run_episode::State as StateMessage;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
     Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
@@ -84,7 +84,7 @@ fn settled(zenoh: &Session) -> RunInfo {
     let until = Instant::now() + LONG;
     loop {
         let info = status(zenoh);
-        if info.episodes.iter().all(|episode| episode.state() != EpisodeState::Open) {
+        if info.episodes.iter().all(|episode| episode.state() != StateMessage::Open) {
             return info;
         }
         assert!(Instant::now() < until, "{info:?}");
@@ -193,17 +193,17 @@ fn every_episode_is_played_once() {
     player.close();
     let info = settled(&zenoh);
     let first = &info.episodes[0];
-    assert_eq!((first.state(), &first.cause, &first.digest), (EpisodeState::Played, &end.cause, &end.digest));
+    assert_eq!((first.state(), &first.cause, &first.digest), (StateMessage::Played, &end.cause, &end.digest));
     assert_eq!((first.attempts, first.success, info.finished), (1, false, false));
     assert_eq!(refused(&zenoh, Ask::Open(0)).0, Code::Value);
     let info = ask(&zenoh, Ask::Finish(RunFinish {})).unwrap();
-    assert!(info.finished && info.episodes[1].state() == EpisodeState::Failed && info.episodes[1].cause == "not run");
+    assert!(info.finished && info.episodes[1].state() == StateMessage::Failed && info.episodes[1].cause == "not run");
     assert_eq!(ask(&zenoh, Ask::Finish(RunFinish {})), Ok(info), "finished once");
     assert_eq!(refused(&zenoh, Ask::Open(1)).0, Code::Closed);
     assert!(server.shutdown(LONG));
 
     let ledger = Ledger::read(journal_of(&folder.join("first"), "test")).unwrap();
-    let State::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
+    let EpisodeState::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
     let bag = Bag::open(folder.join("first").join(&played.bag)).unwrap();
     assert_eq!(bag.completeness(), &Completeness::Whole);
     let ticket = bag.header().run.clone().unwrap();
@@ -263,7 +263,7 @@ fn a_later_attempt_repeats_the_one_before() {
         drop(player);
     }
     let info = settled(&zenoh);
-    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (EpisodeState::Unspecified, 1));
+    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (StateMessage::Unspecified, 1));
     assert!(info.episodes[0].cause.contains("liveliness token"), "{}", info.episodes[0].cause);
     // A shorter one binds no less.
     let player = Player::open(&zenoh, 0);
@@ -287,8 +287,8 @@ fn a_later_attempt_repeats_the_one_before() {
     assert!(notice.message.contains("did not repeat"), "{}", notice.message);
     let info = settled(&zenoh);
     let [first, second] = &info.episodes[..] else { panic!("two episodes") };
-    assert_eq!((first.state(), &first.digest, first.attempts), (EpisodeState::Played, &end.digest, 3));
-    assert_eq!((second.state(), second.cause.as_str()), (EpisodeState::Failed, "not repeated"));
+    assert_eq!((first.state(), &first.digest, first.attempts), (StateMessage::Played, &end.digest, 3));
+    assert_eq!((second.state(), second.cause.as_str()), (StateMessage::Failed, "not repeated"));
     assert!(other.observations.try_recv().is_err(), "what differs is not shown");
     assert!(server.shutdown(LONG));
 }
@@ -313,7 +313,7 @@ fn a_run_outlives_its_server() {
 
     let (zenoh, server) = start(&folder);
     let info = ask(&zenoh, Ask::Register(spec(&[1, 2]))).unwrap();
-    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (EpisodeState::Unspecified, 1));
+    assert_eq!((info.episodes[0].state(), info.episodes[0].attempts), (StateMessage::Unspecified, 1));
     let player = Player::open(&zenoh, 0);
     let end = player.play(1, u64::MAX).unwrap();
     player.close();
@@ -366,7 +366,7 @@ fn hosted_seeds_are_not_told() {
     let seeds: Vec<u64> = info.episodes.iter().map(|episode| episode.seed).collect();
     assert!(seeds[0] != seeds[1] && seeds.iter().all(|seed| (1 << 32..1 << 53).contains(seed)), "{seeds:?}");
     let ledger = Ledger::read(journal_of(&folder.join("first"), "test")).unwrap();
-    let State::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
+    let EpisodeState::Played(played) = &ledger.episodes()[0].state else { panic!("{ledger:?}") };
     let bag = Bag::open(folder.join("first").join(&played.bag)).unwrap();
     assert!(bag.header().seed == seeds[0] && bag.header().run.as_ref().unwrap().hosted);
     drop(server);
@@ -409,14 +409,14 @@ fn a_bag_that_is_lost_is_not_an_episode() {
     let notice = player.notices.recv_timeout(LONG).unwrap();
     assert!(notice.message.contains("its recording is lost"), "{}", notice.message);
     let info = settled(&zenoh);
-    assert_eq!(info.episodes[0].state(), EpisodeState::Unspecified);
+    assert_eq!(info.episodes[0].state(), StateMessage::Unspecified);
     assert!(info.episodes[0].cause.starts_with("the recording is lost: "), "{}", info.episodes[0].cause);
     fs::remove_file(folder.join("first")).unwrap();
     fs::rename(folder.join("moved"), folder.join("first")).unwrap();
     let player = Player::open(&zenoh, 0);
     player.play(0, u64::MAX).unwrap();
     player.close();
-    assert_eq!(settled(&zenoh).episodes[0].state(), EpisodeState::Played);
+    assert_eq!(settled(&zenoh).episodes[0].state(), StateMessage::Played);
     drop(server);
 }
 

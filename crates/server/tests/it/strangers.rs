@@ -105,7 +105,7 @@ fn nobody_opens_a_session_in_the_servers_place() {
     let OpenReply { reply, welcome } = OpenReply::decode(&*answers.remove(0).unwrap().0).unwrap();
     let Some(open_reply::Reply::Session(info)) = reply else { panic!("{reply:?}") };
     let content = info.encode_to_vec();
-    let said = fiatlux_access::Reply { request: &request, server: "test", id: &info.session, content: &content };
+    let said = fiatlux_access::SignedReply { request: &request, server: "test", id: &info.session, content: &content };
     let welcome = welcome.unwrap();
     assert!(greeting.verify(said, &welcome, Some(&identity.public())).is_ok());
     let stranger = Identity::generate().unwrap();

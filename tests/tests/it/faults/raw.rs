@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use fiatlux_access::{Channel, Greeting, Label, Reply as Said, Secrets, Side};
+use fiatlux_access::{Channel, Greeting, Label, Secrets, Side, SignedReply};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
     Action, Notice, Observation, OpenReply, OpenRequest, Refusal, ResetReply, ResetRequest, SessionInfo, open_reply,
@@ -64,7 +64,7 @@ fn open_with_keys(link: &Session, payload: Vec<u8>) -> Result<(SessionInfo, Opti
     match reply.unwrap() {
         open_reply::Reply::Session(info) => {
             let content = info.encode_to_vec();
-            let said = Said { request: &payload, server: "test", id: &info.session, content: &content };
+            let said = SignedReply { request: &payload, server: "test", id: &info.session, content: &content };
             let verified = greeting.verify(said, &welcome.unwrap(), None).unwrap();
             let secrets = greeting.agree(&verified).unwrap();
             Ok((info, Some(secrets)))

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use fiatlux_bag::run::{Episode, Ledger, State, journals};
+use fiatlux_bag::run::{EpisodeState, Ledger, LedgerEpisode, journals};
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, endpoint, free_port, grade};
 use serde_json::Value;
 
@@ -112,8 +112,8 @@ impl Lab {
     /// Episodes that are played, over all servers; each as its digest, by index.
     pub fn on_disk(&self) -> Vec<(usize, String)> {
         let journals = self.runs().into_iter().flat_map(|run| journals(&run).unwrap());
-        let digest = |episode: &Episode| match &episode.state {
-            State::Played(played) => Some(played.digest.clone()),
+        let digest = |episode: &LedgerEpisode| match &episode.state {
+            EpisodeState::Played(played) => Some(played.digest.clone()),
             _ => None,
         };
         let of = |ledger: Ledger| {

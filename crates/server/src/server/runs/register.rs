@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use data_encoding::HEXLOWER;
-use fiatlux_bag::run::{MAX_EPISODES, Planned};
+use fiatlux_bag::run::{MAX_EPISODES, PlannedEpisode};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenRequest, Refusal, RunSpec};
@@ -69,7 +69,7 @@ pub(super) fn request(spec: &RunSpec, task: &str, seed: u64) -> OpenRequest {
 }
 
 /// The episodes of a new run; draws hosted seeds.
-pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
+pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
     let wrong = |field: &str, message: String| Refusal::new(Code::Value, &format!("register.{field}"), message);
     for (field, text, least, most) in [
         ("policy", &spec.policy, 1, MAX_NAME),
@@ -133,7 +133,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<Planned>, Refusal> {
             Refusal { field: format!("register.session.{}", refusal.field), ..refusal }
         })?;
     }
-    let of_seed = |seed: u64| tasks.iter().map(move |task| Planned { task: task.short_id().into(), seed });
+    let of_seed = |seed: u64| tasks.iter().map(move |task| PlannedEpisode { task: task.short_id().into(), seed });
     Ok(seeds.into_iter().flat_map(of_seed).collect())
 }
 

@@ -3,7 +3,7 @@
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
-use fiatlux_bag::run::{Episode, Ledger, Planned, Prefix, State, journal_of, journals};
+use fiatlux_bag::run::{EpisodeState, Ledger, LedgerEpisode, PlannedEpisode, Prefix, journal_of, journals};
 use fiatlux_cli::in_full;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Refusal, RunSpec};
@@ -32,7 +32,12 @@ impl Siblings {
     }
 
     /// Checks that the other servers registered the same key and spec; returns their episodes, if there are any.
-    pub fn episodes(&self, run: &str, key_sha256: &str, spec: &RunSpec) -> Result<Option<Vec<Planned>>, Refusal> {
+    pub fn episodes(
+        &self,
+        run: &str,
+        key_sha256: &str,
+        spec: &RunSpec,
+    ) -> Result<Option<Vec<PlannedEpisode>>, Refusal> {
         let mut episodes = None;
         for ledger in &self.ledgers {
             let registration = ledger.registration();
@@ -47,7 +52,7 @@ impl Siblings {
     }
 
     /// Whether an episode is free, as far as the others know; returns the rows that it has to repeat.
-    pub fn prefix_of(&self, index: usize, planned: &Planned) -> Result<Option<Prefix>, Refusal> {
+    pub fn prefix_of(&self, index: usize, planned: &PlannedEpisode) -> Result<Option<Prefix>, Refusal> {
         let refuse = |code, what: String| Err(Refusal::new(code, "open", what));
         let mut longest: Option<Prefix> = None;
         for ledger in &self.ledgers {
@@ -57,23 +62,23 @@ impl Siblings {
             }
             let Some(episode) = episode_at(ledger, index, planned) else { continue };
             match &episode.state {
-                State::Played(_) => {
+                EpisodeState::Played(_) => {
                     return refuse(
                         Code::Value,
                         format!("the episode was played on server '{server}'; open another one"),
                     );
                 }
-                State::Failed { cause } => {
+                EpisodeState::Failed { cause } => {
                     let what = format!("the episode has failed on server '{server}' ({cause}); open another one");
                     return refuse(Code::Value, what);
                 }
-                State::Open { .. } if is_alive(&self.folder, server) => {
+                EpisodeState::Open { .. } if is_alive(&self.folder, server) => {
                     return refuse(
                         Code::Busy,
                         format!("the episode is open on server '{server}'; wait until it is closed"),
                     );
                 }
-                State::Open { .. } | State::Waiting => {}
+                EpisodeState::Open { .. } | EpisodeState::Waiting => {}
             }
             let known = longest.as_ref().map(|prefix| prefix.steps);
             if let Some(prefix) =
@@ -86,15 +91,15 @@ impl Siblings {
     }
 
     /// The state of an episode that another server has decided, with that server's name.
-    pub fn decided(&self, index: usize, planned: &Planned) -> Option<(&str, &State)> {
+    pub fn decided(&self, index: usize, planned: &PlannedEpisode) -> Option<(&str, &EpisodeState)> {
         let states = || {
             self.ledgers.iter().filter_map(|ledger| {
                 let episode = episode_at(ledger, index, planned)?;
                 Some((ledger.registration().server.as_str(), &episode.state))
             })
         };
-        let played = states().find(|(_, state)| matches!(state, State::Played(_)));
-        played.or_else(|| states().find(|(_, state)| matches!(state, State::Failed { .. })))
+        let played = states().find(|(_, state)| matches!(state, EpisodeState::Played(_)));
+        played.or_else(|| states().find(|(_, state)| matches!(state, EpisodeState::Failed { .. })))
     }
 
     /// Whether no other server continues: each has finished the run, or is dead and begins nothing in a finished run.
@@ -106,7 +111,7 @@ impl Siblings {
 
 /// The episode in another server's ledger. The same spec gives the same order, so the index is the same, unless the
 /// servers drew their own seeds.
-fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &Planned) -> Option<&'a Episode> {
+fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &PlannedEpisode) -> Option<&'a LedgerEpisode> {
     ledger.registration().episodes.get(index).filter(|other| *other == planned)?;
     ledger.episodes().get(index)
 }

@@ -5,7 +5,9 @@ pub mod victim;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 
-use fiatlux_access::{Channel, Greeting, Identity, Label, Reply, RowsKey, Secrets, Side, registration, run_identity};
+use fiatlux_access::{
+    Channel, Greeting, Identity, Label, RowsKey, Secrets, Side, SignedReply, registration, run_identity,
+};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
@@ -94,7 +96,7 @@ fn agree(
     content: &[u8],
     welcome: Option<&Welcome>,
 ) -> Secrets {
-    let reply = Reply { request, server, id, content };
+    let reply = SignedReply { request, server, id, content };
     let verified = greeting.verify(reply, welcome.expect("a welcome"), None).expect("it is signed");
     greeting.agree(&verified).unwrap()
 }

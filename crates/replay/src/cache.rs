@@ -1,4 +1,4 @@
-//! Replays in the form that is sent, with a cache of recent ones.
+//! Replays in compressed form, with a cache of recent ones.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -8,18 +8,18 @@ use std::time::SystemTime;
 
 use fiatlux_bag::Patience;
 
-use crate::track::MOST_KEPT as MOST_ROWS;
+use crate::track::MAX_KEPT_ROWS;
 use crate::{Packed, Replay, ReplayError};
 
-/// Default number of replays to keep in memory, of at most 75 MB each.
-const MOST_KEPT: usize = 2;
+/// Default maximum of replays in memory, of at most 75 MB each.
+const MAX_REPLAYS: usize = 2;
 
-/// Number of blocks of shapes to keep, of at most 1 MB each.
+/// Maximum number of blocks of shapes in memory, of at most 1 MB each.
 const BLOCKS: usize = 32;
 
-/// A replay in the form that is sent to a browser.
+/// A replay in the compressed form that is sent to a browser.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Shown {
+pub struct PackedReplay {
     /// The document as JSON, see [`Replay::document_json`].
     pub document: Packed,
     /// Shapes that other episodes may have too, by their digests, see [`Block`](crate::Block).
@@ -34,61 +34,63 @@ pub struct Shown {
     pub pictures: Packed,
 }
 
-/// The file that a replay was made of, and its state then: a bag may still be growing.
+/// The state of the file that a replay was made from: a bag may still be growing.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Edition {
+struct FileState {
     path: PathBuf,
     length: u64,
     modified: Option<SystemTime>,
 }
 
-/// Reads replays, and keeps recent ones in memory.
+/// Reads replays, and caches recent ones.
 #[derive(Debug)]
-pub struct Desk {
-    most: usize,
+pub struct ReplayCache {
+    max_replays: usize,
     /// Replays in memory, most recently requested last.
-    kept: Mutex<Vec<(Edition, Shown)>>,
-    /// Shapes of the replays that were opened last, by digest.
+    kept: Mutex<Vec<(FileState, PackedReplay)>>,
+    /// Shapes of recently opened replays, by digest.
     blocks: Mutex<VecDeque<(String, Packed)>>,
 }
 
-impl Default for Desk {
+impl Default for ReplayCache {
     fn default() -> Self {
-        Self::keeping(MOST_KEPT)
+        Self::keeping(MAX_REPLAYS)
     }
 }
 
-impl Desk {
-    /// Keeps up to `most` replays, of at most 75 MB each.
-    pub fn keeping(most: usize) -> Self {
-        Self { most: most.max(1), kept: Mutex::default(), blocks: Mutex::default() }
+impl ReplayCache {
+    /// Caches up to `max_replays`, of at most 75 MB each.
+    pub fn keeping(max_replays: usize) -> Self {
+        Self { max_replays: max_replays.max(1), kept: Mutex::default(), blocks: Mutex::default() }
     }
 
-    /// The replay of a bag, shown under `name` if its file has another name here. Only one is read at a time, to limit
-    /// the memory, and no longer than its `patience`.
-    ///
-    /// # Errors
-    /// As for [`Replay::open`].
-    pub fn show(&self, path: &Path, name: Option<&str>, patience: Option<Patience>) -> Result<Shown, ReplayError> {
+    /// The replay of a bag, shown as `name` if its file has another name here. Only one is read at a time, to limit the
+    /// memory, and reading is limited by `patience`.
+    pub fn show(
+        &self,
+        path: &Path,
+        name: Option<&str>,
+        patience: Option<Patience>,
+    ) -> Result<PackedReplay, ReplayError> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let metadata =
             fs::metadata(path).map_err(|source| ReplayError::Io { action: "read", path: path.into(), source })?;
-        let edition = Edition { path: path.into(), length: metadata.len(), modified: metadata.modified().ok() };
-        let found = match kept.iter().position(|(known, _)| *known == edition) {
+        let state = FileState { path: path.into(), length: metadata.len(), modified: metadata.modified().ok() };
+        let found = match kept.iter().position(|(known, _)| *known == state) {
             Some(at) => kept.remove(at).1,
             None => {
-                let replay = Replay::open_with(path, MOST_ROWS, patience)?;
-                Shown::from(match name {
+                let replay = Replay::open_with(path, MAX_KEPT_ROWS, patience)?;
+                PackedReplay::from(match name {
                     Some(name) => replay.called(name),
                     None => replay,
                 })
             }
         };
         kept.retain(|(known, _)| known.path != path);
-        if kept.len() >= self.most {
+        if kept.len() >= self.max_replays {
             kept.remove(0);
         }
-        kept.push((edition, found.clone()));
+        kept.push((state, found.clone()));
         let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
         for block in &found.blocks {
             blocks.retain(|(known, _)| *known != block.0);
@@ -99,14 +101,14 @@ impl Desk {
         Ok(found)
     }
 
-    /// Shapes by their digest, if a replay that has them was opened lately.
+    /// Shapes by their digest, if a replay that has them was opened recently.
     pub fn block(&self, digest: &str) -> Option<Packed> {
         let blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
         blocks.iter().find(|(known, _)| known == digest).map(|(_, block)| block.clone())
     }
 }
 
-impl From<Replay> for Shown {
+impl From<Replay> for PackedReplay {
     fn from(replay: Replay) -> Self {
         Self {
             document: Packed::new(replay.document_json().as_bytes()),
