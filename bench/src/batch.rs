@@ -282,6 +282,7 @@ impl Hold {
             spec: Spec {
                 actions: vec![],
                 action_range: vec![],
+                horizon_steps: u64::MAX,
                 action_limit: 0.0,
                 observation: observation.into_iter().collect(),
                 rewards: vec![],

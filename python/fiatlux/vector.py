@@ -112,15 +112,69 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if unknown:
             raise ValueError(f"options has no {unknown[0]!r}; the one known key is 'reset_mask'")
         mask = (options or {}).get("reset_mask")
-        if mask is not None:
-            mask = np.ascontiguousarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-                found = f"shape {mask.shape}, {mask.dtype}"
-                raise ValueError(
-                    f"reset_mask: {found}; give a boolean for each of {self.num_envs} worlds, some of them true"
-                )
-        self._batch.reset(seed, mask, self._observation)
+        marks = np.ones(self.num_envs, np.bool_) if mask is None else self._marks("reset_mask", mask)
+        self._batch.reset(marks, self._observation, seed)
         return self._layout.show(self._observation, self.copies), {}
+
+    def reset_worlds(self, mask: Any, like: int | Mapping[str, Any] | None = None) -> Any:
+        """Begins an episode in the marked worlds, and returns the observation of all.
+
+        ``like`` says where: without it, at a start of the world's own; with the number of a world, at the present row of that one;
+        with a dictionary, at the marked world's own row with these parts in place of its own. The parts are those of :meth:`row`;
+        each is one array for all worlds, or has a leading axis of worlds. Worlds that share a row share nothing else: each draws
+        from its own stream, and mass, friction and light are those of one of its starts. What :meth:`copy_world` copies is exact.
+        """
+        self._check_open()
+        marks = self._marks("mask", mask)
+        world = parts = None
+        if isinstance(like, Mapping):
+            parts = {name: self._part(name, numbers) for name, numbers in like.items() if name != "step"}
+        elif like is not None:
+            world = whole("like", like, 0, self.num_envs - 1)
+        self._batch.reset(marks, self._observation, None, world, parts)
+        return self._layout.show(self._observation, self.copies)
+
+    def copy_world(self, world: int, worlds: Any) -> Any:
+        """Lets the marked ``worlds`` continue exactly from the state of ``world``, and returns the observation of all.
+
+        With the same actions they do what it does, to the last bit, from then on: a copy goes on with the same random stream, and its
+        next episodes are the same too, until ``reset(seed=...)``. Worlds in another room are refused.
+        """
+        self._check_open()
+        marks = self._marks("worlds", worlds)
+        self._batch.copy_world(whole("world", world, 0, self.num_envs - 1), marks, self._observation)
+        return self._layout.show(self._observation, self.copies)
+
+    def stagger(self, steps: Any = None) -> None:
+        """Lets the present episode of each world end by time-out ``steps`` earlier, so that worlds which began together do not end
+        together. Without a list of steps, they are drawn at random, the same ones in every vector of as many worlds.
+        """
+        self._check_open()
+        if steps is None:
+            steps = np.random.default_rng(0).integers(0, self.horizon_steps, self.num_envs)
+        self._batch.shorten_episodes([whole("steps", number, 0, MAX_SEED) for number in steps])
+
+    @property
+    def horizon_steps(self) -> int:
+        """Control steps until time-out."""
+        return self._layout.horizon_steps
+
+    def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
+        """A boolean for each world, some of them true."""
+        marks: NDArray[Any] = np.ascontiguousarray(mask)
+        if marks.shape != (self.num_envs,) or marks.dtype != np.bool_ or not marks.any():
+            found = f"shape {marks.shape}, {marks.dtype}"
+            raise ValueError(f"{name}: {found}; give a boolean for each of {self.num_envs} worlds, some of them true")
+        return marks
+
+    def _part(self, name: str, numbers: Any) -> NDArray[np.float64]:
+        """A part of a row as an array with an axis of worlds."""
+        array = np.asarray(numbers, np.float64)
+        if array.ndim == 1:
+            array = np.broadcast_to(array, (self.num_envs, *array.shape))
+        if array.ndim != 2 or len(array) != self.num_envs:
+            raise ValueError(f"like: {name} has shape {array.shape}; give a list of numbers, or one for each world")
+        return np.ascontiguousarray(array)
 
     def step(
         self, actions: Any
@@ -161,19 +215,19 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Place of each field of an observation in the flat vector, and its shape."""
         return self._layout.fields
 
-    def save(self) -> _native.Snapshot:
-        """The state of all worlds, for :meth:`restore`; what follows from it repeats to the last bit. It can be pickled."""
+    def save(self, world: int | None = None) -> _native.Snapshot:
+        """The state of all worlds, or of one, for :meth:`restore`; what follows from it repeats to the last bit. It can be pickled."""
         self._check_open()
-        return self._batch.save()
+        return self._batch.save(None if world is None else whole("world", world, 0, self.num_envs - 1))
 
-    def restore(self, snapshot: _native.Snapshot) -> Any:
-        """Goes back to a saved state, and returns its observation.
+    def restore(self, snapshot: _native.Snapshot, worlds: Any = None) -> Any:
+        """Goes back to a saved state of all worlds, or puts that of one into the marked ``worlds``; returns the observation of all.
 
-        Only ``seed`` and ``num_threads`` may differ from those of the vector that saved it; any other difference raises
-        ``ValueError`` with its name.
+        Only ``seed`` and ``num_threads`` may differ from those of the vector that saved it, and the number of worlds where the
+        snapshot is of one; any other difference raises ``ValueError`` with its name.
         """
         self._check_open()
-        self._batch.restore(snapshot, self._observation)
+        self._batch.restore(snapshot, self._observation, None if worlds is None else self._marks("worlds", worlds))
         return self._layout.show(self._observation, self.copies)
 
     def row(self, world: int) -> dict[str, Any]:

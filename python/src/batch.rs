@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
-    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, MAX_STARTS, Rulebook,
+    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Disturbances, MAX_STARTS, Rulebook,
     Snapshot as Saved, Task, Walking, WalkingOptions,
 };
-use fiatlux_rules::{Motion, Row, manifest};
+use fiatlux_rules::Row;
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -18,6 +18,7 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use crate::build;
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::{self, Settings};
+use crate::state::{Parts, describe_row, set_parts};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
@@ -175,7 +176,7 @@ impl Batch {
     /// A copy is made from the same arguments, and continues from the same state.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
         let (kind, arguments) = &self.recipe;
-        Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save()?)))
+        Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save(None)?)))
     }
 
     /// The usual weight of each term of the walking task's reward, a second.
@@ -199,25 +200,55 @@ impl Batch {
         build::describe(py, self.worlds.spec())
     }
 
-    /// Begins an episode in every world, or in the marked ones; a seed first restarts their random streams.
+    /// Begins an episode in each marked world; a seed first restarts their random streams. They begin at starts of their bank, or at
+    /// the row of the world `like`, or at their own, with the parts of `state` in place of its own.
+    #[pyo3(signature = (marks, observation, seed=None, like=None, state=None))]
     fn reset(
         &mut self,
         py: Python<'_>,
+        marks: PyReadonlyArray1<'_, bool>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
         seed: Option<u64>,
-        marks: Option<PyReadonlyArray1<'_, bool>>,
+        like: Option<usize>,
+        state: Option<Parts<'_>>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("reset_mask"))?;
+        let begin = |world: usize| -> PyResult<Begin> {
+            match (marks.get(world), like, &state) {
+                (Some(true), None, None) => Ok(Begin::AtStart),
+                (Some(true), ..) => {
+                    let mut row = self.copy_of(like.unwrap_or(world))?;
+                    state.iter().try_for_each(|parts| set_parts(&mut row, parts, world))?;
+                    Ok(Begin::AtRow(Box::new(row)))
+                }
+                _ => Ok(Begin::Stays),
+            }
+        };
+        let mut begins = (0..self.worlds.worlds()).map(begin).collect::<PyResult<Vec<_>>>()?;
+        let worlds = &mut self.worlds;
+        let reset = || worlds.reset_worlds(|world| std::mem::take(&mut begins[world]), seed, observation);
+        py.detach(|| guarded(reset))?.map_err(error)?;
+        py.check_signals()
+    }
+
+    /// Lets the marked worlds continue exactly from another one's state.
+    fn copy_world(
+        &mut self,
+        py: Python<'_>,
+        world: usize,
+        marks: PyReadonlyArray1<'_, bool>,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
     ) -> PyResult<()> {
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        let marks =
-            marks.as_ref().map(|marks| marks.as_slice().map_err(|_| not_contiguous("reset_mask"))).transpose()?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("worlds"))?;
         let worlds = &mut self.worlds;
-        let reset = || match (marks, seed) {
-            (Some(marks), _) => worlds.reset_marked(marks, seed, observation),
-            (None, Some(seed)) => worlds.reset_with_seed(seed, observation),
-            (None, None) => worlds.reset(observation),
-        };
-        py.detach(|| guarded(reset))?.map_err(error)?;
-        py.check_signals()
+        py.detach(|| guarded(|| worlds.copy_world(world, marks, observation)))?.map_err(error)
+    }
+
+    /// Lets each world's present episode end so many steps earlier.
+    fn shorten_episodes(&mut self, steps: Vec<u64>) -> PyResult<()> {
+        guarded(|| self.worlds.shorten_episodes(&steps))?.map_err(error)
     }
 
     /// Takes a control step in every world.
@@ -268,26 +299,30 @@ impl Batch {
         py.check_signals()
     }
 
-    /// Begins an episode in one world, from its bank of starts or from another world's present row.
-    #[pyo3(signature = (world, observation, like=None))]
-    fn reset_world(
+    /// The state of all worlds, or of one.
+    #[pyo3(signature = (world=None))]
+    fn save(&self, world: Option<usize>) -> PyResult<Snapshot> {
+        let save = || world.map_or_else(|| self.worlds.save(), |world| self.worlds.save_world(world));
+        guarded(save)?.map(Snapshot).map_err(error)
+    }
+
+    /// Returns to a snapshot of all worlds, or lets the marked worlds continue from one of a single world.
+    #[pyo3(signature = (snapshot, observation, marks=None))]
+    fn restore(
         &mut self,
-        world: usize,
+        py: Python<'_>,
+        snapshot: &Snapshot,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
-        like: Option<usize>,
+        marks: Option<PyReadonlyArray1<'_, bool>>,
     ) -> PyResult<()> {
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        let row = like.map(|like| self.copy_of(like)).transpose()?;
-        guarded(|| self.worlds.reset_world(world, row.as_ref(), observation))?.map_err(error)
-    }
-
-    fn save(&self) -> PyResult<Snapshot> {
-        guarded(|| self.worlds.save())?.map(Snapshot).map_err(error)
-    }
-
-    fn restore(&mut self, snapshot: &Snapshot, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
-        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        guarded(|| self.worlds.restore(&snapshot.0, observation))?.map_err(error)
+        let marks = marks.as_ref().map(|marks| marks.as_slice().map_err(|_| not_contiguous("worlds"))).transpose()?;
+        let worlds = &mut self.worlds;
+        let restore = || match marks {
+            Some(marks) => worlds.restore_worlds(&snapshot.0, marks, observation),
+            None => worlds.restore(&snapshot.0, observation),
+        };
+        py.detach(|| guarded(restore))?.map_err(error)
     }
 
     /// The parts of a world's present row that a learner or a test reads.
@@ -364,26 +399,4 @@ impl Batch {
     fn copy_of(&self, world: usize) -> PyResult<Row> {
         self.worlds.row(world).map_err(error)
     }
-}
-
-/// State of a row as arrays, SI units, world axes; poses are x, y, z, then the quaternion w, x, y, z.
-pub(crate) fn describe_row<'py>(py: Python<'py>, row: &Row) -> PyResult<Bound<'py, PyDict>> {
-    fn array<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyArray1<f64>> {
-        numbers.to_vec().into_pyarray(py)
-    }
-    let dict = PyDict::new(py);
-    dict.set_item("step", row.step)?;
-    let things = manifest().things.iter().zip(&row.things).zip(&row.present);
-    let things = things.filter(|((thing, _), present)| **present && thing.motion == Motion::Free);
-    let things = things.map(|((thing, body), _)| (thing.name.as_str(), body));
-    for (name, body) in [("robot", &row.robot)].into_iter().chain(things) {
-        let (at, turn) = (&body.pose.translation.vector, body.pose.rotation.quaternion());
-        dict.set_item(format!("{name}_pose"), array(py, &[at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]))?;
-        dict.set_item(format!("{name}_linear_velocity"), array(py, body.linear_velocity.as_slice()))?;
-        dict.set_item(format!("{name}_angular_velocity"), array(py, body.angular_velocity.as_slice()))?;
-    }
-    for (name, numbers) in row.by_joint() {
-        dict.set_item(name, array(py, numbers))?;
-    }
-    Ok(dict)
 }

@@ -53,6 +53,7 @@ pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py,
     let dict = PyDict::new(py);
     dict.set_item("actions", spec.actions.clone())?;
     dict.set_item("action_range", spec.action_range.clone())?;
+    dict.set_item("horizon_steps", spec.horizon_steps)?;
     dict.set_item("observation", spec.observation.iter().map(described).collect::<Vec<_>>())?;
     dict.set_item("rewards", spec.rewards.clone())?;
     Ok(dict)

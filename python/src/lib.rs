@@ -10,6 +10,7 @@ mod evaluate;
 mod fault;
 mod score;
 mod settings;
+mod state;
 mod watch;
 mod wbc;
 

@@ -32,6 +32,8 @@ pub struct RulebookOptions {
     pub thresholds: Thresholds,
     /// What ends an episode, in place of the task's own conditions.
     pub end_on: Option<Causes>,
+    /// Control steps until time-out; the task's own if there are more.
+    pub horizon_steps: u64,
     /// Which reward it pays.
     pub variant: Variant,
     /// Sensors of the observation, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has its
@@ -53,6 +55,7 @@ impl RulebookOptions {
             protocol: Protocol::default(),
             thresholds: Thresholds::default(),
             end_on: None,
+            horizon_steps: task.horizon_steps(),
             variant: Variant::Benchmark,
             sensors: Sensors::of_body(task),
             noise: true,
@@ -122,6 +125,7 @@ impl Rulebook {
         };
         let spec = Spec {
             actions: joints.iter().map(|joint| joint.name.clone()).collect(),
+            horizon_steps: options.horizon_steps.min(task.horizon_steps()),
             action_limit,
             action_range,
             observation: terms.map(field).collect(),
@@ -229,11 +233,12 @@ impl Task for Rulebook {
     }
 
     fn settings(&self) -> Vec<(&'static str, String)> {
-        let RulebookOptions { protocol, thresholds, end_on, variant, sensors, noise, image_size, action_form } =
+        let RulebookOptions { protocol, thresholds, end_on, variant, sensors, noise, image_size, action_form, .. } =
             &*self.options;
         let sensors: Vec<_> = sensors.iter().map(Sensor::name).collect();
         vec![
             ("task", self.task.to_string()),
+            ("horizon_steps", self.spec.horizon_steps.to_string()),
             ("protocol", protocol.to_string()),
             ("reward", format!("{variant:?}")),
             ("sensors", sensors.join(", ")),

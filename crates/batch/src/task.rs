@@ -85,6 +85,8 @@ pub struct Spec {
     pub actions: Vec<String>,
     /// Range in which a learner should explore each number: least, greatest. Actions may exceed it.
     pub action_range: Vec<[f32; 2]>,
+    /// Control steps after which an episode ends by time-out, if not before.
+    pub horizon_steps: u64,
     /// Largest absolute value in an action; larger ones are refused.
     pub action_limit: f64,
     /// The parts of an observation, in order.

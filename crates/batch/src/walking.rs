@@ -204,6 +204,7 @@ impl Walking {
         let privileged = PRIVILEGED.iter().map(|(name, count)| Field::new(format!("privileged.{name}"), &[*count]));
         let spec = Spec {
             actions: names[..MOVED].to_vec(),
+            horizon_steps: options.horizon_steps,
             action_limit: ACTION_LIMIT,
             action_range: vec![[-ACTION_CLAMP as f32, ACTION_CLAMP as f32]; MOVED],
             observation: stacked.chain(privileged).collect(),

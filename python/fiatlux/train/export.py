@@ -8,8 +8,9 @@ from safetensors.torch import save_file
 
 from .. import _native
 from .symmetry import FIELDS, _join
-from .walk import load_checkpoint, models, settings_of
-from .worlds import Worlds
+from .run import load_checkpoint, settings_of
+from .walk import models
+from .worlds import WalkingWorlds
 
 FRAMES = 4
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
@@ -41,7 +42,7 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
     mean = 0.5 * (mean + sign * mean[index])
     deviation = 0.5 * (deviation + deviation[index]) + 0.01
-    actor, _ = models(Worlds(1, "cpu"), settings)
+    actor, _ = models(WalkingWorlds(1, "cpu"), settings)
     actor.load_state_dict(weights)
     layers = [[part.detach().double() for part in layer] for layer in actor.mlp.layers()]
     layers[0][0] = layers[0][0] / deviation

@@ -7,8 +7,9 @@ from pathlib import Path
 from .._progress import Line, duration
 from .evaluation import SECOND, TESTS, measure
 from .settings import SCENES
-from .walk import device_of, load_checkpoint, models, settings_of
-from .worlds import Worlds
+from .run import device_of, load_checkpoint, settings_of
+from .walk import models
+from .worlds import WalkingWorlds
 
 
 def main(
@@ -27,7 +28,7 @@ def main(
     state = load_checkpoint(checkpoint)
     settings = settings_of(state, {})
     device = device_of(device)
-    actor, _ = models(Worlds(1, device, settings.without), settings)
+    actor, _ = models(WalkingWorlds(1, device, settings.without), settings)
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.to(device)
     table: dict[str, dict[str, float | None]] = {}
