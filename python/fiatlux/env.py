@@ -1,6 +1,7 @@
 """Plays one episode at a time, by the benchmark's own rules."""
 
-from typing import TYPE_CHECKING, Any
+import copy
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -18,6 +19,16 @@ if TYPE_CHECKING:
 
 TRAINING_SEEDS = (1000, 2**31)
 """Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
+
+
+class EpisodeState(NamedTuple):
+    """A saved episode; it names its task and settings."""
+
+    task: str
+    settings: dict[str, Any]
+    seed: int | None
+    index: int
+    episode: _native.Episode
 
 
 class Env(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -139,6 +150,23 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         self._check_begun()
         return self._episode.mjcf(nearest)
+
+    def save(self) -> EpisodeState:
+        """The episode as it is now, for :meth:`restore`. It can be pickled; that plays its actions again when it is read."""
+        self._check_begun()
+        return EpisodeState(self.task.short_id, self._settings, self._seed, self._index, copy.deepcopy(self._episode))
+
+    def restore(self, state: EpisodeState) -> Any:
+        """Goes back to a saved episode, of this environment or another one of the same task and settings; returns its observation."""
+        self._check_open()
+        ours = {"task": self.task.short_id, **self._settings}
+        theirs = {"task": state.task, **state.settings}
+        for name, value in ours.items():
+            if theirs[name] != value:
+                raise ValueError(f"state: {name} is {theirs[name]!r}, but the environment has {value!r}")
+        self._seed, self._index, self._begun = state.seed, state.index, True
+        self._episode = copy.deepcopy(state.episode)
+        return self._observation()
 
     @property
     def task(self) -> Task:

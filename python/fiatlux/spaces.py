@@ -40,7 +40,6 @@ class Layout:
             bounds.append((low, high))
             start += length
         self.length = start
-        self.horizon_steps: int = spec.get("horizon_steps", 0)
         lengths = [field.stop - field.start for field, _ in self.fields.values()]
         lows, highs = (np.repeat([bound[side] for bound in bounds], lengths).astype(np.float32) for side in (0, 1))
         self.space: spaces.Space[Any] = (

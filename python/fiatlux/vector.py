@@ -82,6 +82,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = batch.num_worlds
         self.num_threads = batch.num_threads
+        self.horizon_steps: int = batch.spec["horizon_steps"]
         self._layout = layout = Layout(batch.spec, observation)
         self.copies = copy
         self.single_observation_space = layout.space
@@ -153,11 +154,6 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if steps is None:
             steps = np.random.default_rng(0).integers(0, self.horizon_steps, self.num_envs)
         self._batch.shorten_episodes([whole("steps", number, 0, MAX_SEED) for number in steps])
-
-    @property
-    def horizon_steps(self) -> int:
-        """Control steps until time-out."""
-        return self._layout.horizon_steps
 
     def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
         """A boolean for each world, some of them true."""

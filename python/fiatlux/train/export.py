@@ -30,7 +30,7 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
         raise ValueError(f"{file}: name a file that ends in .safetensors")
     if file.exists() and not overwrites:
         raise ValueError(f"{file} exists; name another file, or overwrite it with --force")
-    state = load_checkpoint(checkpoint)
+    state = load_checkpoint(checkpoint, "walk")
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     if settings.without:
         raise ValueError(
