@@ -286,6 +286,7 @@ impl Hold {
                 action_limit: 0.0,
                 observation: observation.into_iter().collect(),
                 rewards: vec![],
+                reward_weights: vec![],
             },
             targets: targets.into(),
             senses: senses

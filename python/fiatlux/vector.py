@@ -1,7 +1,8 @@
 """Steps many worlds in one call, for training."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -57,6 +58,49 @@ def _common(
     }
 
 
+Judgement = Callable[[Any, dict[str, Any]], tuple[Any, Any]]
+"""A reward and an end of one's own over all worlds: from an observation and ``info`` to the rewards and to whether each episode ends.
+Either may be ``None``, for what the task says."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where episodes begin, for :class:`VectorEnv`.
+
+    Args:
+        task: Task whose starts these are; by default the one that is played. It must share the scene: S02 to S12 do.
+        rows: States to begin at, as :meth:`VectorEnv.row` or :meth:`Bag.row` returns them, or parts of such; what is missing is as in
+            the task's start. Without rows, the task's own starts.
+        seed: Room of these starts, one of the vector's; by default all rooms. Rows of a recorded episode belong to its own room.
+        weight: How likely they are, all together.
+    """
+
+    task: str | None = None
+    rows: Sequence[Mapping[str, Any]] | None = None
+    seed: int | None = None
+    weight: float = 1.0
+
+
+def _expanded(task: str, rooms: Sequence[int], episodes: int, starts: Sequence[Start]) -> list[Any]:
+    """Each single start: task, room, episode, weight, and parts of its row."""
+    expanded: list[Any] = []
+    for start in starts:
+        if start.seed is not None and start.seed not in rooms:
+            raise ValueError(f"starts: seed is {start.seed}, but the rooms are {', '.join(map(str, rooms))}")
+        if start.rows is not None and not len(start.rows):
+            raise ValueError("starts: rows is empty; leave it out for the task's own starts")
+        own = [(episode, None) for episode in range(episodes)]
+        rows = [(0, _plain(row)) for row in start.rows or ()] or own
+        of, weight = start.task or task, float(start.weight) / len(rows)
+        for room in rooms if start.seed is None else [start.seed]:
+            expanded += [(of, room, episode, weight, parts) for episode, parts in rows]
+    return expanded
+
+
+def _plain(row: Mapping[str, Any]) -> dict[str, list[float]]:
+    return {name: [float(number) for number in numbers] for name, numbers in row.items() if name != "step"}
+
+
 class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     """Base class of all vectors of worlds.
 
@@ -76,8 +120,10 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         copy: bool,
         final_obs: bool,
         autoreset_mode: AutoresetMode | str,
+        judge: Judgement | None = None,
     ) -> None:
         self._batch = batch
+        self._judge = judge
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = batch.num_worlds
@@ -91,11 +137,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.action_space = batch_space(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.length
         self._observation = np.zeros((worlds, length), np.float32)
-        has_final = final_obs and self.autoreset_mode == AutoresetMode.SAME_STEP
+        has_final = (final_obs or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final = np.zeros((worlds, length), np.float32) if has_final else None
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
+        # Whether the last step only began the world's next episode.
+        self._was_over = np.zeros(worlds, np.bool_)
+        self.reward_weights: dict[str, float] = dict(zip(layout.reward_terms, batch.spec["reward_weights"]))
         self._is_closed = False
 
     def reset(
@@ -146,6 +195,16 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._batch.copy_world(whole("world", world, 0, self.num_envs - 1), marks, self._observation)
         return self._layout.show(self._observation, self.copies)
 
+    def terminate(self, mask: Any) -> Any:
+        """Ends the episodes of the marked worlds; returns the observation of all. The next ones begin as the autoreset mode says: at
+        once, in the next step, or with ``reset``."""
+        self._check_open()
+        marks = self._marks("mask", mask)
+        self._batch.end_episodes(marks, self._observation)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._was_over |= marks
+        return self._layout.show(self._observation, self.copies)
+
     def stagger(self, steps: Any = None) -> None:
         """Lets the present episode of each world end by time-out ``steps`` earlier, so that worlds which began together do not end
         together. Without a list of steps, they are drawn at random, the same ones in every vector of as many worlds.
@@ -194,12 +253,34 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         )
         own = np.copy if self.copies else np.asarray
         info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
+        if self._judge is not None:
+            self._apply(self._judge, info)
         ended = self._terminated | self._truncated
         if self._final is not None and ended.any():
             info["final_obs"] = self._layout.show(self._final, self.copies)
             info["_final_obs"] = ended
         observation = self._layout.show(self._observation, self.copies)
         return observation, own(self._reward), own(self._terminated), own(self._truncated), info
+
+    def _apply(self, judge: Judgement, info: dict[str, Any]) -> None:
+        """Pays and ends as a judge of the caller's says."""
+        ended = self._terminated | self._truncated
+        last = self._observation.copy()
+        if self._final is not None:
+            last[ended] = self._final[ended]
+        reward, ends = judge(self._layout.show(last, copy=False), info)
+        if reward is not None:
+            self._reward[:] = reward
+            self._reward[self._was_over] = 0.0
+        if ends is not None:
+            ends = np.asarray(ends, np.bool_) & ~ended & ~self._was_over
+            if ends.any():
+                self._batch.end_episodes(ends, self._observation)
+                self._terminated |= ends
+                if self._final is not None:
+                    self._final[ends] = last[ends]
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._was_over = self._terminated | self._truncated
 
     @property
     def reward_terms(self) -> list[str]:
@@ -274,6 +355,11 @@ class VectorEnv(_Batch):
         final_obs: Whether to observe the last row of each episode too; only ``SAME_STEP`` needs it.
         autoreset_mode: When the next episode of a world begins: ``"same_step"``, ``"next_step"`` or ``"disabled"``, or
             Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
+        starts: Where episodes begin, mixed by weight; by default at the task's own starts.
+        horizon_steps: Control steps until time-out, at most the task's own.
+        reward_weights: Weights of the reward's terms where they are not to be the usual ones; :attr:`reward_weights` has all.
+        judge: A reward and an end of your own: called after each step with the observation that it led to, before any episode begins
+            anew, and with ``info``; returns rewards and ends.
         settings: See :class:`fiatlux.Settings`.
     """
 
@@ -284,6 +370,10 @@ class VectorEnv(_Batch):
         *,
         seeds: Sequence[int] | None = None,
         episodes: int = 1,
+        starts: Sequence[Start] | None = None,
+        horizon_steps: int | None = None,
+        reward_weights: Mapping[str, float] | None = None,
+        judge: Judgement | None = None,
         num_threads: int | None = None,
         seed: int = 0,
         observation: ObservationForm = "dict",
@@ -298,9 +388,12 @@ class VectorEnv(_Batch):
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
         rooms = seeds_of(ROOMS[: common["worlds"]] if seeds is None else seeds, common["worlds"])
         episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
-        starts = [(room, episode) for room in rooms for episode in range(episodes)]
-        batch = _native.Batch("rulebook", (task, starts, complete(task, observation, settings), common))
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode)
+        given = complete(task, observation, settings)
+        given["horizon_steps"] = None if horizon_steps is None else whole("horizon_steps", horizon_steps, 1, MAX_SEED)
+        given["reward_weights"] = dict(reward_weights or {})
+        expanded = _expanded(task, rooms, episodes, [Start()] if starts is None else starts)
+        batch = _native.Batch("rulebook", (task, expanded, given, common))
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
 
 
 class WalkingVectorEnv(_Batch):
@@ -342,6 +435,7 @@ class WalkingVectorEnv(_Batch):
         load_kg: float = 1.0,
         hand_force_n: float = 20.0,
         reward_weights: Mapping[str, float] | None = None,
+        judge: Judgement | None = None,
         noise: bool = True,
         scene: Literal["floor", "room"] = "floor",
         robot: str = "g1_bare",
@@ -371,5 +465,4 @@ class WalkingVectorEnv(_Batch):
         }
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
         batch = _native.Batch("walking", (settings, common))
-        self.reward_weights: dict[str, float] = {**_native.Batch.walking_weights(), **settings["reward_weights"]}
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode)
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
     Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Disturbances, MAX_STARTS, Rulebook,
-    Snapshot as Saved, Task, Walking, WalkingOptions,
+    Snapshot as Saved, Start, Task, Walking, WalkingOptions,
 };
 use fiatlux_rules::Row;
-use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
+use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec};
 use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use crate::build;
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::{self, Settings};
-use crate::state::{Parts, describe_row, set_parts};
+use crate::state::{Parts, describe_row, set_part, set_parts};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
@@ -57,6 +57,9 @@ impl Snapshot {
         this
     }
 }
+
+/// A start of an episode: the task and seed and episode of whose start it is, its weight, and parts of the row to set in it.
+type StartOf = (String, u64, u64, f64, Option<BTreeMap<String, Vec<f64>>>);
 
 /// Settings that all batches share.
 #[derive(FromPyObject)]
@@ -152,14 +155,14 @@ fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<World
 
 #[pymethods]
 impl Batch {
-    /// Worlds of a kind, which continue from a snapshot if there is one. The arguments of `rulebook` are a task, pairs of
-    /// seed and episode to start from, and two dictionaries of settings; those of `walking` are the dictionaries.
+    /// Worlds of a kind, which continue from a snapshot if there is one. The arguments of `rulebook` are a task, starts, and two
+    /// dictionaries of settings; those of `walking` are the dictionaries.
     #[new]
     #[pyo3(signature = (kind, arguments, snapshot=None))]
     fn new(kind: &str, arguments: Bound<'_, PyTuple>, snapshot: Option<&Snapshot>) -> PyResult<Self> {
         let py = arguments.py();
         let mut worlds = if kind == "rulebook" {
-            let (task, starts, settings, common): (String, Vec<(u64, u64)>, Settings, Common<'_>) =
+            let (task, starts, settings, common): (String, Vec<StartOf>, Settings, Common<'_>) =
                 arguments.extract()?;
             Self::rulebook(py, &task, starts, settings, common)?
         } else {
@@ -244,6 +247,19 @@ impl Batch {
         let marks = marks.as_slice().map_err(|_| not_contiguous("worlds"))?;
         let worlds = &mut self.worlds;
         py.detach(|| guarded(|| worlds.copy_world(world, marks, observation)))?.map_err(error)
+    }
+
+    /// Ends the episodes of the marked worlds.
+    fn end_episodes(
+        &mut self,
+        py: Python<'_>,
+        marks: PyReadonlyArray1<'_, bool>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("mask"))?;
+        let worlds = &mut self.worlds;
+        py.detach(|| guarded(|| worlds.end_episodes(marks, observation)))?.map_err(error)
     }
 
     /// Lets each world's present episode end so many steps earlier.
@@ -332,11 +348,11 @@ impl Batch {
 }
 
 impl Batch {
-    /// Worlds of a task of the benchmark. `starts` are pairs of seed and episode.
+    /// Worlds of a task of the benchmark.
     fn rulebook(
         py: Python<'_>,
         task: &str,
-        starts: Vec<(u64, u64)>,
+        starts: Vec<StartOf>,
         settings: Settings,
         common: Common<'_>,
     ) -> PyResult<Worlds> {
@@ -348,22 +364,42 @@ impl Batch {
         let config = SceneConfig::default();
         // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
         let mut banks: Vec<Bank> = Vec::new();
-        for (seed, episode) in starts {
-            let spec = [EpisodeSpec::new(task, seed, episode)];
-            let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
-            for bank in made.map_err(|error| refused(&error))? {
-                match banks.iter_mut().find(|known| known.scene.spec == bank.scene.spec) {
-                    Some(known) => known.starts.extend(bank.starts),
-                    None => banks.push(bank),
+        let mut staged: BTreeMap<(String, u64, u64), (usize, Start)> = BTreeMap::new();
+        for (of, seed, episode, weight, parts) in starts {
+            let key = (of, seed, episode);
+            if !staged.contains_key(&key) {
+                let other = build::task(&key.0)?;
+                if SceneKind::of(other) != SceneKind::of(task) {
+                    let rule = "S01 and replace share one, S02 to S12 another one, and climb has its own";
+                    return Err(PyValueError::new_err(format!(
+                        "starts: {other} plays in another scene than {task}; {rule}"
+                    )));
                 }
+                let spec = [settings.episode(other, seed, episode)?];
+                let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
+                for mut bank in made.map_err(|error| refused(&error))? {
+                    let start = bank.starts.remove(0);
+                    let known = banks.iter().position(|known| known.scene.spec == bank.scene.spec);
+                    let index = known.unwrap_or(banks.len());
+                    if known.is_none() {
+                        banks.push(bank);
+                    }
+                    staged.insert(key.clone(), (index, start));
+                }
+                py.check_signals()?;
             }
-            py.check_signals()?;
+            let Some((index, start)) = staged.get(&key) else { continue };
+            let mut start = Start { weight, ..start.clone() };
+            for (name, numbers) in parts.iter().flatten() {
+                set_part(&mut start.row, name, numbers)?;
+            }
+            banks[*index].starts.push(start);
         }
         let banks = common.vary(banks)?;
         let Some(first) = banks.first() else {
             return Err(error(BatchError::Config { field: "seeds", found: 0, rule: "give at least one".into() }));
         };
-        let rulebook = Rulebook::new(task, &first.scene, options, network);
+        let rulebook = Rulebook::new(task, &first.scene, options, network).map_err(|error| refused(&*error))?;
         built(py, common.config(banks, disturbances)?, &rulebook)
     }
 

@@ -23,6 +23,12 @@ pub(crate) fn sensors() -> Vec<&'static str> {
     Sensor::ALL.map(Sensor::name).into()
 }
 
+/// Names of a task's sensors where none are named.
+#[pyfunction]
+pub(crate) fn body_sensors(name: &str) -> PyResult<Vec<&'static str>> {
+    Ok(fiatlux_sensing::Sensors::of_body(task(name)?).iter().map(Sensor::name).collect())
+}
+
 /// The contract of a controller trained with this version, as JSON.
 #[pyfunction]
 pub(crate) fn controller_contract(
@@ -56,6 +62,7 @@ pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py,
     dict.set_item("horizon_steps", spec.horizon_steps)?;
     dict.set_item("observation", spec.observation.iter().map(described).collect::<Vec<_>>())?;
     dict.set_item("rewards", spec.rewards.clone())?;
+    dict.set_item("reward_weights", spec.reward_weights.clone())?;
     Ok(dict)
 }
 

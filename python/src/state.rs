@@ -58,7 +58,8 @@ pub(crate) fn set_parts(row: &mut Row, parts: &Parts<'_>, world: usize) -> PyRes
     Ok(())
 }
 
-fn set_part(row: &mut Row, name: &str, numbers: &[f64]) -> PyResult<()> {
+/// Sets a part of a row.
+pub(crate) fn set_part(row: &mut Row, name: &str, numbers: &[f64]) -> PyResult<()> {
     let copy_into = |list: &mut [f64]| match (list.len(), numbers.len()) {
         (expected, found) if expected == found => {
             list.copy_from_slice(numbers);

@@ -186,13 +186,30 @@ impl Batch {
                 snapshot.check(&self.settings_of_banks[bank])?;
             }
         }
+        self.carry_out_where(&Order::Load(Arc::new(snapshot.clone())), marks, observation)
+    }
+
+    /// Ends the present episodes of the marked worlds, for ends of the caller's own. The next ones begin as [`Autoreset`] says; the
+    /// observations are then those of their starts.
+    ///
+    /// # Errors
+    /// As for [`Batch::reset`]; marks of another length.
+    pub fn end_episodes(&mut self, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
+        check_length("marks", marks.len(), self.worlds)?;
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
+        if self.torn {
+            return Err(BatchError::Torn);
+        }
+        self.carry_out_where(&Order::End, marks, observation)
+    }
+
+    fn carry_out_where(&mut self, order: &Order, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.check_process()?;
         self.workers.each(|shard| {
-            let marks = &marks[shard.first..];
-            shard.is_loaded.iter_mut().zip(marks).for_each(|(is_loaded, mark)| *is_loaded = *mark);
+            let count = shard.is_marked.len();
+            shard.is_marked.copy_from_slice(&marks[shard.first..][..count]);
         });
-        let order = Order::Load(Arc::new(snapshot.clone()));
-        self.carry_out(&order, &[], &mut || true, |shard| shard.copy_observation(observation))
+        self.carry_out(order, &[], &mut || true, |shard| shard.copy_observation(observation))
     }
 
     /// Lets the present episode of each world end by time-out so many steps earlier than [`Spec::horizon_steps`], so that worlds which

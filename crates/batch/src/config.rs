@@ -57,6 +57,14 @@ impl BatchConfig {
         within("threads", self.threads, MAX_THREADS)?;
         within("banks", self.banks.len(), self.worlds)?;
         within("bank.starts", starts.clone().min().unwrap_or(0), MAX_STARTS)?;
-        within("starts of all banks", starts.sum(), MAX_STARTS)
+        within("starts of all banks", starts.sum(), MAX_STARTS)?;
+        for (bank, starts) in self.banks.iter().map(|bank| &bank.starts).enumerate() {
+            let is_weight = |weight: f64| (0.0..f64::INFINITY).contains(&weight);
+            let sum: f64 = starts.iter().map(|start| start.weight).sum();
+            if !starts.iter().all(|start| is_weight(start.weight)) || !(is_weight(sum) && sum > 0.0) {
+                return Err(BatchError::Weights { bank });
+            }
+        }
+        Ok(())
     }
 }

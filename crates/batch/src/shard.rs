@@ -17,6 +17,8 @@ pub(crate) enum Order {
     Reset,
     /// Continue each world that is marked from the one world of a snapshot.
     Load(Arc<Snapshot>),
+    /// End the episode of each world that is marked.
+    End,
     /// Take a control step in each world, with its actions.
     Step {
         /// Whether to observe the last rows of episodes too.
@@ -44,7 +46,7 @@ pub(crate) struct Shard {
     pub slots: Vec<Slot>,
     pub order: Order,
     pub begins: Vec<Begin>,
-    pub is_loaded: Vec<bool>,
+    pub is_marked: Vec<bool>,
     pub actions: Vec<f64>,
     pub outputs: Outputs,
     pub error: Option<BatchError>,
@@ -76,7 +78,7 @@ impl Shard {
             first: worlds.start,
             order: Order::Reset,
             begins: vec![Begin::AtStart; worlds.len()],
-            is_loaded: vec![false; worlds.len()],
+            is_marked: vec![false; worlds.len()],
             actions: vec![0.0; worlds.len() * spec.actions.len()],
             outputs: Outputs::of(spec, worlds.len()),
             error: None,
@@ -100,6 +102,7 @@ impl Shard {
             (false, _) => Err(BatchError::Stopped),
             (true, Order::Reset) => self.begin(index),
             (true, Order::Load(snapshot)) => self.copy(index, snapshot),
+            (true, Order::End) => self.end(index),
             (true, Order::Step { wants_final }) => self.step(index, *wants_final),
         });
         self.error = done.err();
@@ -134,11 +137,22 @@ impl Shard {
 
     /// Continues one world from a snapshot of one, if it is marked.
     fn copy(&mut self, index: usize, snapshot: &Snapshot) -> Result<(), BatchError> {
-        if std::mem::take(&mut self.is_loaded[index]) {
+        if self.is_marked[index] {
             self.load(index, &snapshot.worlds[0])?;
             part(&mut self.outputs.observation, index, self.slots.len()).copy_from_slice(&snapshot.observation);
         }
         Ok(())
+    }
+
+    /// Ends the episode of one world, if it is marked.
+    fn end(&mut self, index: usize) -> Result<(), BatchError> {
+        if !self.is_marked[index] {
+            return Ok(());
+        }
+        let slot = &mut self.slots[index];
+        let observation = part(&mut self.outputs.observation, index, self.outputs.reward.len());
+        let ended = slot.end(&mut self.stages[slot.stage], &self.shared, observation);
+        ended.map_err(|stopped| stopped.at(self.first + index))
     }
 
     fn step(&mut self, index: usize, wants_final: bool) -> Result<(), BatchError> {

@@ -15,6 +15,8 @@ use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Outcome, Task, T
 pub(crate) struct ReadyBank {
     pub scene: Arc<Scene>,
     pub starts: Vec<ReadyStart>,
+    /// Sum of the weights up to and including each start; `None` where all weigh the same.
+    sums: Option<Vec<f64>>,
 }
 
 #[derive(Debug)]
@@ -42,7 +44,21 @@ impl ReadyBank {
             world.reset_to(&row).map_err(refused)?;
             starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light: start.light });
         }
-        Ok(Self { scene: Arc::clone(&bank.scene), starts })
+        let weights = bank.starts.iter().map(|start| start.weight);
+        let sums = weights.clone().scan(0.0, |sum, weight| {
+            *sum += weight;
+            Some(*sum)
+        });
+        let is_even = weights.clone().all(|weight| weight == bank.starts[0].weight);
+        let sums = (!is_even).then(|| sums.collect());
+        Ok(Self { scene: Arc::clone(&bank.scene), starts, sums })
+    }
+
+    /// Draws a start.
+    fn draw(&self, random: &mut Random) -> usize {
+        let Some(sums) = &self.sums else { return random.index(self.starts.len()) };
+        let at = random.uniform(0.0, sums[sums.len() - 1]);
+        sums.partition_point(|sum| *sum <= at).min(sums.len() - 1)
     }
 }
 
@@ -135,6 +151,15 @@ impl Slot {
         (self.stream, self.random) = ((seed, number), Random::new(Stream::Batch, seed, number));
     }
 
+    /// Ends the present episode; the next one begins as the batch's autoreset says.
+    pub fn end(&mut self, stage: &mut Stage, shared: &Shared, observation: &mut [f32]) -> Result<(), Stopped> {
+        self.has_ended = true;
+        match shared.autoreset {
+            Autoreset::SameStep => self.begin(stage, shared, None, observation),
+            Autoreset::NextStep | Autoreset::Disabled => Ok(()),
+        }
+    }
+
     /// Lets the present episode end by time-out so many steps earlier.
     pub fn shorten(&mut self, steps: u64) {
         self.shortened = steps;
@@ -179,7 +204,7 @@ impl Slot {
         observation: &mut [f32],
     ) -> Result<(), Stopped> {
         let Stage { bank, world } = stage;
-        self.start = self.random.index(bank.starts.len());
+        self.start = bank.draw(&mut self.random);
         (self.has_ended, self.shortened) = (false, 0);
         let start = &bank.starts[self.start];
         self.row.clone_from(row.unwrap_or(&start.row));

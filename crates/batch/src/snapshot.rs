@@ -179,7 +179,7 @@ fn digest_of(banks: &[Bank]) -> String {
         let scene = &bank.scene;
         let mut text = format!("{} {:?} {:?}", scene.robot.digest(), scene.config.digest(), scene.spec);
         for start in &bank.starts {
-            text.push_str(&format!("{:?} {:?}", start.variation, start.light));
+            text.push_str(&format!("{:?} {:?} {:?}", start.variation, start.light, start.weight));
             digest.push(&start.row);
         }
         digest = RowDigest::new(format!("{} {text}", digest.hex()).as_bytes());

@@ -41,8 +41,7 @@ def worlds_of(
     settings: Baseline, device: str, num_envs: int, first_room: int, seed: int, threads: int | None, **more: Any
 ) -> TaskWorlds:
     """Worlds of the task with everything that policy and critic see."""
-    contact = "limb_contact" if settings.task == "climb" else "hand_contact"
-    sensors = settings.sensors or ("proprioception", contact, "last_action")
+    sensors = settings.sensors or _native.body_sensors(settings.task)
     env = VectorEnv(
         settings.task,
         num_envs,

@@ -136,6 +136,7 @@ fn faults_of_a_task_stay_its_own() {
         action_limit: 9.0,
         observation: vec![],
         rewards: vec!["one".into()],
+        reward_weights: vec![1.0],
     };
     let mut batch = simple(Bank::standing(floor()), &Faulty(spec), 4, 2);
     let mut outputs = Outputs::new(&batch);
