@@ -79,6 +79,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
 
         The seed is the benchmark's: it draws the room and, together with the episode, everything else. If none was ever given,
         one is drawn from the seeds for training. ``options`` may have ``"episode"``, the index of an episode of the seed.
+        ``info["drawn"]`` is what was drawn, as the header of a bag has it.
         """
         self._check_open()
         seed = None if seed is None else seed_of(seed)
@@ -97,7 +98,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self._begun = False
         self._episode = _native.Episode(self._task, self._seed, self._index, self._settings)
         self._begun = True
-        return self._observation(), {"seed": self._seed, "episode": self._index}
+        info = {"seed": self._seed, "episode": self._index, "drawn": self._episode.drawn()}
+        return self._observation(), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``."""

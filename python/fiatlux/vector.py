@@ -347,7 +347,9 @@ class VectorEnv(_Batch):
         num_threads: Number of threads; by default one for each core. Results do not depend on it.
         seed: Seed of the worlds' random streams.
         ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
-            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``.
+            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
+            ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
+            each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), and ``action_delay``, ms.
         variations: Number of variations drawn for each start.
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
             "force_n", "torque_nm"}}``; missing keys have defaults.

@@ -358,7 +358,13 @@ impl Batch {
     ) -> PyResult<Worlds> {
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
-        let options = settings.rulebook(task)?;
+        let mut options = settings.rulebook(task)?;
+        if let Some([least, most]) = build::action_delay(common.ranges.as_ref())? {
+            options.action_delay = [settings::delay_steps(least)?, settings::delay_steps(most)?];
+            if least > most {
+                return Err(PyValueError::new_err("ranges: action_delay must be [least, most], ms"));
+            }
+        }
         let network = settings.network(options.sensors)?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let config = SceneConfig::default();
@@ -415,6 +421,9 @@ impl Batch {
         let scene = Scene::build(&SceneConfig::default(), robot, spec);
         let scene = Arc::new(scene.map_err(|error| refused(&error))?);
         let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
+        if build::action_delay(common.ranges.as_ref())?.is_some() {
+            return Err(PyValueError::new_err("ranges: action_delay is for the benchmark's tasks; walking has none"));
+        }
         let options = WalkingOptions {
             frames: settings.frames,
             noise: settings.noise,

@@ -14,7 +14,7 @@ use numpy::{PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
-use crate::build;
+use crate::{bag, build};
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::Settings;
 use crate::state::describe_row;
@@ -78,7 +78,7 @@ impl Episode {
         let begun = py.detach(|| guarded(begin))?;
         let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); action_delay]));
+        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); action_delay[0]]));
         let mut made = Self {
             settings: given,
             played,
@@ -167,6 +167,11 @@ impl Episode {
     #[getter]
     fn digest(&self) -> String {
         self.play.digest().hex()
+    }
+
+    /// What was drawn for the episode, as the header of its bag has it.
+    fn drawn<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        bag::described(py, &fiatlux_wire::domain_sample_message(&self.play.domain_sample()))
     }
 
     /// Summary of the episode so far: the fields of `results.json` that follow from its rows.

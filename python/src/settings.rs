@@ -85,12 +85,7 @@ impl Settings {
 
     /// Control steps from an action's arrival to its effect.
     pub(crate) fn delay_steps(&self) -> PyResult<usize> {
-        let step_ms = (CONTROL_DT * 1e3).round() as u32;
-        if self.action_delay > MAX_ACTION_DELAY_MS || !self.action_delay.is_multiple_of(step_ms) {
-            let rule = format!("give a multiple of {step_ms} ms, at most {MAX_ACTION_DELAY_MS}");
-            return Err(PyValueError::new_err(format!("action_delay is {}; {rule}", self.action_delay)));
-        }
-        Ok((self.action_delay / step_ms) as usize)
+        delay_steps(self.action_delay)
     }
 
     pub(crate) fn rulebook(&self, task: Task) -> PyResult<RulebookOptions> {
@@ -102,7 +97,7 @@ impl Settings {
             end_on,
             sensors: self.sensors(task)?,
             noise: randomize.sensors,
-            action_delay: self.delay_steps()?,
+            action_delay: [self.delay_steps()?; 2],
             image_size: self.image_size,
             action_form: self.action_form()?,
             horizon_steps: self.horizon_steps.unwrap_or(task.horizon_steps()),
@@ -189,6 +184,16 @@ impl Settings {
         self.weights = path.file_name().map(PathBuf::from);
         (self, Some(folder))
     }
+}
+
+/// A delay in ms as control steps.
+pub(crate) fn delay_steps(ms: u32) -> PyResult<usize> {
+    let step_ms = (CONTROL_DT * 1e3).round() as u32;
+    if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
+        let rule = format!("give a multiple of {step_ms} ms, at most {MAX_ACTION_DELAY_MS}");
+        return Err(PyValueError::new_err(format!("action_delay is {ms}; {rule}")));
+    }
+    Ok((ms / step_ms) as usize)
 }
 
 /// Parses lists as the programs' flags do.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use fiatlux_dynamics::Variation;
 use fiatlux_robot::{Gains, Robot};
 use fiatlux_rules::Row;
-use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, SceneSpec, Stream, World};
+use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Randomization, Scene, SceneConfig, SceneSpec, Stream, World};
 
 use crate::{BankError, Ranges};
 
@@ -95,6 +95,9 @@ impl Bank {
                 let mut random = Random::of_term(Stream::Batch, "variation", seed, draw);
                 let mut start = start.clone();
                 ranges.draw(&scene, &mut random, &mut start.variation);
+                if ranges.light {
+                    start.light = Light::draw(seed, draw, &Randomization::default());
+                }
                 varied.push(start);
             }
         }

@@ -51,8 +51,8 @@ pub struct RulebookOptions {
     pub image_size: [usize; 2],
     /// Meaning of the numbers of an action.
     pub action_form: ActionForm,
-    /// Control steps from an action's arrival to its effect.
-    pub action_delay: usize,
+    /// Control steps from an action's arrival to its effect: least and most, drawn for each episode.
+    pub action_delay: [usize; 2],
 }
 
 impl RulebookOptions {
@@ -69,7 +69,7 @@ impl RulebookOptions {
             noise: true,
             image_size: [HEAD_PIXELS; 2],
             action_form: ActionForm::Action,
-            action_delay: 0,
+            action_delay: [0; 2],
         }
     }
 }
@@ -207,7 +207,9 @@ impl Task for Rulebook {
             (self.options.noise.then_some(NoiseSeed { seed, episode: self.episode }), Lighting::of(light));
         self.noise = noise;
         self.delayed.clear();
-        (0..self.options.action_delay).for_each(|_| self.delayed.extend_from_slice(&world.row().action));
+        let [least, most] = self.options.action_delay;
+        let delay = if most > least { least + random.index(most - least + 1) } else { least };
+        (0..delay).for_each(|_| self.delayed.extend_from_slice(&world.row().action));
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
@@ -233,7 +235,7 @@ impl Task for Rulebook {
             };
             *target = q0 + ACTION_SCALE * *to;
         }
-        if self.options.action_delay > 0 {
+        if !self.delayed.is_empty() {
             let joints = control.action.len();
             self.delayed[..joints].swap_with_slice(&mut control.action);
             self.delayed.rotate_left(joints);
@@ -298,7 +300,7 @@ impl Task for Rulebook {
             ("image_size", format!("{image_size:?}")),
             ("weights", self.weights.clone()),
             ("action_form", format!("{action_form:?}")),
-            ("action_delay", format!("{action_delay} steps")),
+            ("action_delay", format!("{action_delay:?} steps")),
             ("end_on", end_on.map_or_else(|| "the task's own".into(), |causes| causes.to_string())),
             ("thresholds", format!("{thresholds:?}")),
         ]
@@ -315,7 +317,7 @@ impl Task for Rulebook {
     fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
         let Referee { judges, rewards } = self.referee.as_mut().ok_or("no episode has begun")?;
         let state: State = postcard::from_bytes(saved)?;
-        if state.delayed.len() != self.options.action_delay * row.action.len() {
+        if state.delayed.len() % row.action.len().max(1) != 0 {
             return Err("the snapshot is damaged: it has another number of delayed actions".into());
         }
         if !rewards.set_state(state.rewards, row) {
