@@ -227,3 +227,89 @@ def test_episodes_can_be_ended():
     env.terminate(OTHERS)
     assert [env.row(world)["step"] for world in range(4)] == [15, 0, 0, 0]
     assert_same(others.values(), env.row(0).values())
+
+
+def test_what_varies_varies_by_name():
+    """Each range alone changes what it names, and the world moves otherwise."""
+    still = {}
+    for ranges in (
+        {},
+        {"friction": {"ladder": (0.1, 0.2), "floor": (2.0, 3.0)}},
+        {"thing_mass": {"fresh_bulb": (2.0, 3.0), "ladder": (0.5, 0.6)}},
+        {"action_delay": (40, 40)},
+    ):
+        env = errand("S08", 1, ranges=ranges, variations=1, noise=False)
+        shaken(env)
+        still[str(ranges)] = env.row(0)["joint_position"].tobytes()
+    assert still.pop("{}") not in still.values()
+    pictures = [
+        errand("S08", 2, ranges={"light": light}, variations=4, sensors=["camera"], image_size=(32, 24)).reset(seed=2)[0]
+        for light in (False, True)
+    ]
+    assert np.array_equal(pictures[0][0], pictures[0][1]) and not np.array_equal(pictures[1][0], pictures[1][1])
+    for ranges, says in (
+        ({"friction": {"lader": (0.1, 0.2)}}, "ranges: friction must name surfaces: floor, room, bench, robot or a thing"),
+        ({"friction": {"ladder": (0.2, 0.1)}}, "ranges: friction must be"),
+        ({"thing_mass": {"crate": (0.1, 0.2)}}, "ranges: thing_mass must name things that move"),
+        ({"thing_mass": {"ladder": (0.0, 0.2)}}, "ranges: thing_mass must be .* above 0"),
+        ({"action_delay": (0, 30)}, "action_delay is 30; give a multiple of 20 ms, at most 100"),
+        ({"action_delay": (40, 20)}, "ranges: action_delay must be"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            errand(ranges=ranges)
+    with pytest.raises(ValueError, match="ranges: action_delay is for the benchmark's tasks"):
+        fiatlux.WalkingVectorEnv(1, ranges={"action_delay": (0, 20)})
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"action_delay": 60},
+        {"prop_scale": {"ladder_z": 1.05}, "fix": ["start", "hand-friction"]},
+        {"thresholds": {"facing_rad": 0.3}, "end_on": ["fall"]},
+    ],
+)
+def test_every_setting_of_the_programs_holds_in_both_kinds_of_environment(settings):
+    env = fiatlux.Env("S08", observation="flat", noise=False, **settings)
+    worlds = errand("S08", 1, noise=False, reward="benchmark", **settings)
+    seen = env.reset(seed=1000)[0]
+    np.testing.assert_array_equal(seen, worlds.reset()[0][0])
+    usual = fiatlux.Env("S08", observation="flat", noise=False)
+    usual.reset(seed=1000)
+    for action in np.random.default_rng(0).uniform(-0.3, 0.3, (8, 53)):
+        ours, others = env.step(action), worlds.step(action[None])
+        np.testing.assert_array_equal(ours[0], others[0][0])
+        usual.step(action)
+    assert usual.digest != env.digest
+    if "action_delay" in settings:
+        # Three steps of the staged posture, then the first action.
+        actions = np.random.default_rng(0).uniform(-0.3, 0.3, (8, 53))
+        np.testing.assert_array_equal(env.row()["action"], actions[4])
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"action_delay": 30}, "action_delay is 30; give a multiple of 20 ms, at most 100"),
+        ({"fix": ["gravity"]}, "invalid value 'gravity' for '--fix"),
+        ({"fix": "start"}, "fix is 'start'; give a list of names"),
+        ({"prop_scale": {"table": 1.0}}, "'table' has no size; use ladder_x"),
+        ({"thresholds": {"facing": 1.0}}, "facing"),
+        ({"end_on": ["boredom"]}, "boredom"),
+    ],
+)
+def test_settings_that_are_not_known_are_refused(settings, says):
+    with pytest.raises(ValueError, match=says):
+        fiatlux.Env("S08", **settings)
+
+
+def test_climbers_feel_their_limbs():
+    fields = {task: set(fiatlux.VectorEnv(task, 1, observation="flat").fields) for task in ("S02", "S07", "climb")}
+    assert "limb_contact" in fields["S02"] & fields["climb"] - fields["S07"]
+    assert "privileged.ladder_position" in fiatlux.VectorEnv("S02", 1, privileged=True).fields
+
+
+def test_what_an_episode_drew_is_in_info():
+    env = fiatlux.Env("S08")
+    drawn = [env.reset(seed=seed)[1]["drawn"] for seed in (1000, 1001)]
+    assert drawn[0]["light"] != drawn[1]["light"] and drawn[0]["hand_friction"] != drawn[1]["hand_friction"]

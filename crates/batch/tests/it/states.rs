@@ -1,6 +1,8 @@
 //! Results depend on config and actions alone, and a saved state goes on exactly.
 
-use fiatlux_batch::{Bank, BatchError, Begin, Outputs, Snapshot, Walking, WalkingOptions};
+use fiatlux_batch::{
+    Autoreset, Bank, Batch, BatchConfig, BatchError, Begin, Outputs, Snapshot, Walking, WalkingOptions,
+};
 
 use crate::common::{actions, floor, play, simple, walkers};
 
@@ -201,4 +203,47 @@ fn shortened_episodes_end_one_by_one() {
     let of = |world: usize| (1..=8).filter(|step| ends[step - 1][world]).collect::<Vec<_>>();
     assert_eq!([of(0), of(1), of(2)], [vec![4, 8], vec![3, 7], vec![1, 5]]);
     assert_eq!(batch.shorten_episodes(&[0]).unwrap_err().to_string(), "steps has 1 numbers instead of 3");
+}
+
+/// Starts are drawn by their weights, and one without weight never.
+#[test]
+fn starts_are_drawn_by_weight() {
+    let (scene, options) = (floor(), Default::default());
+    let task = Walking::new(&scene, options).unwrap();
+    let mut bank = Bank::standing(scene);
+    for (x, weight) in [(1.0, 3.0), (2.0, 0.0)] {
+        let mut start = bank.starts[0].clone();
+        start.row.robot.pose.translation.x = x;
+        start.weight = weight;
+        bank.starts.push(start);
+    }
+    let batch = simple(bank.clone(), &task, 400, 1);
+    let at = |x| (0..400).filter(|world| batch.row(*world).unwrap().robot.pose.translation.x == x).count();
+    // Four standard deviations of a binomial count are 35.
+    assert!((65..=135).contains(&at(0.0)) && at(2.0) == 0 && at(0.0) + at(1.0) == 400, "{} {}", at(0.0), at(1.0));
+    bank.starts.iter_mut().for_each(|start| start.weight = 0.0);
+    let refused = Batch::new(BatchConfig::new(vec![bank]), &task).unwrap_err().to_string();
+    assert!(refused.starts_with("bank 0: the weights of starts must be"), "{refused}");
+}
+
+/// An end of the caller's own begins the next episode as the autoreset says.
+#[test]
+fn episodes_end_on_demand() {
+    for autoreset in [Autoreset::SameStep, Autoreset::NextStep, Autoreset::Disabled] {
+        let scene = floor();
+        let task = Walking::new(&scene, Default::default()).unwrap();
+        let config = BatchConfig { worlds: 2, autoreset, ..BatchConfig::new(vec![Bank::standing(scene)]) };
+        let mut batch = Batch::new(config, &task).unwrap();
+        let mut outputs = Outputs::new(&batch);
+        batch.step(&[0.0; 30], &mut outputs.buffers()).unwrap();
+        batch.end_episodes(&[true, false], &mut outputs.observation).unwrap();
+        let steps = |batch: &Batch| [0, 1].map(|world| batch.row(world).unwrap().step);
+        assert_eq!(steps(&batch), [u64::from(autoreset != Autoreset::SameStep), 1]);
+        let stepped = batch.step(&[0.0; 30], &mut outputs.buffers());
+        match autoreset {
+            Autoreset::SameStep => assert_eq!(steps(&batch), [1, 2]),
+            Autoreset::NextStep => assert_eq!(steps(&batch), [0, 2]),
+            Autoreset::Disabled => assert!(matches!(stepped, Err(BatchError::Ended { world: 0 })), "{stepped:?}"),
+        }
+    }
 }
