@@ -162,8 +162,7 @@ impl Batch {
     fn new(kind: &str, arguments: Bound<'_, PyTuple>, snapshot: Option<&Snapshot>) -> PyResult<Self> {
         let py = arguments.py();
         let mut worlds = if kind == "rulebook" {
-            let (task, starts, settings, common): (String, Vec<StartOf>, Settings, Common<'_>) =
-                arguments.extract()?;
+            let (task, starts, settings, common): (String, Vec<StartOf>, Settings, Common<'_>) = arguments.extract()?;
             Self::rulebook(py, &task, starts, settings, common)?
         } else {
             let (settings, common): (WalkingSettings, Common<'_>) = arguments.extract()?;

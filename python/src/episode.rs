@@ -14,10 +14,10 @@ use numpy::{PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
-use crate::{bag, build};
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::Settings;
 use crate::state::describe_row;
+use crate::{bag, build};
 
 /// Position of the camera of rendered pictures relative to the robot, m, and its vertical field of view, rad.
 const EYE: [f64; 3] = [2.6, -2.2, 1.2];

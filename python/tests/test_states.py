@@ -238,7 +238,7 @@ def test_what_varies_varies_by_name():
         {"thing_mass": {"fresh_bulb": (2.0, 3.0), "ladder": (0.5, 0.6)}},
         {"action_delay": (40, 40)},
     ):
-        env = errand("S08", 1, ranges=ranges, variations=1, noise=False)
+        env = errand("S09", 1, ranges=ranges, variations=1, noise=False)
         shaken(env)
         still[str(ranges)] = env.row(0)["joint_position"].tobytes()
     assert still.pop("{}") not in still.values()

@@ -88,7 +88,8 @@ impl Ranges {
             }
         }
         let thing_masses = self.thing_mass.values().map(|range| ("thing_mass", *range));
-        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)].into_iter().chain(thing_masses) {
+        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)].into_iter().chain(thing_masses)
+        {
             if !is_range(range) || range[0] == 0.0 {
                 return refuse(field, "must be [least, most], above 0 and below 1e6");
             }
