@@ -59,9 +59,9 @@ impl BatchConfig {
         within("bank.starts", starts.clone().min().unwrap_or(0), MAX_STARTS)?;
         within("starts of all banks", starts.sum(), MAX_STARTS)?;
         for (bank, starts) in self.banks.iter().map(|bank| &bank.starts).enumerate() {
-            let is_weight = |weight: f64| (0.0..f64::INFINITY).contains(&weight);
             let sum: f64 = starts.iter().map(|start| start.weight).sum();
-            if !starts.iter().all(|start| is_weight(start.weight)) || !(is_weight(sum) && sum > 0.0) {
+            let are_weights = starts.iter().all(|start| start.weight >= 0.0) && sum > 0.0 && sum.is_finite();
+            if !are_weights {
                 return Err(BatchError::Weights { bank });
             }
         }

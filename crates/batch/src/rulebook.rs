@@ -317,8 +317,8 @@ impl Task for Rulebook {
     fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
         let Referee { judges, rewards } = self.referee.as_mut().ok_or("no episode has begun")?;
         let state: State = postcard::from_bytes(saved)?;
-        if state.delayed.len() % row.action.len().max(1) != 0 {
-            return Err("the snapshot is damaged: it has another number of delayed actions".into());
+        if !state.delayed.len().is_multiple_of(row.action.len()) {
+            return Err("the snapshot is damaged: it has a part of a delayed action".into());
         }
         if !rewards.set_state(state.rewards, row) {
             return Err("the snapshot has another number of reward terms".into());
