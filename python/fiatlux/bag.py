@@ -43,7 +43,9 @@ class Bag(Mapping[str, dict[str, Any]]):
         for name in states:
             body, _, part = name.partition(".")
             if part == "linear_velocity":
-                row[f"{body}_pose"] = np.concatenate([states[f"{body}.{part}"][index] for part in ("position", "quaternion")])
+                row[f"{body}_pose"] = np.concatenate(
+                    [states[f"{body}.{part}"][index] for part in ("position", "quaternion")]
+                )
             if part in ("linear_velocity", "angular_velocity"):
                 row[f"{body}_{part}"] = states[name][index]
             elif part == "seated":

@@ -83,11 +83,6 @@ impl Settings {
         })
     }
 
-    /// Control steps from an action's arrival to its effect.
-    pub(crate) fn delay_steps(&self) -> PyResult<usize> {
-        delay_steps(self.action_delay)
-    }
-
     pub(crate) fn rulebook(&self, task: Task) -> PyResult<RulebookOptions> {
         let EpisodeSpec { protocol, variant, randomize, thresholds, end_on, .. } = self.episode(task, 0, 0)?;
         Ok(RulebookOptions {
@@ -97,12 +92,11 @@ impl Settings {
             end_on,
             sensors: self.sensors(task)?,
             noise: randomize.sensors,
-            action_delay: [self.delay_steps()?; 2],
+            action_delay: [delay_steps(self.action_delay)?; 2],
             image_size: self.image_size,
             action_form: self.action_form()?,
             horizon_steps: self.horizon_steps.unwrap_or(task.horizon_steps()),
             reward_weights: self.reward_weights.clone(),
-            ..RulebookOptions::new(task)
         })
     }
 

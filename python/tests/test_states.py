@@ -12,7 +12,9 @@ OTHERS = np.arange(4) > 0
 
 
 def errand(task="S07", num_envs=4, **settings):
-    return fiatlux.VectorEnv(task, num_envs, **{"seeds": [1000], "observation": "flat", "reward": "training", **settings})
+    return fiatlux.VectorEnv(
+        task, num_envs, **{"seeds": [1000], "observation": "flat", "reward": "training", **settings}
+    )
 
 
 def shaken(env, steps=15):
@@ -94,7 +96,10 @@ def test_an_episode_begins_at_the_row_of_another_world_or_at_a_dictionary():
         (4, "like is 4; give 0 to 3"),
         ({"robot_poze": np.zeros(7)}, "like has no part 'robot_poze'; the known ones are those of row()"),
         ({"robot_pose": np.zeros(6)}, "like: robot_pose has 6 numbers instead of 7"),
-        ({"robot_pose": np.zeros((3, 7))}, r"like: robot_pose has shape \(3, 7\); give a list of numbers, or one for each"),
+        (
+            {"robot_pose": np.zeros((3, 7))},
+            r"like: robot_pose has shape \(3, 7\); give a list of numbers, or one for each",
+        ),
         ({"joint_position": np.zeros(29)}, "like: joint_position has 29 numbers instead of 53"),
     ],
 )
@@ -243,12 +248,17 @@ def test_what_varies_varies_by_name():
         still[str(ranges)] = env.row(0)["joint_position"].tobytes()
     assert still.pop("{}") not in still.values()
     pictures = [
-        errand("S08", 2, ranges={"light": light}, variations=4, sensors=["camera"], image_size=(32, 24)).reset(seed=2)[0]
+        errand("S08", 2, ranges={"light": light}, variations=4, sensors=["camera"], image_size=(32, 24)).reset(seed=2)[
+            0
+        ]
         for light in (False, True)
     ]
     assert np.array_equal(pictures[0][0], pictures[0][1]) and not np.array_equal(pictures[1][0], pictures[1][1])
     for ranges, says in (
-        ({"friction": {"lader": (0.1, 0.2)}}, "ranges: friction must name surfaces: floor, room, bench, robot or a thing"),
+        (
+            {"friction": {"lader": (0.1, 0.2)}},
+            "ranges: friction must name surfaces: floor, room, bench, robot or a thing",
+        ),
         ({"friction": {"ladder": (0.2, 0.1)}}, "ranges: friction must be"),
         ({"thing_mass": {"crate": (0.1, 0.2)}}, "ranges: thing_mass must name things that move"),
         ({"thing_mass": {"ladder": (0.0, 0.2)}}, "ranges: thing_mass must be .* above 0"),

@@ -134,9 +134,7 @@ def _run(arguments: argparse.Namespace) -> int:
         from .walk import WalkRun
 
         kind = WalkRun if arguments.command == "walk" else BaselineRun
-        given = {
-            field.name: getattr(arguments, field.name) for field in dataclasses.fields(KINDS[arguments.command])
-        }
+        given = {field.name: getattr(arguments, field.name) for field in dataclasses.fields(KINDS[arguments.command])}
         given = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in given.items()

@@ -7,8 +7,8 @@ import torch
 from safetensors.torch import save_file
 
 from .. import _native
-from .symmetry import FIELDS, _join
 from .run import load_checkpoint, settings_of
+from .symmetry import FIELDS, _join
 from .walk import models
 from .worlds import WalkingWorlds
 

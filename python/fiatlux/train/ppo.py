@@ -31,9 +31,7 @@ def models(worlds: Worlds, settings: Baseline) -> tuple[MLPModel, MLPModel]:
     deviation = {"class_name": "GaussianDistribution", "init_std": settings.std, "std_type": "scalar"}
     hidden = {"hidden_dims": list(settings.hidden), "activation": "elu", "distribution_cfg": deviation}
     actor = MLPModel(worlds.observation, GROUPS, "actor", worlds.num_actions, **hidden)
-    critic = MLPModel(
-        worlds.observation, GROUPS, "critic", 1, hidden_dims=list(settings.critic), activation="elu"
-    )
+    critic = MLPModel(worlds.observation, GROUPS, "critic", 1, hidden_dims=list(settings.critic), activation="elu")
     return actor, critic
 
 

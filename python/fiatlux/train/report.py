@@ -74,7 +74,9 @@ def _baseline(
     line, steps = Line(), TASKS[settings.task].horizon_steps
 
     def show(step: int) -> None:
-        line.show(f"{step / SECOND:.0f} of {steps // SECOND} s, {duration(line.seconds_left(step, steps))} left at most")
+        line.show(
+            f"{step / SECOND:.0f} of {steps // SECOND} s, {duration(line.seconds_left(step, steps))} left at most"
+        )
 
     found = ppo.measure(actor.to(device), settings, device, threads, episodes, progress=show)
     line.show("")

@@ -300,9 +300,7 @@ def _writer(out: Path) -> Any:
     return SummaryWriter(str(out))
 
 
-def _begun(
-    kind: type[Run], out: Path, given: Mapping[str, Any], resume: bool, device: str, threads: int | None
-) -> Run:
+def _begun(kind: type[Run], out: Path, given: Mapping[str, Any], resume: bool, device: str, threads: int | None) -> Run:
     """A new run, or one that goes on."""
     last = out / "last.pt"
     if resume and not last.exists():

@@ -120,14 +120,18 @@ class Baseline(Settings):
     robot: str = _of("g1_inspire", "robot")
     rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)
     episodes: int = _of(4, "start states in each room", 1)
-    stagger: int = _of(1, "1: the first episodes end at random times, so that the worlds are not in step; 0: they do not", 0, 1)
+    stagger: int = _of(
+        1, "1: the first episodes end at random times, so that the worlds are not in step; 0: they do not", 0, 1
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.task not in TASKS:
             raise ValueError(f"task is {self.task!r}; give one of {', '.join(TASKS)}")
         if self.rooms > self.worlds:
-            raise ValueError(f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each")
+            raise ValueError(
+                f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each"
+            )
 
 
 KINDS: dict[str, type[Settings]] = {"walk": Walk, "ppo": Baseline}

@@ -195,7 +195,22 @@ def test_other_files_are_not_checkpoints(tmp_path):
         assert code == 2 and error.startswith("error: ") and "Traceback" not in error
 
 
-BASELINE = ["--worlds", "6", "--rooms", "2", "--episodes", "1", "--steps", "8", "--segment", "2", "--hidden", "32", "--critic", "32"]
+BASELINE = [
+    "--worlds",
+    "6",
+    "--rooms",
+    "2",
+    "--episodes",
+    "1",
+    "--steps",
+    "8",
+    "--segment",
+    "2",
+    "--hidden",
+    "32",
+    "--critic",
+    "32",
+]
 
 
 def test_a_baseline_that_is_resumed_goes_on_as_if_it_had_not_stopped(tmp_path):
