@@ -1,7 +1,8 @@
 """Plays one episode at a time, by the benchmark's own rules."""
 
 import copy
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -21,7 +22,8 @@ TRAINING_SEEDS = (1000, 2**31)
 """Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
 
 
-class EpisodeState(NamedTuple):
+@dataclass(frozen=True)
+class EpisodeState:
     """A saved episode; it names its task and settings."""
 
     task: str

@@ -323,3 +323,17 @@ def test_what_an_episode_drew_is_in_info():
     env = fiatlux.Env("S08")
     drawn = [env.reset(seed=seed)[1]["drawn"] for seed in (1000, 1001)]
     assert drawn[0]["light"] != drawn[1]["light"] and drawn[0]["hand_friction"] != drawn[1]["hand_friction"]
+
+
+def test_a_recorded_episode_goes_on_from_any_of_its_rows(tmp_path):
+    fiatlux.evaluate(lambda observation: np.zeros(53), tasks=["S05"], seeds=[1000], out=tmp_path)
+    (path,) = tmp_path.rglob("*.mcap")
+    bag = fiatlux.Bag(path)
+    env = errand("S05", 2)
+    assert bag.row(20).keys() == env.row(0).keys()
+    env.reset_worlds(np.array([True, False]), like=bag.row(20))
+    env.step(np.zeros(env.action_space.shape))
+    recorded, ours = bag.row(21), env.row(0)
+    assert (recorded.pop("step"), ours.pop("step")) == (21, 1)
+    for name in ours:
+        np.testing.assert_array_equal(ours[name], recorded[name], err_msg=name)
