@@ -282,9 +282,11 @@ impl Hold {
             spec: Spec {
                 actions: vec![],
                 action_range: vec![],
+                horizon_steps: u64::MAX,
                 action_limit: 0.0,
                 observation: observation.into_iter().collect(),
                 rewards: vec![],
+                reward_weights: vec![],
             },
             targets: targets.into(),
             senses: senses

@@ -2,8 +2,8 @@
 
     python python/benchmarks/vector.py --worlds 1024 --threads 2
 
-Three batches of the same worlds take turns: without an observation, with the proprioception of all joints (116 numbers, noise
-included), and the latter without the copies that a caller may keep. The time within the native call is measured apart, so that
+Four batches of the same worlds take turns: without an observation, with the proprioception of all joints (116 numbers, noise
+included), the latter without the copies that a caller may keep, and with a reward and an end of its own in Python. The time within the native call is measured apart, so that
 the share of Python itself is known. The processor's time is measured besides the clock's: it bears a busy machine better.
 """
 
@@ -13,6 +13,11 @@ import time
 
 import fiatlux
 import numpy as np
+
+
+def judge(observation, info):
+    """A reward for going forwards, and an end where the pelvis is low."""
+    return observation[:, 6], observation[:, 9] < 0.5
 
 
 def main():
@@ -34,6 +39,7 @@ def main():
         "no observation": make([], copy=False, final_obs=False),
         "proprioception": make(["proprioception"]),
         "proprioception, no copies": make(["proprioception"], copy=False, final_obs=False),
+        "proprioception, a judge in Python": make(["proprioception"], judge=judge),
     }
     seconds = dict.fromkeys(cases, float("inf"))
     native, processor = dict(seconds), dict(seconds)
@@ -50,6 +56,7 @@ def main():
         "share_of_proprioception": 1 - base / seconds["proprioception"],
         "share_of_proprioception_without_copies": 1 - base / seconds["proprioception, no copies"],
         "share_of_proprioception_by_processor_time": 1 - processor["no observation"] / processor["proprioception"],
+        "share_of_a_judge": 1 - seconds["proprioception"] / seconds["proprioception, a judge in Python"],
         "share_of_python_itself": 1 - native["proprioception"] / seconds["proprioception"],
     }
     if args.json:
@@ -57,10 +64,11 @@ def main():
         return
     print(f"{args.worlds} worlds of {args.task} on {report['threads']} threads, the best of {args.rounds} rounds")
     for name, rate in report["world_steps_per_s"].items():
-        print(f"  {name:<28} {rate:>8} control steps/s")
+        print(f"  {name:<34} {rate:>8} control steps/s")
     print(f"proprioception takes {100 * report['share_of_proprioception']:.1f} % of a step (bar: at most 5 %)")
     print(f"  by the processor's time {100 * report['share_of_proprioception_by_processor_time']:.1f} %")
     print(f"  without copies {100 * report['share_of_proprioception_without_copies']:.1f} %")
+    print(f"a judge in Python takes {100 * report['share_of_a_judge']:.1f} %")
     print(f"Python outside the native call takes {100 * report['share_of_python_itself']:.1f} %")
 
 
@@ -77,6 +85,9 @@ def measure(env, steps):
             begun = time.perf_counter()
             batch.step(*buffers)
             inside += time.perf_counter() - begun
+
+        def __getattr__(self, name):
+            return getattr(batch, name)
 
     env._batch = Timed()
     try:

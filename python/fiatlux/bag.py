@@ -5,6 +5,8 @@ from functools import cached_property
 from os import PathLike
 from typing import Any
 
+import numpy as np
+
 from . import _native
 
 
@@ -33,6 +35,24 @@ class Bag(Mapping[str, dict[str, Any]]):
     def is_whole(self) -> bool:
         """Whether the bag holds the whole episode."""
         return self._bag.is_whole
+
+    def row(self, index: int) -> dict[str, Any]:
+        """A recorded row in the form of :meth:`fiatlux.Env.row`, from which :meth:`fiatlux.VectorEnv.reset_worlds` begins."""
+        states = self["/state"]
+        row: dict[str, Any] = {"step": int(states["step"][index])}
+        for name in states:
+            body, _, part = name.partition(".")
+            if part == "linear_velocity":
+                row[f"{body}_pose"] = np.concatenate(
+                    [states[f"{body}.{part}"][index] for part in ("position", "quaternion")]
+                )
+            if part in ("linear_velocity", "angular_velocity"):
+                row[f"{body}_{part}"] = states[name][index]
+            elif part == "seated":
+                row[f"{body}_seated"] = np.atleast_1d(np.float64(states[name][index]))
+            elif name in ("joint_position", "joint_velocity", "joint_target", "joint_effort", "action"):
+                row[name] = states[name][index]
+        return row
 
     def __getitem__(self, topic: str) -> dict[str, Any]:
         if topic not in self._read:

@@ -1,5 +1,7 @@
 """Plays one episode at a time, by the benchmark's own rules."""
 
+import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -18,6 +20,17 @@ if TYPE_CHECKING:
 
 TRAINING_SEEDS = (1000, 2**31)
 """Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
+
+
+@dataclass(frozen=True)
+class EpisodeState:
+    """A saved episode; it names its task and settings."""
+
+    task: str
+    settings: dict[str, Any]
+    seed: int | None
+    index: int
+    episode: _native.Episode
 
 
 class Env(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -68,6 +81,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
 
         The seed is the benchmark's: it draws the room and, together with the episode, everything else. If none was ever given,
         one is drawn from the seeds for training. ``options`` may have ``"episode"``, the index of an episode of the seed.
+        ``info["drawn"]`` is what was drawn, as the header of a bag has it.
         """
         self._check_open()
         seed = None if seed is None else seed_of(seed)
@@ -86,7 +100,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self._begun = False
         self._episode = _native.Episode(self._task, self._seed, self._index, self._settings)
         self._begun = True
-        return self._observation(), {"seed": self._seed, "episode": self._index}
+        info = {"seed": self._seed, "episode": self._index, "drawn": self._episode.drawn()}
+        return self._observation(), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``."""
@@ -139,6 +154,23 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         self._check_begun()
         return self._episode.mjcf(nearest)
+
+    def save(self) -> EpisodeState:
+        """The episode as it is now, for :meth:`restore`. It can be pickled; that plays its actions again when it is read."""
+        self._check_begun()
+        return EpisodeState(self.task.short_id, self._settings, self._seed, self._index, copy.deepcopy(self._episode))
+
+    def restore(self, state: EpisodeState) -> Any:
+        """Goes back to a saved episode, of this environment or another one of the same task and settings; returns its observation."""
+        self._check_open()
+        ours = {"task": self.task.short_id, **self._settings}
+        theirs = {"task": state.task, **state.settings}
+        for name, value in ours.items():
+            if theirs[name] != value:
+                raise ValueError(f"state: {name} is {theirs[name]!r}, but the environment has {value!r}")
+        self._seed, self._index, self._begun = state.seed, state.index, True
+        self._episode = copy.deepcopy(state.episode)
+        return self._observation()
 
     @property
     def task(self) -> Task:

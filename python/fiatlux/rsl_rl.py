@@ -40,11 +40,23 @@ class RslRlVecEnv(VecEnv):
         self.max_episode_length = max_episode_length
         self.device = device
         self.cfg = cfg or {}
-        self.episode_length_buf = torch.zeros(self.num_envs, dtype=torch.long, device=device)
+        self._lengths = torch.zeros(self.num_envs, dtype=torch.long, device=device)
         sensed = [field for name, (field, _) in env.fields.items() if not name.startswith(("privileged.", "verdict."))]
         columns = np.concatenate([np.arange(field.start, field.stop) for field in sensed])
         self._columns = None if len(columns) == shape[0] else torch.as_tensor(columns, device=device)
         self._latest = self._tensors(env.reset()[0])
+
+    @property
+    def episode_length_buf(self) -> torch.Tensor:
+        """Control steps of each world's episode. Setting them, as the runner's random initial lengths do, lets the worlds time out as
+        if their episodes had so many already."""
+        return self._lengths
+
+    @episode_length_buf.setter
+    def episode_length_buf(self, lengths: torch.Tensor) -> None:
+        self._lengths = lengths.to(self.device)
+        steps = [row["step"] for row in map(self.env.row, range(self.num_envs))]
+        self.env.stagger(np.maximum(self._lengths.cpu().numpy() - steps, 0))
 
     def get_observations(self) -> TensorDict:
         """The observation of the last step, or of the start."""
@@ -54,7 +66,7 @@ class RslRlVecEnv(VecEnv):
         """Takes a control step; marks time-outs in the extras, so that the runner can bootstrap."""
         observation, rewards, terminated, truncated, info = self.env.step(actions.detach().cpu().numpy())
         ended = torch.as_tensor(terminated | truncated, device=self.device)
-        self.episode_length_buf = torch.where(ended, 0, self.episode_length_buf + 1)
+        self._lengths = torch.where(ended, 0, self._lengths + 1)
         self._latest = self._tensors(observation)
         means = info["reward_terms"].mean(axis=0)
         extras = {

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any, TypedDict
 
-from ._numbers import size_of
-from .tasks import TASKS
+from . import _native
+from ._numbers import size_of, whole
 
 
 class Settings(TypedDict, total=False):
@@ -23,6 +23,13 @@ class Settings(TypedDict, total=False):
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
         image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
         weights: Weights of the camera's features, a safetensors file; seeded ones by default.
+        fix: What to keep fixed, of ``"layout"`` (the room of seed 0), ``"start"``, ``"hand-friction"``, ``"light"``, ``"tint"``,
+            ``"noise"``, and ``"episodes"`` for all of them but the layout.
+        prop_scale: Sizes of props: ``"random"``, or factors by name: ``ladder_x``, ``ladder_y``, ``ladder_z``, ``socket``,
+            ``fresh_bulb``.
+        thresholds: Thresholds of the judges by name, such as ``{"fragility_n": 30}``.
+        end_on: Conditions that end an episode in place of the task's own, such as ``["fall", "time-out"]``.
+        action_delay: Time from the arrival of an action to its effect, ms: 0, 20, ... 100.
     """
 
     sensors: Sequence[str] | None
@@ -35,6 +42,11 @@ class Settings(TypedDict, total=False):
     gains: str
     image_size: tuple[int, int]
     weights: str | PathLike[str] | None
+    fix: Sequence[str]
+    prop_scale: str | Mapping[str, float]
+    thresholds: Mapping[str, float]
+    end_on: Sequence[str]
+    action_delay: int
 
 
 _DEFAULTS: dict[str, Any] = {
@@ -48,6 +60,11 @@ _DEFAULTS: dict[str, Any] = {
     "gains": "fiatlux",
     "image_size": (256, 256),
     "weights": None,
+    "fix": (),
+    "prop_scale": {},
+    "thresholds": {},
+    "end_on": (),
+    "action_delay": 0,
 }
 
 
@@ -60,6 +77,14 @@ def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> di
     settings = {**_DEFAULTS, **given}
     settings["sensors"] = _sensors(task, observation, settings["sensors"], settings.pop("privileged"))
     settings["image_size"] = size_of("image_size", settings["image_size"])
+    for name in ("fix", "end_on"):
+        if isinstance(settings[name], str):
+            raise ValueError(f"{name} is {settings[name]!r}; give a list of names")
+        settings[name] = list(settings[name])
+    sizes = settings["prop_scale"]
+    settings["prop_scale"] = [sizes] if isinstance(sizes, str) else [f"{name}={float(sizes[name])!r}" for name in sizes]
+    settings["thresholds"] = {name: float(value) for name, value in settings["thresholds"].items()}
+    settings["action_delay"] = whole("action_delay", settings["action_delay"], 0, 100)
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
     return settings
@@ -78,6 +103,5 @@ def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, 
     if sensors is None:
         if task is None:
             raise ValueError("privileged: name the sensors too, since the tasks of a run have different defaults")
-        contact = "limb_contact" if task in ("climb", TASKS["climb"].id) else "hand_contact"
-        sensors = ["proprioception", contact, "last_action"]
+        sensors = _native.body_sensors(task)
     return [*sensors, "privileged"]

@@ -1,7 +1,8 @@
 """Steps many worlds in one call, for training."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -57,6 +58,49 @@ def _common(
     }
 
 
+Judgement = Callable[[Any, dict[str, Any]], tuple[Any, Any]]
+"""A reward and an end of one's own over all worlds: from an observation and ``info`` to the rewards and to whether each episode ends.
+Either may be ``None``, for what the task says."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where episodes begin, for :class:`VectorEnv`.
+
+    Args:
+        task: Task whose starts these are; by default the one that is played. It must share the scene: S02 to S12 do.
+        rows: States to begin at, as :meth:`VectorEnv.row` or :meth:`Bag.row` returns them, or parts of such; what is missing is as in
+            the task's start. Without rows, the task's own starts.
+        seed: Room of these starts, one of the vector's; by default all rooms. Rows of a recorded episode belong to its own room.
+        weight: How likely they are, all together.
+    """
+
+    task: str | None = None
+    rows: Sequence[Mapping[str, Any]] | None = None
+    seed: int | None = None
+    weight: float = 1.0
+
+
+def _expanded(task: str, rooms: Sequence[int], episodes: int, starts: Sequence[Start]) -> list[Any]:
+    """Each single start: task, room, episode, weight, and parts of its row."""
+    expanded: list[Any] = []
+    for start in starts:
+        if start.seed is not None and start.seed not in rooms:
+            raise ValueError(f"starts: seed is {start.seed}, but the rooms are {', '.join(map(str, rooms))}")
+        if start.rows is not None and not len(start.rows):
+            raise ValueError("starts: rows is empty; leave it out for the task's own starts")
+        own = [(episode, None) for episode in range(episodes)]
+        rows = [(0, _plain(row)) for row in start.rows or ()] or own
+        of, weight = start.task or task, float(start.weight) / len(rows)
+        for room in rooms if start.seed is None else [start.seed]:
+            expanded += [(of, room, episode, weight, parts) for episode, parts in rows]
+    return expanded
+
+
+def _plain(row: Mapping[str, Any]) -> dict[str, list[float]]:
+    return {name: [float(number) for number in numbers] for name, numbers in row.items() if name != "step"}
+
+
 class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     """Base class of all vectors of worlds.
 
@@ -76,12 +120,15 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         copy: bool,
         final_obs: bool,
         autoreset_mode: AutoresetMode | str,
+        judge: Judgement | None = None,
     ) -> None:
         self._batch = batch
+        self._judge = judge
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = batch.num_worlds
         self.num_threads = batch.num_threads
+        self.horizon_steps: int = batch.spec["horizon_steps"]
         self._layout = layout = Layout(batch.spec, observation)
         self.copies = copy
         self.single_observation_space = layout.space
@@ -90,11 +137,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.action_space = batch_space(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.length
         self._observation = np.zeros((worlds, length), np.float32)
-        has_final = final_obs and self.autoreset_mode == AutoresetMode.SAME_STEP
+        has_final = (final_obs or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final = np.zeros((worlds, length), np.float32) if has_final else None
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
+        # Whether the last step only began the world's next episode.
+        self._was_over = np.zeros(worlds, np.bool_)
+        self.reward_weights: dict[str, float] = dict(zip(layout.reward_terms, batch.spec["reward_weights"]))
         self._is_closed = False
 
     def reset(
@@ -112,15 +162,74 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if unknown:
             raise ValueError(f"options has no {unknown[0]!r}; the one known key is 'reset_mask'")
         mask = (options or {}).get("reset_mask")
-        if mask is not None:
-            mask = np.ascontiguousarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-                found = f"shape {mask.shape}, {mask.dtype}"
-                raise ValueError(
-                    f"reset_mask: {found}; give a boolean for each of {self.num_envs} worlds, some of them true"
-                )
-        self._batch.reset(seed, mask, self._observation)
+        marks = np.ones(self.num_envs, np.bool_) if mask is None else self._marks("reset_mask", mask)
+        self._batch.reset(marks, self._observation, seed)
         return self._layout.show(self._observation, self.copies), {}
+
+    def reset_worlds(self, mask: Any, like: int | Mapping[str, Any] | None = None) -> Any:
+        """Begins an episode in the marked worlds, and returns the observation of all.
+
+        ``like`` says where: without it, at a start of the world's own; with the number of a world, at the present row of that one;
+        with a dictionary, at the marked world's own row with these parts in place of its own. The parts are those of :meth:`row`;
+        each is one array for all worlds, or has a leading axis of worlds. Worlds that share a row share nothing else: each draws
+        from its own stream, and mass, friction and light are those of one of its starts. What :meth:`copy_world` copies is exact.
+        """
+        self._check_open()
+        marks = self._marks("mask", mask)
+        world = parts = None
+        if isinstance(like, Mapping):
+            parts = {name: self._part(name, numbers) for name, numbers in like.items() if name != "step"}
+        elif like is not None:
+            world = whole("like", like, 0, self.num_envs - 1)
+        self._batch.reset(marks, self._observation, None, world, parts)
+        return self._layout.show(self._observation, self.copies)
+
+    def copy_world(self, world: int, worlds: Any) -> Any:
+        """Lets the marked ``worlds`` continue exactly from the state of ``world``, and returns the observation of all.
+
+        With the same actions they do what it does, to the last bit, from then on: a copy goes on with the same random stream, and its
+        next episodes are the same too, until ``reset(seed=...)``. Worlds in another room are refused.
+        """
+        self._check_open()
+        marks = self._marks("worlds", worlds)
+        self._batch.copy_world(whole("world", world, 0, self.num_envs - 1), marks, self._observation)
+        return self._layout.show(self._observation, self.copies)
+
+    def terminate(self, mask: Any) -> Any:
+        """Ends the episodes of the marked worlds; returns the observation of all. The next ones begin as the autoreset mode says: at
+        once, in the next step, or with ``reset``."""
+        self._check_open()
+        marks = self._marks("mask", mask)
+        self._batch.end_episodes(marks, self._observation)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._was_over |= marks
+        return self._layout.show(self._observation, self.copies)
+
+    def stagger(self, steps: Any = None) -> None:
+        """Lets the present episode of each world end by time-out ``steps`` earlier, so that worlds which began together do not end
+        together. Without a list of steps, they are drawn at random, the same ones in every vector of as many worlds.
+        """
+        self._check_open()
+        if steps is None:
+            steps = np.random.default_rng(0).integers(0, self.horizon_steps, self.num_envs)
+        self._batch.shorten_episodes([whole("steps", number, 0, MAX_SEED) for number in steps])
+
+    def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
+        """A boolean for each world, some of them true."""
+        marks: NDArray[Any] = np.ascontiguousarray(mask)
+        if marks.shape != (self.num_envs,) or marks.dtype != np.bool_ or not marks.any():
+            found = f"shape {marks.shape}, {marks.dtype}"
+            raise ValueError(f"{name}: {found}; give a boolean for each of {self.num_envs} worlds, some of them true")
+        return marks
+
+    def _part(self, name: str, numbers: Any) -> NDArray[np.float64]:
+        """A part of a row as an array with an axis of worlds."""
+        array = np.asarray(numbers, np.float64)
+        if array.ndim == 1:
+            array = np.broadcast_to(array, (self.num_envs, *array.shape))
+        if array.ndim != 2 or len(array) != self.num_envs:
+            raise ValueError(f"like: {name} has shape {array.shape}; give a list of numbers, or one for each world")
+        return np.ascontiguousarray(array)
 
     def step(
         self, actions: Any
@@ -144,12 +253,34 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         )
         own = np.copy if self.copies else np.asarray
         info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
+        if self._judge is not None:
+            self._apply(self._judge, info)
         ended = self._terminated | self._truncated
         if self._final is not None and ended.any():
             info["final_obs"] = self._layout.show(self._final, self.copies)
             info["_final_obs"] = ended
         observation = self._layout.show(self._observation, self.copies)
         return observation, own(self._reward), own(self._terminated), own(self._truncated), info
+
+    def _apply(self, judge: Judgement, info: dict[str, Any]) -> None:
+        """Pays and ends as a judge of the caller's says."""
+        ended = self._terminated | self._truncated
+        last = self._observation.copy()
+        if self._final is not None:
+            last[ended] = self._final[ended]
+        reward, ends = judge(self._layout.show(last, copy=False), info)
+        if reward is not None:
+            self._reward[:] = reward
+            self._reward[self._was_over] = 0.0
+        if ends is not None:
+            ends = np.asarray(ends, np.bool_) & ~ended & ~self._was_over
+            if ends.any():
+                self._batch.end_episodes(ends, self._observation)
+                self._terminated |= ends
+                if self._final is not None:
+                    self._final[ends] = last[ends]
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._was_over = self._terminated | self._truncated
 
     @property
     def reward_terms(self) -> list[str]:
@@ -161,19 +292,19 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Place of each field of an observation in the flat vector, and its shape."""
         return self._layout.fields
 
-    def save(self) -> _native.Snapshot:
-        """The state of all worlds, for :meth:`restore`; what follows from it repeats to the last bit. It can be pickled."""
+    def save(self, world: int | None = None) -> _native.Snapshot:
+        """The state of all worlds, or of one, for :meth:`restore`; what follows from it repeats to the last bit. It can be pickled."""
         self._check_open()
-        return self._batch.save()
+        return self._batch.save(None if world is None else whole("world", world, 0, self.num_envs - 1))
 
-    def restore(self, snapshot: _native.Snapshot) -> Any:
-        """Goes back to a saved state, and returns its observation.
+    def restore(self, snapshot: _native.Snapshot, worlds: Any = None) -> Any:
+        """Goes back to a saved state of all worlds, or puts that of one into the marked ``worlds``; returns the observation of all.
 
-        Only ``seed`` and ``num_threads`` may differ from those of the vector that saved it; any other difference raises
-        ``ValueError`` with its name.
+        Only ``seed`` and ``num_threads`` may differ from those of the vector that saved it, and the number of worlds where the
+        snapshot is of one; any other difference raises ``ValueError`` with its name.
         """
         self._check_open()
-        self._batch.restore(snapshot, self._observation)
+        self._batch.restore(snapshot, self._observation, None if worlds is None else self._marks("worlds", worlds))
         return self._layout.show(self._observation, self.copies)
 
     def row(self, world: int) -> dict[str, Any]:
@@ -216,7 +347,9 @@ class VectorEnv(_Batch):
         num_threads: Number of threads; by default one for each core. Results do not depend on it.
         seed: Seed of the worlds' random streams.
         ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
-            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``.
+            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
+            ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
+            each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), and ``action_delay``, ms.
         variations: Number of variations drawn for each start.
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
             "force_n", "torque_nm"}}``; missing keys have defaults.
@@ -224,6 +357,11 @@ class VectorEnv(_Batch):
         final_obs: Whether to observe the last row of each episode too; only ``SAME_STEP`` needs it.
         autoreset_mode: When the next episode of a world begins: ``"same_step"``, ``"next_step"`` or ``"disabled"``, or
             Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
+        starts: Where episodes begin, mixed by weight; by default at the task's own starts.
+        horizon_steps: Control steps until time-out, at most the task's own.
+        reward_weights: Weights of the reward's terms where they are not to be the usual ones; :attr:`reward_weights` has all.
+        judge: A reward and an end of your own: called after each step with the observation that it led to, before any episode begins
+            anew, and with ``info``; returns rewards and ends.
         settings: See :class:`fiatlux.Settings`.
     """
 
@@ -234,6 +372,10 @@ class VectorEnv(_Batch):
         *,
         seeds: Sequence[int] | None = None,
         episodes: int = 1,
+        starts: Sequence[Start] | None = None,
+        horizon_steps: int | None = None,
+        reward_weights: Mapping[str, float] | None = None,
+        judge: Judgement | None = None,
         num_threads: int | None = None,
         seed: int = 0,
         observation: ObservationForm = "dict",
@@ -248,9 +390,12 @@ class VectorEnv(_Batch):
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
         rooms = seeds_of(ROOMS[: common["worlds"]] if seeds is None else seeds, common["worlds"])
         episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
-        starts = [(room, episode) for room in rooms for episode in range(episodes)]
-        batch = _native.Batch("rulebook", (task, starts, complete(task, observation, settings), common))
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode)
+        given = complete(task, observation, settings)
+        given["horizon_steps"] = None if horizon_steps is None else whole("horizon_steps", horizon_steps, 1, MAX_SEED)
+        given["reward_weights"] = dict(reward_weights or {})
+        expanded = _expanded(task, rooms, episodes, [Start()] if starts is None else starts)
+        batch = _native.Batch("rulebook", (task, expanded, given, common))
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
 
 
 class WalkingVectorEnv(_Batch):
@@ -292,6 +437,7 @@ class WalkingVectorEnv(_Batch):
         load_kg: float = 1.0,
         hand_force_n: float = 20.0,
         reward_weights: Mapping[str, float] | None = None,
+        judge: Judgement | None = None,
         noise: bool = True,
         scene: Literal["floor", "room"] = "floor",
         robot: str = "g1_bare",
@@ -321,5 +467,4 @@ class WalkingVectorEnv(_Batch):
         }
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
         batch = _native.Batch("walking", (settings, common))
-        self.reward_weights: dict[str, float] = {**_native.Batch.walking_weights(), **settings["reward_weights"]}
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode)
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)

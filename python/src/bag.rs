@@ -90,6 +90,12 @@ impl Bag {
     }
 }
 
+/// A message of this project as nested dictionaries.
+pub(crate) fn described<'py, M: Message + Name>(py: Python<'py>, message: &M) -> PyResult<Bound<'py, PyDict>> {
+    let pool = DescriptorPool::decode(DESCRIPTORS).map_err(|error| failed(&error))?;
+    dictionary(py, &dynamic(&pool, message)?)
+}
+
 /// A message of this project, with the names of its fields.
 fn dynamic<M: Message + Name>(pool: &DescriptorPool, message: &M) -> PyResult<DynamicMessage> {
     let name = M::full_name();

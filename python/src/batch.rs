@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
-    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Buffers, Disturbances, MAX_STARTS, Rulebook,
-    Snapshot as Saved, Task, Walking, WalkingOptions,
+    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Disturbances, MAX_STARTS, Rulebook,
+    Snapshot as Saved, Start, Task, Walking, WalkingOptions,
 };
-use fiatlux_rules::{Motion, Row, manifest};
-use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use fiatlux_rules::Row;
+use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec};
+use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -18,6 +18,7 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use crate::build;
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::{self, Settings};
+use crate::state::{Parts, describe_row, set_part, set_parts};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
@@ -56,6 +57,9 @@ impl Snapshot {
         this
     }
 }
+
+/// A start of an episode: the task and seed and episode of whose start it is, its weight, and parts of the row to set in it.
+type StartOf = (String, u64, u64, f64, Option<BTreeMap<String, Vec<f64>>>);
 
 /// Settings that all batches share.
 #[derive(FromPyObject)]
@@ -151,15 +155,14 @@ fn built(py: Python<'_>, config: BatchConfig, task: &dyn Task) -> PyResult<World
 
 #[pymethods]
 impl Batch {
-    /// Worlds of a kind, which continue from a snapshot if there is one. The arguments of `rulebook` are a task, pairs of
-    /// seed and episode to start from, and two dictionaries of settings; those of `walking` are the dictionaries.
+    /// Worlds of a kind, which continue from a snapshot if there is one. The arguments of `rulebook` are a task, starts, and two
+    /// dictionaries of settings; those of `walking` are the dictionaries.
     #[new]
     #[pyo3(signature = (kind, arguments, snapshot=None))]
     fn new(kind: &str, arguments: Bound<'_, PyTuple>, snapshot: Option<&Snapshot>) -> PyResult<Self> {
         let py = arguments.py();
         let mut worlds = if kind == "rulebook" {
-            let (task, starts, settings, common): (String, Vec<(u64, u64)>, Settings, Common<'_>) =
-                arguments.extract()?;
+            let (task, starts, settings, common): (String, Vec<StartOf>, Settings, Common<'_>) = arguments.extract()?;
             Self::rulebook(py, &task, starts, settings, common)?
         } else {
             let (settings, common): (WalkingSettings, Common<'_>) = arguments.extract()?;
@@ -175,7 +178,7 @@ impl Batch {
     /// A copy is made from the same arguments, and continues from the same state.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
         let (kind, arguments) = &self.recipe;
-        Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save()?)))
+        Ok((py.get_type::<Self>().into_any(), (kind.clone(), arguments.clone_ref(py), self.save(None)?)))
     }
 
     /// The usual weight of each term of the walking task's reward, a second.
@@ -199,25 +202,68 @@ impl Batch {
         build::describe(py, self.worlds.spec())
     }
 
-    /// Begins an episode in every world, or in the marked ones; a seed first restarts their random streams.
+    /// Begins an episode in each marked world; a seed first restarts their random streams. They begin at starts of their bank, or at
+    /// the row of the world `like`, or at their own, with the parts of `state` in place of its own.
+    #[pyo3(signature = (marks, observation, seed=None, like=None, state=None))]
     fn reset(
         &mut self,
         py: Python<'_>,
+        marks: PyReadonlyArray1<'_, bool>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
         seed: Option<u64>,
-        marks: Option<PyReadonlyArray1<'_, bool>>,
+        like: Option<usize>,
+        state: Option<Parts<'_>>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("reset_mask"))?;
+        let begin = |world: usize| -> PyResult<Begin> {
+            match (marks.get(world), like, &state) {
+                (Some(true), None, None) => Ok(Begin::AtStart),
+                (Some(true), ..) => {
+                    let mut row = self.copy_of(like.unwrap_or(world))?;
+                    state.iter().try_for_each(|parts| set_parts(&mut row, parts, world))?;
+                    Ok(Begin::AtRow(Box::new(row)))
+                }
+                _ => Ok(Begin::Stays),
+            }
+        };
+        let mut begins = (0..self.worlds.worlds()).map(begin).collect::<PyResult<Vec<_>>>()?;
+        let worlds = &mut self.worlds;
+        let reset = || worlds.reset_worlds(|world| std::mem::take(&mut begins[world]), seed, observation);
+        py.detach(|| guarded(reset))?.map_err(error)?;
+        py.check_signals()
+    }
+
+    /// Lets the marked worlds continue exactly from another one's state.
+    fn copy_world(
+        &mut self,
+        py: Python<'_>,
+        world: usize,
+        marks: PyReadonlyArray1<'_, bool>,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
     ) -> PyResult<()> {
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        let marks =
-            marks.as_ref().map(|marks| marks.as_slice().map_err(|_| not_contiguous("reset_mask"))).transpose()?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("worlds"))?;
         let worlds = &mut self.worlds;
-        let reset = || match (marks, seed) {
-            (Some(marks), _) => worlds.reset_marked(marks, seed, observation),
-            (None, Some(seed)) => worlds.reset_with_seed(seed, observation),
-            (None, None) => worlds.reset(observation),
-        };
-        py.detach(|| guarded(reset))?.map_err(error)?;
-        py.check_signals()
+        py.detach(|| guarded(|| worlds.copy_world(world, marks, observation)))?.map_err(error)
+    }
+
+    /// Ends the episodes of the marked worlds.
+    fn end_episodes(
+        &mut self,
+        py: Python<'_>,
+        marks: PyReadonlyArray1<'_, bool>,
+        mut observation: PyReadwriteArrayDyn<'_, f32>,
+    ) -> PyResult<()> {
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("mask"))?;
+        let worlds = &mut self.worlds;
+        py.detach(|| guarded(|| worlds.end_episodes(marks, observation)))?.map_err(error)
+    }
+
+    /// Lets each world's present episode end so many steps earlier.
+    fn shorten_episodes(&mut self, steps: Vec<u64>) -> PyResult<()> {
+        guarded(|| self.worlds.shorten_episodes(&steps))?.map_err(error)
     }
 
     /// Takes a control step in every world.
@@ -268,26 +314,30 @@ impl Batch {
         py.check_signals()
     }
 
-    /// Begins an episode in one world, from its bank of starts or from another world's present row.
-    #[pyo3(signature = (world, observation, like=None))]
-    fn reset_world(
+    /// The state of all worlds, or of one.
+    #[pyo3(signature = (world=None))]
+    fn save(&self, world: Option<usize>) -> PyResult<Snapshot> {
+        let save = || world.map_or_else(|| self.worlds.save(), |world| self.worlds.save_world(world));
+        guarded(save)?.map(Snapshot).map_err(error)
+    }
+
+    /// Returns to a snapshot of all worlds, or lets the marked worlds continue from one of a single world.
+    #[pyo3(signature = (snapshot, observation, marks=None))]
+    fn restore(
         &mut self,
-        world: usize,
+        py: Python<'_>,
+        snapshot: &Snapshot,
         mut observation: PyReadwriteArrayDyn<'_, f32>,
-        like: Option<usize>,
+        marks: Option<PyReadonlyArray1<'_, bool>>,
     ) -> PyResult<()> {
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        let row = like.map(|like| self.copy_of(like)).transpose()?;
-        guarded(|| self.worlds.reset_world(world, row.as_ref(), observation))?.map_err(error)
-    }
-
-    fn save(&self) -> PyResult<Snapshot> {
-        guarded(|| self.worlds.save())?.map(Snapshot).map_err(error)
-    }
-
-    fn restore(&mut self, snapshot: &Snapshot, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
-        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        guarded(|| self.worlds.restore(&snapshot.0, observation))?.map_err(error)
+        let marks = marks.as_ref().map(|marks| marks.as_slice().map_err(|_| not_contiguous("worlds"))).transpose()?;
+        let worlds = &mut self.worlds;
+        let restore = || match marks {
+            Some(marks) => worlds.restore_worlds(&snapshot.0, marks, observation),
+            None => worlds.restore(&snapshot.0, observation),
+        };
+        py.detach(|| guarded(restore))?.map_err(error)
     }
 
     /// The parts of a world's present row that a learner or a test reads.
@@ -297,38 +347,64 @@ impl Batch {
 }
 
 impl Batch {
-    /// Worlds of a task of the benchmark. `starts` are pairs of seed and episode.
+    /// Worlds of a task of the benchmark.
     fn rulebook(
         py: Python<'_>,
         task: &str,
-        starts: Vec<(u64, u64)>,
+        starts: Vec<StartOf>,
         settings: Settings,
         common: Common<'_>,
     ) -> PyResult<Worlds> {
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
-        let options = settings.rulebook(task)?;
+        let mut options = settings.rulebook(task)?;
+        if let Some([least, most]) = build::action_delay(common.ranges.as_ref())? {
+            options.action_delay = [settings::delay_steps(least)?, settings::delay_steps(most)?];
+            if least > most {
+                return Err(PyValueError::new_err("ranges: action_delay must be [least, most], ms"));
+            }
+        }
         let network = settings.network(options.sensors)?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let config = SceneConfig::default();
         // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.
         let mut banks: Vec<Bank> = Vec::new();
-        for (seed, episode) in starts {
-            let spec = [EpisodeSpec::new(task, seed, episode)];
-            let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
-            for bank in made.map_err(|error| refused(&error))? {
-                match banks.iter_mut().find(|known| known.scene.spec == bank.scene.spec) {
-                    Some(known) => known.starts.extend(bank.starts),
-                    None => banks.push(bank),
+        let mut staged: BTreeMap<(String, u64, u64), (usize, Start)> = BTreeMap::new();
+        for (of, seed, episode, weight, parts) in starts {
+            let key = (of, seed, episode);
+            if !staged.contains_key(&key) {
+                let other = build::task(&key.0)?;
+                if SceneKind::of(other) != SceneKind::of(task) {
+                    let rule = "S01 and replace share one, S02 to S12 another one, and climb has its own";
+                    return Err(PyValueError::new_err(format!(
+                        "starts: {other} plays in another scene than {task}; {rule}"
+                    )));
                 }
+                let spec = [settings.episode(other, seed, episode)?];
+                let made = py.detach(|| guarded(|| Bank::of_episodes(&config, &robot, &gains, &spec)))?;
+                for mut bank in made.map_err(|error| refused(&error))? {
+                    let start = bank.starts.remove(0);
+                    let known = banks.iter().position(|known| known.scene.spec == bank.scene.spec);
+                    let index = known.unwrap_or(banks.len());
+                    if known.is_none() {
+                        banks.push(bank);
+                    }
+                    staged.insert(key.clone(), (index, start));
+                }
+                py.check_signals()?;
             }
-            py.check_signals()?;
+            let Some((index, start)) = staged.get(&key) else { continue };
+            let mut start = Start { weight, ..start.clone() };
+            for (name, numbers) in parts.iter().flatten() {
+                set_part(&mut start.row, name, numbers)?;
+            }
+            banks[*index].starts.push(start);
         }
         let banks = common.vary(banks)?;
         let Some(first) = banks.first() else {
             return Err(error(BatchError::Config { field: "seeds", found: 0, rule: "give at least one".into() }));
         };
-        let rulebook = Rulebook::new(task, &first.scene, options, network);
+        let rulebook = Rulebook::new(task, &first.scene, options, network).map_err(|error| refused(&*error))?;
         built(py, common.config(banks, disturbances)?, &rulebook)
     }
 
@@ -344,6 +420,9 @@ impl Batch {
         let scene = Scene::build(&SceneConfig::default(), robot, spec);
         let scene = Arc::new(scene.map_err(|error| refused(&error))?);
         let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
+        if build::action_delay(common.ranges.as_ref())?.is_some() {
+            return Err(PyValueError::new_err("ranges: action_delay is for the benchmark's tasks; walking has none"));
+        }
         let options = WalkingOptions {
             frames: settings.frames,
             noise: settings.noise,
@@ -364,26 +443,4 @@ impl Batch {
     fn copy_of(&self, world: usize) -> PyResult<Row> {
         self.worlds.row(world).map_err(error)
     }
-}
-
-/// State of a row as arrays, SI units, world axes; poses are x, y, z, then the quaternion w, x, y, z.
-pub(crate) fn describe_row<'py>(py: Python<'py>, row: &Row) -> PyResult<Bound<'py, PyDict>> {
-    fn array<'py>(py: Python<'py>, numbers: &[f64]) -> Bound<'py, PyArray1<f64>> {
-        numbers.to_vec().into_pyarray(py)
-    }
-    let dict = PyDict::new(py);
-    dict.set_item("step", row.step)?;
-    let things = manifest().things.iter().zip(&row.things).zip(&row.present);
-    let things = things.filter(|((thing, _), present)| **present && thing.motion == Motion::Free);
-    let things = things.map(|((thing, body), _)| (thing.name.as_str(), body));
-    for (name, body) in [("robot", &row.robot)].into_iter().chain(things) {
-        let (at, turn) = (&body.pose.translation.vector, body.pose.rotation.quaternion());
-        dict.set_item(format!("{name}_pose"), array(py, &[at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]))?;
-        dict.set_item(format!("{name}_linear_velocity"), array(py, body.linear_velocity.as_slice()))?;
-        dict.set_item(format!("{name}_angular_velocity"), array(py, body.angular_velocity.as_slice()))?;
-    }
-    for (name, numbers) in row.by_joint() {
-        dict.set_item(name, array(py, numbers))?;
-    }
-    Ok(dict)
 }

@@ -23,6 +23,12 @@ pub(crate) fn sensors() -> Vec<&'static str> {
     Sensor::ALL.map(Sensor::name).into()
 }
 
+/// Names of a task's sensors where none are named.
+#[pyfunction]
+pub(crate) fn body_sensors(name: &str) -> PyResult<Vec<&'static str>> {
+    Ok(fiatlux_sensing::Sensors::of_body(task(name)?).iter().map(Sensor::name).collect())
+}
+
 /// The contract of a controller trained with this version, as JSON.
 #[pyfunction]
 pub(crate) fn controller_contract(
@@ -53,8 +59,10 @@ pub(crate) fn describe<'py>(py: Python<'py>, spec: &Spec) -> PyResult<Bound<'py,
     let dict = PyDict::new(py);
     dict.set_item("actions", spec.actions.clone())?;
     dict.set_item("action_range", spec.action_range.clone())?;
+    dict.set_item("horizon_steps", spec.horizon_steps)?;
     dict.set_item("observation", spec.observation.iter().map(described).collect::<Vec<_>>())?;
     dict.set_item("rewards", spec.rewards.clone())?;
+    dict.set_item("reward_weights", spec.reward_weights.clone())?;
     Ok(dict)
 }
 
@@ -75,11 +83,18 @@ fn nothing_left(field: &str, settings: &Bound<'_, PyDict>, known: &str) -> PyRes
     }
 }
 
+/// The range of the delay of actions among the ranges, ms.
+pub(crate) fn action_delay(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<[u32; 2]>> {
+    settings.map_or(Ok(None), |settings| take(&settings.copy()?, "action_delay"))
+}
+
 /// Reads the ranges of what varies between worlds from a dictionary.
 pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ranges>> {
     let Some(settings) = settings else { return Ok(None) };
     let settings = settings.copy()?;
     let nominal = Ranges::NOMINAL;
+    // A task draws it, not a bank.
+    let _: Option<[u32; 2]> = take(&settings, "action_delay")?;
     let ranges = Ranges {
         hand_friction: take(&settings, "hand_friction")?,
         floor_friction: take(&settings, "floor_friction")?,
@@ -88,8 +103,12 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
         stiffness: take(&settings, "stiffness")?.unwrap_or(nominal.stiffness),
         damping: take(&settings, "damping")?.unwrap_or(nominal.damping),
         effort_limit: take(&settings, "effort_limit")?.unwrap_or(nominal.effort_limit),
+        friction: take(&settings, "friction")?.unwrap_or_default(),
+        thing_mass: take(&settings, "thing_mass")?.unwrap_or_default(),
+        light: take(&settings, "light")?.unwrap_or_default(),
     };
-    let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit";
+    let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit, friction, thing_mass, light, \
+                 action_delay";
     nothing_left("ranges", &settings, known)?;
     Ok(Some(ranges))
 }

@@ -1,5 +1,6 @@
 //! One episode of the benchmark, with its sensors.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
@@ -7,16 +8,16 @@ use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{Episode as Play, EpisodeError, EpisodeSpec, PHYSICS_DT, Randomization, Scene, SceneConfig};
+use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig};
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
-use crate::batch::describe_row;
-use crate::build;
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::Settings;
+use crate::state::describe_row;
+use crate::{bag, build};
 
 /// Position of the camera of rendered pictures relative to the robot, m, and its vertical field of view, rad.
 const EYE: [f64; 3] = [2.6, -2.2, 1.2];
@@ -28,6 +29,8 @@ pub(crate) struct Episode {
     /// Its settings as they were given, and the actions so far, for copies.
     settings: Py<PyDict>,
     played: Vec<f64>,
+    /// Actions that have yet to act, in action units, the oldest first.
+    delayed: VecDeque<Vec<f64>>,
     play: Play,
     suite: SensorSuite,
     sensors: Sensors,
@@ -57,14 +60,9 @@ impl Episode {
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
         let options = settings.rulebook(task)?;
-        let RulebookOptions { protocol, variant, sensors, noise, image_size, action_form: form, .. } = options;
+        let RulebookOptions { protocol, sensors, image_size, action_form: form, action_delay, .. } = options;
         let network = settings.network(sensors)?;
-        let spec = EpisodeSpec {
-            protocol,
-            variant,
-            randomize: Randomization { sensors: noise, ..Randomization::default() },
-            ..EpisodeSpec::new(task, seed, episode)
-        };
+        let spec = settings.episode(task, seed, episode)?;
         let begin = || -> Result<_, Box<dyn std::error::Error + Send + Sync>> {
             let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains))?);
             let play = Play::start(Arc::clone(&scene), &spec)?;
@@ -74,16 +72,17 @@ impl Episode {
             let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
             suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
             // The same names as in a batch, so that both kinds of environment have one form.
-            let named = Rulebook::new(task, &scene, options, None).spec().clone();
+            let named = Rulebook::new(task, &scene, options, None)?.spec().clone();
             Ok((play, suite, visuals, named))
         };
         let begun = py.detach(|| guarded(begin))?;
         let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        let played = Vec::new();
+        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); action_delay[0]]));
         let mut made = Self {
             settings: given,
             played,
+            delayed,
             play,
             suite,
             sensors,
@@ -114,6 +113,7 @@ impl Episode {
         Self {
             settings: self.settings.clone_ref(py),
             played: self.played.clone(),
+            delayed: self.delayed.clone(),
             play: self.play.clone(),
             suite: self.suite.clone(),
             spec: self.spec.clone(),
@@ -167,6 +167,11 @@ impl Episode {
     #[getter]
     fn digest(&self) -> String {
         self.play.digest().hex()
+    }
+
+    /// What was drawn for the episode, as the header of its bag has it.
+    fn drawn<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        bag::described(py, &fiatlux_wire::domain_sample_message(&self.play.domain_sample()))
     }
 
     /// Summary of the episode so far: the fields of `results.json` that follow from its rows.
@@ -257,10 +262,14 @@ impl Episode {
     /// Takes a control step; if it is refused, nothing changes.
     fn advance(&mut self, action: &[f64]) -> Result<(), EpisodeError> {
         let counts = self.play.judges().of(Protocol::Published).verdict().end.is_none();
-        match self.form {
-            ActionForm::Action => self.play.step(action)?,
-            ActionForm::JointTarget => self.play.step(&self.play.action_for(action))?,
+        let received = match self.form {
+            ActionForm::Action => action.to_vec(),
+            ActionForm::JointTarget => self.play.action_for(action),
         };
+        self.play.world().check_action(&received)?;
+        self.delayed.push_back(received);
+        let acting = self.delayed.pop_front().unwrap_or_default();
+        self.play.step(&acting)?;
         let holds = self.play.judges().of(Protocol::Published).verdict().criteria.all();
         self.steps_in_gate += u64::from(counts && holds);
         self.played.extend_from_slice(action);

@@ -11,6 +11,7 @@ mod fault;
 mod kinematics;
 mod score;
 mod settings;
+mod state;
 mod watch;
 mod wbc;
 
@@ -35,6 +36,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<wbc::WholeBody>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
+    module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
     module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;

@@ -1,5 +1,6 @@
 //! The settings of an episode as Python passes them: one dictionary for single environments, batches and sessions.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,8 +9,9 @@ use fiatlux_client::SessionArgs;
 use fiatlux_features::{ResNet18, Weights};
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::{GainSet, Gains, Robot};
-use fiatlux_rules::{Protocol, Task, Variant};
+use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
 use fiatlux_sensing::{Sensor, Sensors};
+use fiatlux_world::EpisodeSpec;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -17,6 +19,9 @@ use crate::fault::refused;
 
 /// Seed of the network's weights if no file is named, the same as a server's.
 const WEIGHTS_SEED: u64 = 0;
+
+/// Longest delay of an action, ms, as of a server.
+const MAX_ACTION_DELAY_MS: u32 = 100;
 
 /// The keys of `fiatlux.settings.Settings`, all of them present.
 #[derive(Clone, FromPyObject)]
@@ -31,6 +36,16 @@ pub(crate) struct Settings {
     action_form: String,
     image_size: [usize; 2],
     weights: Option<PathBuf>,
+    fix: Vec<String>,
+    prop_scale: Vec<String>,
+    thresholds: BTreeMap<String, f64>,
+    end_on: Vec<String>,
+    action_delay: u32,
+    /// Of batches alone.
+    #[pyo3(default)]
+    horizon_steps: Option<u64>,
+    #[pyo3(default)]
+    reward_weights: BTreeMap<String, f64>,
 }
 
 impl Settings {
@@ -46,15 +61,42 @@ impl Settings {
         }
     }
 
-    pub(crate) fn rulebook(&self, task: Task) -> PyResult<RulebookOptions> {
-        Ok(RulebookOptions {
+    /// An episode with everything that is set.
+    pub(crate) fn episode(&self, task: Task, seed: u64, episode: u64) -> PyResult<EpisodeSpec> {
+        let request = self.request(&[])?;
+        let mut thresholds = Thresholds::default();
+        for (name, value) in &request.thresholds {
+            thresholds.set(&format!("{name}={value}")).map_err(|error| refused(&error))?;
+        }
+        let end_on: Result<Causes, _> = request.end_on.iter().map(|name| name.parse::<Cause>()).collect();
+        let end_on = end_on.map_err(|error| PyValueError::new_err(format!("end_on: {error}")))?;
+        let scale = fiatlux_wire::prop_scale(&request.prop_scale.unwrap_or_default());
+        scale.check().map_err(|error| PyValueError::new_err(format!("prop_scale: {error}")))?;
+        Ok(EpisodeSpec {
             protocol: self.protocol.parse::<Protocol>().map_err(|error| refused(&error))?,
             variant: self.variant()?,
+            randomize: fiatlux_wire::randomization(&request.randomization.unwrap_or_default()),
+            scale,
+            thresholds,
+            end_on: (!request.end_on.is_empty()).then_some(end_on),
+            ..EpisodeSpec::new(task, seed, episode)
+        })
+    }
+
+    pub(crate) fn rulebook(&self, task: Task) -> PyResult<RulebookOptions> {
+        let EpisodeSpec { protocol, variant, randomize, thresholds, end_on, .. } = self.episode(task, 0, 0)?;
+        Ok(RulebookOptions {
+            protocol,
+            variant,
+            thresholds,
+            end_on,
             sensors: self.sensors(task)?,
-            noise: self.noise,
+            noise: randomize.sensors,
+            action_delay: [delay_steps(self.action_delay)?; 2],
             image_size: self.image_size,
             action_form: self.action_form()?,
-            ..RulebookOptions::new(task)
+            horizon_steps: self.horizon_steps.unwrap_or(task.horizon_steps()),
+            reward_weights: self.reward_weights.clone(),
         })
     }
 
@@ -116,7 +158,16 @@ impl Settings {
             ..OpenRequest::default()
         };
         request.randomization.get_or_insert_default().exact_sensors = !self.noise;
-        session_args(self.sensors.as_deref().unwrap_or_default(), record)?.apply(&mut request);
+        request.action_delay_ms = self.action_delay;
+        request.thresholds.extend(self.thresholds.clone());
+        let lists = [
+            ("--sensors", self.sensors.as_deref().unwrap_or_default()),
+            ("--record", record),
+            ("--fix", &self.fix),
+            ("--prop-scale", &self.prop_scale),
+            ("--end-on", &self.end_on),
+        ];
+        session_args(&lists)?.apply(&mut request);
         Ok(request)
     }
 
@@ -129,15 +180,24 @@ impl Settings {
     }
 }
 
-/// Parses sensors as the programs' flags do.
-fn session_args(sensors: &[String], record: &[String]) -> PyResult<SessionArgs> {
+/// A delay in ms as control steps.
+pub(crate) fn delay_steps(ms: u32) -> PyResult<usize> {
+    let step_ms = (CONTROL_DT * 1e3).round() as u32;
+    if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
+        let rule = format!("give a multiple of {step_ms} ms, at most {MAX_ACTION_DELAY_MS}");
+        return Err(PyValueError::new_err(format!("action_delay is {ms}; {rule}")));
+    }
+    Ok((ms / step_ms) as usize)
+}
+
+/// Parses lists as the programs' flags do.
+fn session_args(lists: &[(&str, &[String])]) -> PyResult<SessionArgs> {
     #[derive(clap::Parser)]
     struct Flags {
         #[command(flatten)]
         session: SessionArgs,
     }
-    let lists = [("--sensors", sensors), ("--record", record)];
-    let given = lists.into_iter().filter(|(_, names)| !names.is_empty());
+    let given = lists.iter().filter(|(_, names)| !names.is_empty());
     let flags = given.map(|(flag, names)| format!("{flag}={}", names.join(",")));
     let parsed = <Flags as clap::Parser>::try_parse_from(std::iter::once("fiatlux".into()).chain(flags));
     parsed.map(|flags| flags.session).map_err(|error| {

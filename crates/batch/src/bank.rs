@@ -5,7 +5,7 @@ use std::sync::Arc;
 use fiatlux_dynamics::Variation;
 use fiatlux_robot::{Gains, Robot};
 use fiatlux_rules::Row;
-use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, SceneSpec, Stream, World};
+use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Randomization, Scene, SceneConfig, SceneSpec, Stream, World};
 
 use crate::{BankError, Ranges};
 
@@ -14,7 +14,7 @@ use crate::{BankError, Ranges};
 pub struct Bank {
     /// The scene that the starts are in; worlds share it.
     pub scene: Arc<Scene>,
-    /// Starts of episodes, all equally likely.
+    /// Starts of episodes; the weight of each says how likely it is.
     pub starts: Vec<Start>,
     /// The ranges that the starts' variations were drawn from by [`Bank::varied`].
     pub ranges: Ranges,
@@ -29,13 +29,15 @@ pub struct Start {
     pub variation: Variation,
     /// Light of the episode, which cameras see.
     pub light: Light,
+    /// How likely it is among the bank's starts, in any unit: finite, at least 0, and above 0 for one start of the bank.
+    pub weight: f64,
 }
 
 impl Bank {
     /// A scene with its reference state as the only start: the robot in its standing posture.
     pub fn standing(scene: Arc<Scene>) -> Self {
         let row = World::new(Arc::clone(&scene)).row().clone();
-        let start = Start { row, variation: Variation::default(), light: Light::default() };
+        let start = Start { row, variation: Variation::default(), light: Light::default(), weight: 1.0 };
         Self { scene, starts: vec![start], ranges: Ranges::NOMINAL }
     }
 
@@ -77,7 +79,7 @@ impl Bank {
                 None => scene,
             };
             let row = Episode::start(own, episode)?.row().clone();
-            banks[index].starts.push(Start { row, variation, light: episode.light() });
+            banks[index].starts.push(Start { row, variation, light: episode.light(), weight: 1.0 });
         }
         Ok(banks)
     }
@@ -93,6 +95,9 @@ impl Bank {
                 let mut random = Random::of_term(Stream::Batch, "variation", seed, draw);
                 let mut start = start.clone();
                 ranges.draw(&scene, &mut random, &mut start.variation);
+                if ranges.light {
+                    start.light = Light::draw(seed, draw, &Randomization::default());
+                }
                 varied.push(start);
             }
         }

@@ -1,5 +1,6 @@
 //! Many worlds in step.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_rules::Row;
@@ -10,15 +11,16 @@ use crate::shard::{Order, Shard, part};
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
-use crate::{Autoreset, BatchConfig, BatchError, Buffers, Outputs, Snapshot, Spec, Task};
+use crate::{Autoreset, BatchConfig, BatchError, Begin, Buffers, Outputs, Snapshot, Spec, Task};
 
 /// Many worlds in step; see the crate's documentation. It keeps its threads, which sleep between calls, until it is dropped.
 pub struct Batch {
     worlds: usize,
     spec: Arc<Spec>,
     autoreset: Autoreset,
-    /// What a snapshot must share.
+    /// What a snapshot of all worlds must share, and one of a world in each bank.
     settings: Vec<(String, String)>,
+    settings_of_banks: Vec<Vec<(String, String)>>,
     banks: Vec<Arc<ReadyBank>>,
     workers: Workers,
     torn: bool,
@@ -45,7 +47,8 @@ impl Batch {
     /// [`BatchError`]: an invalid config, a start from which no world can start, or a task that cannot begin.
     pub fn new(config: BatchConfig, task: &dyn Task) -> Result<Self, BatchError> {
         config.check()?;
-        let settings = settings(&config, task);
+        let settings_of_banks = config.banks.chunks(1).map(|bank| settings(&config, 1, bank, task)).collect();
+        let settings = settings(&config, config.worlds, &config.banks, task);
         let BatchConfig { worlds, threads, seed, banks, disturbances, autoreset } = config;
         check_memory(task.spec(), worlds)?;
         let expected = banks[0].scene.robot_layout();
@@ -66,8 +69,8 @@ impl Batch {
             Shard::new(range, &spec, &banks, Arc::clone(&shared), bank_of, slot)
         };
         let workers = Workers::new((0..threads).map(shard).collect())?;
-        let mut batch = Self { worlds, spec, autoreset, settings, banks, workers, torn: false };
-        batch.carry_out(Order::Reset, &[], &mut || true, |_| {})?;
+        let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
+        batch.carry_out(&Order::Reset, &[], &mut || true, |_| {})?;
         Ok(batch)
     }
 
@@ -88,7 +91,7 @@ impl Batch {
 
     /// The scene of a world; `None` if the world does not exist.
     pub fn scene(&self, world: usize) -> Option<&Arc<Scene>> {
-        (world < self.worlds).then(|| &self.banks[world * self.banks.len() / self.worlds].scene)
+        (world < self.worlds).then(|| &self.banks[self.bank_of(world)].scene)
     }
 
     /// Begins an episode in every world and writes the observations.
@@ -96,7 +99,7 @@ impl Batch {
     /// # Errors
     /// [`BatchError`]: a buffer of another length, or a task that cannot begin.
     pub fn reset(&mut self, observation: &mut [f32]) -> Result<(), BatchError> {
-        self.reset_where(|_| true, None, observation)
+        self.reset_worlds(|_| Begin::AtStart, None, observation)
     }
 
     /// As [`Batch::reset`], after restarting each world's random stream from this seed: everything that follows is as
@@ -105,71 +108,122 @@ impl Batch {
     /// # Errors
     /// As for [`Batch::reset`].
     pub fn reset_with_seed(&mut self, seed: u64, observation: &mut [f32]) -> Result<(), BatchError> {
-        self.reset_where(|_| true, Some(seed), observation)
+        self.reset_worlds(|_| Begin::AtStart, Some(seed), observation)
     }
 
-    /// As [`Batch::reset`] or, with a seed, [`Batch::reset_with_seed`], of the marked worlds alone. The observations of the
-    /// others are those of their present rows.
+    /// Begins an episode in each world as `begin` says, after restarting the random stream of each of them if there is a seed.
+    /// The observations of worlds that stay are those of their present rows.
     ///
     /// # Errors
-    /// As for [`Batch::reset`]; marks of another length.
-    pub fn reset_marked(
+    /// As for [`Batch::reset`]; a row that makes no world, after which the batch must be reset.
+    pub fn reset_worlds(
         &mut self,
-        marks: &[bool],
-        seed: Option<u64>,
-        observation: &mut [f32],
-    ) -> Result<(), BatchError> {
-        check_length("marks", marks.len(), self.worlds)?;
-        if self.torn && marks.contains(&false) {
-            return Err(BatchError::Torn);
-        }
-        self.reset_where(|world| marks[world], seed, observation)
-    }
-
-    fn reset_where(
-        &mut self,
-        is_due: impl Fn(usize) -> bool,
+        begin: impl FnMut(usize) -> Begin,
         seed: Option<u64>,
         observation: &mut [f32],
     ) -> Result<(), BatchError> {
         check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
         self.workers.check_process()?;
+        let begins: Vec<_> = (0..self.worlds).map(begin).collect();
+        if self.torn && begins.iter().any(|begin| matches!(begin, Begin::Stays)) {
+            return Err(BatchError::Torn);
+        }
+        let mut begins = begins.into_iter();
         self.workers.each(|shard| {
             for (index, slot) in shard.slots.iter_mut().enumerate() {
-                let world = shard.first + index;
-                shard.is_due[index] = is_due(world);
-                if let Some(seed) = seed.filter(|_| shard.is_due[index]) {
-                    slot.reseed(seed, world);
+                let begin = begins.next().unwrap_or_default();
+                if let Some(seed) = seed.filter(|_| !matches!(begin, Begin::Stays)) {
+                    slot.reseed(seed, (shard.first + index) as u64);
                 }
+                shard.begins[index] = begin;
             }
         });
-        self.carry_out(Order::Reset, &[], &mut || true, |shard| shard.copy_observation(observation))
+        self.carry_out(&Order::Reset, &[], &mut || true, |shard| shard.copy_observation(observation))
     }
 
-    /// Begins an episode in one world: from a start of its bank, or from a row of its scene, of this or another world.
-    /// `observation` is that world's part.
+    /// Lets the marked worlds continue exactly from the state of one world: with the same actions they then do what it does, to the
+    /// last bit. They must share its bank.
     ///
     /// # Errors
-    /// [`BatchError`]: no such world, a buffer of another length, a row that makes no world, a task that cannot begin.
-    pub fn reset_world(&mut self, world: usize, row: Option<&Row>, observation: &mut [f32]) -> Result<(), BatchError> {
+    /// [`BatchError`]: no such world, marks or a buffer of another length, a world of another bank, a task that cannot be saved.
+    pub fn copy_world(&mut self, world: usize, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
+        let snapshot = self.save_world(world)?;
+        self.restore_worlds(&snapshot, marks, observation)
+    }
+
+    /// The state of one world, for [`Batch::restore_worlds`].
+    ///
+    /// # Errors
+    /// As for [`Batch::save`]; [`BatchError::NoWorld`].
+    pub fn save_world(&self, world: usize) -> Result<Snapshot, BatchError> {
         if world >= self.worlds {
             return Err(BatchError::NoWorld { world, worlds: self.worlds });
         }
+        self.save_range(world..world + 1, &self.settings_of_banks[self.bank_of(world)])
+    }
+
+    /// Lets the marked worlds continue exactly from a snapshot of one world, of this batch or another one of the same settings.
+    ///
+    /// # Errors
+    /// As for [`Batch::restore`], if the settings of a marked world differ.
+    pub fn restore_worlds(
+        &mut self,
+        snapshot: &Snapshot,
+        marks: &[bool],
+        observation: &mut [f32],
+    ) -> Result<(), BatchError> {
+        check_length("marks", marks.len(), self.worlds)?;
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
+        check_length("worlds of the snapshot", snapshot.worlds.len(), 1)?;
+        check_length("observation of the snapshot", snapshot.observation.len(), self.spec.observation_length())?;
+        if self.torn && marks.contains(&false) {
+            return Err(BatchError::Torn);
+        }
+        let mut last = None;
+        for world in (0..self.worlds).filter(|world| marks[*world]) {
+            let bank = self.bank_of(world);
+            if last.replace(bank) != Some(bank) {
+                snapshot.check(&self.settings_of_banks[bank])?;
+            }
+        }
+        self.carry_out_where(&Order::Load(Arc::new(snapshot.clone())), marks, observation)
+    }
+
+    /// Ends the present episodes of the marked worlds, for ends of the caller's own. The next ones begin as [`Autoreset`] says; the
+    /// observations are then those of their starts.
+    ///
+    /// # Errors
+    /// As for [`Batch::reset`]; marks of another length.
+    pub fn end_episodes(&mut self, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
+        check_length("marks", marks.len(), self.worlds)?;
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
         if self.torn {
             return Err(BatchError::Torn);
         }
-        check_length("observation", observation.len(), self.spec.observation_length())?;
+        self.carry_out_where(&Order::End, marks, observation)
+    }
+
+    fn carry_out_where(&mut self, order: &Order, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.check_process()?;
-        let mut begun = Ok(());
         self.workers.each(|shard| {
-            if let Some(index) = world.checked_sub(shard.first).filter(|index| *index < shard.slots.len()) {
-                begun = shard.begin(index, row);
-                let worlds = shard.slots.len();
-                observation.copy_from_slice(part(&mut shard.outputs.observation, index, worlds));
-            }
+            let count = shard.is_marked.len();
+            shard.is_marked.copy_from_slice(&marks[shard.first..][..count]);
         });
-        self.torn = begun.is_err();
-        begun
+        self.carry_out(order, &[], &mut || true, |shard| shard.copy_observation(observation))
+    }
+
+    /// Lets the present episode of each world end by time-out so many steps earlier than [`Spec::horizon_steps`], so that worlds which
+    /// began together do not end together.
+    ///
+    /// # Errors
+    /// [`BatchError`]: a list of another length.
+    pub fn shorten_episodes(&mut self, steps: &[u64]) -> Result<(), BatchError> {
+        check_length("steps", steps.len(), self.worlds)?;
+        self.workers.check_process()?;
+        self.workers.each(|shard| {
+            shard.slots.iter_mut().zip(&steps[shard.first..]).for_each(|(slot, steps)| slot.shorten(*steps));
+        });
+        Ok(())
     }
 
     /// Takes a control step in every world: actions are in the order of worlds, and results go into the buffers. Where an
@@ -201,7 +255,7 @@ impl Batch {
         self.workers.check_process()?;
         self.check_ended()?;
         let order = Order::Step { wants_final: buffers.final_observation.is_some() };
-        self.carry_out(order, actions, may_go_on, |shard| buffers.copy_from(&shard.outputs, shard.first))
+        self.carry_out(&order, actions, may_go_on, |shard| buffers.copy_from(&shard.outputs, shard.first))
     }
 
     /// A copy of a world's row.
@@ -223,18 +277,29 @@ impl Batch {
     /// # Errors
     /// [`BatchError`]: a task that cannot be saved, or a batch that must be reset first.
     pub fn save(&self) -> Result<Snapshot, BatchError> {
+        self.save_range(0..self.worlds, &self.settings)
+    }
+
+    fn save_range(&self, range: Range<usize>, settings: &[(String, String)]) -> Result<Snapshot, BatchError> {
         if self.torn {
             return Err(BatchError::Torn);
         }
         self.workers.check_process()?;
-        let (mut worlds, mut observation) = (Vec::with_capacity(self.worlds), Vec::new());
+        let (mut worlds, mut observation) = (Vec::with_capacity(range.len()), Vec::new());
         self.workers.each(|shard| {
-            worlds.extend(shard.slots.iter().map(Slot::save));
-            observation.extend_from_slice(&shard.outputs.observation);
+            let count = shard.slots.len();
+            for index in 0..count {
+                if range.contains(&(shard.first + index)) {
+                    worlds.push(shard.slots[index].save());
+                    observation.extend_from_slice(part(&mut shard.outputs.observation, index, count));
+                }
+            }
         });
-        let number = |(world, saved): (usize, Result<_, _>)| saved.map_err(|source| BatchError::Task { world, source });
+        let number = |(index, saved): (usize, Result<_, _>)| {
+            saved.map_err(|source| BatchError::Task { world: range.start + index, source })
+        };
         let worlds = worlds.into_iter().enumerate().map(number).collect::<Result<_, _>>()?;
-        Ok(Snapshot { settings: self.settings.clone(), worlds, observation })
+        Ok(Snapshot { settings: settings.to_vec(), worlds, observation })
     }
 
     /// Returns to a saved state, and writes its observations.
@@ -267,7 +332,7 @@ impl Batch {
     /// Lets every world carry out an order; `finish` sees the worlds of each thread if all went well there.
     fn carry_out(
         &mut self,
-        order: Order,
+        order: &Order,
         actions: &[f64],
         may_go_on: &mut dyn FnMut() -> bool,
         mut finish: impl FnMut(&mut Shard),
@@ -275,7 +340,7 @@ impl Batch {
         let mut error: Option<BatchError> = None;
         let each = actions.len() / self.worlds;
         let prepare = |shard: &mut Shard| {
-            shard.order = order;
+            shard.order = order.clone();
             if each > 0 {
                 let count = shard.actions.len();
                 shard.actions.copy_from_slice(&actions[shard.first * each..][..count]);
@@ -288,6 +353,11 @@ impl Batch {
         });
         self.torn = error.is_some();
         error.map_or(Ok(()), Err)
+    }
+
+    /// Worlds are spread evenly over the banks.
+    fn bank_of(&self, world: usize) -> usize {
+        world * self.banks.len() / self.worlds
     }
 
     /// Refuses a step of worlds whose episode has ended, if nothing begins the next one.

@@ -57,6 +57,14 @@ impl BatchConfig {
         within("threads", self.threads, MAX_THREADS)?;
         within("banks", self.banks.len(), self.worlds)?;
         within("bank.starts", starts.clone().min().unwrap_or(0), MAX_STARTS)?;
-        within("starts of all banks", starts.sum(), MAX_STARTS)
+        within("starts of all banks", starts.sum(), MAX_STARTS)?;
+        for (bank, starts) in self.banks.iter().map(|bank| &bank.starts).enumerate() {
+            let sum: f64 = starts.iter().map(|start| start.weight).sum();
+            let are_weights = starts.iter().all(|start| start.weight >= 0.0) && sum > 0.0 && sum.is_finite();
+            if !are_weights {
+                return Err(BatchError::Weights { bank });
+            }
+        }
+        Ok(())
     }
 }

@@ -84,6 +84,12 @@ pub enum BatchError {
         #[source]
         source: WorldError,
     },
+    /// No start can be drawn from a bank.
+    #[error("bank {bank}: the weights of starts must be finite and at least 0, and one of them above 0")]
+    Weights {
+        /// Index of the bank.
+        bank: usize,
+    },
     /// The system refused to start a thread.
     #[error("cannot start a thread; use fewer threads")]
     Thread(#[source] std::io::Error),

@@ -56,6 +56,7 @@ pub use disturbance::{Disturbances, Pushes, Wrenches};
 pub use error::{BankError, BatchError, TaskError};
 pub use ranges::Ranges;
 pub use rulebook::{ActionForm, Rulebook, RulebookOptions};
+pub use shard::Begin;
 pub use snapshot::Snapshot;
 pub use task::{Control, Field, Outcome, Spec, Task, TaskClone};
 pub use walking::{Walking, WalkingOptions};

@@ -1,6 +1,9 @@
 //! How worlds may differ from their scene.
 
+use std::collections::BTreeMap;
+
 use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
+use fiatlux_rules::{Motion, manifest};
 use fiatlux_world::{Random, Scene, ShapeOwner};
 use nalgebra::Vector3;
 
@@ -29,6 +32,13 @@ pub struct Ranges {
     pub damping: [f64; 2],
     /// Factor of the effort limit of each drive, above 0.
     pub effort_limit: [f64; 2],
+    /// Friction of all surfaces of an owner, by its name: `floor`, `room`, `bench`, `robot`, or a thing. Of two materials the larger
+    /// coefficient counts, but for one with priority.
+    pub friction: BTreeMap<String, [f64; 2]>,
+    /// Factor of the mass of a movable thing, by its name: `ladder`, `old_bulb`, `fresh_bulb`; above 0.
+    pub thing_mass: BTreeMap<String, [f64; 2]>,
+    /// Whether each variation draws its own light, as episodes do.
+    pub light: bool,
 }
 
 impl Ranges {
@@ -41,10 +51,13 @@ impl Ranges {
         stiffness: [1.0; 2],
         damping: [1.0; 2],
         effort_limit: [1.0; 2],
+        friction: BTreeMap::new(),
+        thing_mass: BTreeMap::new(),
+        light: false,
     };
 
     /// Name and value of each.
-    pub(crate) fn listed(&self) -> [(&'static str, String); 7] {
+    pub(crate) fn listed(&self) -> [(&'static str, String); 10] {
         [
             ("hand_friction", format!("{:?}", self.hand_friction)),
             ("floor_friction", format!("{:?}", self.floor_friction)),
@@ -53,6 +66,9 @@ impl Ranges {
             ("stiffness", format!("{:?}", self.stiffness)),
             ("damping", format!("{:?}", self.damping)),
             ("effort_limit", format!("{:?}", self.effort_limit)),
+            ("friction", format!("{:?}", self.friction)),
+            ("thing_mass", format!("{:?}", self.thing_mass)),
+            ("light", self.light.to_string()),
         ]
     }
 
@@ -71,10 +87,21 @@ impl Ranges {
                 return refuse(field, "must be [least, most], at least 0 and below 1e6");
             }
         }
-        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)] {
+        let thing_masses = self.thing_mass.values().map(|range| ("thing_mass", *range));
+        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)].into_iter().chain(thing_masses)
+        {
             if !is_range(range) || range[0] == 0.0 {
                 return refuse(field, "must be [least, most], above 0 and below 1e6");
             }
+        }
+        if !self.friction.values().all(|range| is_range(*range)) {
+            return refuse("friction", "must be [least, most] for each surface, at least 0 and below 1e6");
+        }
+        if !self.friction.keys().all(|name| surfaces().any(|known| known == name)) {
+            return refuse("friction", "must name surfaces: floor, room, bench, robot or a thing, such as ladder");
+        }
+        if !self.thing_mass.keys().all(|name| free_things().any(|(known, _)| known == name)) {
+            return refuse("thing_mass", "must name things that move: ladder, old_bulb or fresh_bulb");
         }
         if !(0.0..=MAX_COM_SHIFT_M).contains(&self.com_shift_m) {
             return refuse("com_shift_m", "must be from 0 to 1 m");
@@ -116,5 +143,28 @@ impl Ranges {
                 variation.drives.push((*body, DriveVariation { stiffness, damping, effort_limit }));
             }
         }
+        for (name, range) in &self.friction {
+            let friction = within(*range, random);
+            let shapes = (0..scene.model.shapes().len()).map(ShapeId);
+            let of_surface = shapes.filter(|id| scene.owner(*id).name() == name);
+            variation.frictions.extend(of_surface.map(|id| (id, friction)));
+        }
+        for (name, range) in &self.thing_mass {
+            let mass = within(*range, random);
+            let body = free_things().find(|(known, _)| known == name).and_then(|(_, thing)| scene.body(thing));
+            let varied = BodyVariation { mass, com_offset: Vector3::zeros() };
+            variation.bodies.extend(body.map(|body| (body, varied)));
+        }
     }
+}
+
+fn surfaces() -> impl Iterator<Item = &'static str> {
+    let room = [ShapeOwner::Floor, ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Robot(0)];
+    room.into_iter().map(ShapeOwner::name).chain(manifest().things.iter().map(|thing| thing.name.as_str()))
+}
+
+/// Name and index of each thing that can move.
+fn free_things() -> impl Iterator<Item = (&'static str, usize)> {
+    let things = manifest().things.iter().enumerate();
+    things.filter(|(_, thing)| thing.motion == Motion::Free).map(|(index, thing)| (thing.name.as_str(), index))
 }

@@ -1,5 +1,6 @@
 //! The benchmark's tasks.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_features::ResNet18;
@@ -11,6 +12,7 @@ use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
 use serde::{Deserialize, Serialize};
 
+use crate::task::check_weights;
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
 
 /// Meaning of the numbers of an action; there is one for each joint.
@@ -32,8 +34,13 @@ pub struct RulebookOptions {
     pub thresholds: Thresholds,
     /// What ends an episode, in place of the task's own conditions.
     pub end_on: Option<Causes>,
+    /// Control steps until time-out; the task's own if there are more.
+    pub horizon_steps: u64,
     /// Which reward it pays.
     pub variant: Variant,
+    /// Weights of the reward's terms where they are not the usual ones. A term pays its value times its weight times 0.02 s, gate
+    /// progress its value times its weight.
+    pub reward_weights: BTreeMap<String, f64>,
     /// Sensors of the observation, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has its
     /// own devices: a camera takes a few hundred kilobytes in each.
     pub sensors: Sensors,
@@ -44,6 +51,8 @@ pub struct RulebookOptions {
     pub image_size: [usize; 2],
     /// Meaning of the numbers of an action.
     pub action_form: ActionForm,
+    /// Control steps from an action's arrival to its effect: least and most, drawn for each episode.
+    pub action_delay: [usize; 2],
 }
 
 impl RulebookOptions {
@@ -53,11 +62,14 @@ impl RulebookOptions {
             protocol: Protocol::default(),
             thresholds: Thresholds::default(),
             end_on: None,
+            horizon_steps: task.horizon_steps(),
             variant: Variant::Benchmark,
+            reward_weights: BTreeMap::new(),
             sensors: Sensors::of_body(task),
             noise: true,
             image_size: [HEAD_PIXELS; 2],
             action_form: ActionForm::Action,
+            action_delay: [0; 2],
         }
     }
 }
@@ -77,6 +89,10 @@ pub struct Rulebook {
     noise: Option<NoiseSeed>,
     /// Label of the network's weights.
     weights: String,
+    /// What each term of the reward pays is multiplied by.
+    factors: Arc<[f64]>,
+    /// Actions that have yet to act, one after the other, the oldest first.
+    delayed: Vec<f64>,
 }
 
 /// What a world remembers of its episode.
@@ -87,6 +103,7 @@ struct State {
     episode: u64,
     /// Seed and episode.
     noise: Option<(u64, u64)>,
+    delayed: Vec<f64>,
 }
 
 /// What the cameras of each scene see; worlds of one scene share it.
@@ -101,10 +118,21 @@ struct Referee {
 impl Rulebook {
     /// A task with the robot of a scene. `network` computes the features of camera images, if they are among the
     /// sensors.
-    pub fn new(task: fiatlux_rules::Task, scene: &Scene, options: RulebookOptions, network: Option<ResNet18>) -> Self {
+    ///
+    /// # Errors
+    /// A weight for a term that the reward does not have, or one that is not finite.
+    pub fn new(
+        task: fiatlux_rules::Task,
+        scene: &Scene,
+        options: RulebookOptions,
+        network: Option<ResNet18>,
+    ) -> Result<Self, TaskError> {
         let protocol = options.protocol;
         let setup = Setup { protocol, image_size: options.image_size, ..Setup::new(scene, task) };
         let referee = Referee::new(task, scene, &options);
+        let usual: Vec<_> = referee.rewards.terms().iter().map(|term| (term.name, term.weight)).collect();
+        check_weights(&options.reward_weights, usual.iter().map(|(name, _)| *name))?;
+        let given = |name: &str| options.reward_weights.get(name).copied();
         let joints = scene.robot.joints();
         let (action_limit, action_range) = match options.action_form {
             ActionForm::Action => (ACTION_LIMIT, vec![[-1.0, 1.0]; joints.len()]),
@@ -122,13 +150,16 @@ impl Rulebook {
         };
         let spec = Spec {
             actions: joints.iter().map(|joint| joint.name.clone()).collect(),
+            horizon_steps: options.horizon_steps.min(task.horizon_steps()),
             action_limit,
             action_range,
             observation: terms.map(field).collect(),
-            rewards: referee.rewards.terms().iter().map(|term| term.name.to_owned()).collect(),
+            rewards: usual.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            reward_weights: usual.iter().map(|(name, weight)| given(name).unwrap_or(*weight)).collect(),
         };
         let weights = network.as_ref().map_or_else(|| "none".into(), |network| network.label().to_owned());
-        Self {
+        let factors = usual.iter().map(|(name, weight)| given(name).map_or(1.0, |given| given / weight)).collect();
+        Ok(Self {
             task,
             suite: SensorSuite::new(options.sensors, setup).with_network(network),
             options: Arc::new(options),
@@ -138,7 +169,9 @@ impl Rulebook {
             episode: 0,
             noise: None,
             weights,
-        }
+            factors,
+            delayed: Vec::new(),
+        })
     }
 
     fn visuals_of(&self, scene: &Arc<Scene>) -> Arc<Visuals> {
@@ -173,6 +206,10 @@ impl Task for Rulebook {
         let (noise, lighting) =
             (self.options.noise.then_some(NoiseSeed { seed, episode: self.episode }), Lighting::of(light));
         self.noise = noise;
+        self.delayed.clear();
+        let [least, most] = self.options.action_delay;
+        let delay = if most > least { least + random.index(most - least + 1) } else { least };
+        (0..delay).for_each(|_| self.delayed.extend_from_slice(&world.row().action));
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
@@ -198,13 +235,22 @@ impl Task for Rulebook {
             };
             *target = q0 + ACTION_SCALE * *to;
         }
+        if !self.delayed.is_empty() {
+            let joints = control.action.len();
+            self.delayed[..joints].swap_with_slice(&mut control.action);
+            self.delayed.rotate_left(joints);
+            let targets = control.joint_target.iter_mut().zip(scene.robot.q0()).zip(&control.action);
+            targets.for_each(|((target, q0), action)| *target = q0 + ACTION_SCALE * action);
+        }
     }
 
     fn judge(&mut self, world: &World, _random: &mut Random, reward_terms: &mut [f32]) -> Outcome {
         let Some(Referee { judges, rewards }) = &mut self.referee else { return Outcome::Continues };
         judges.advance(world.row());
         let terms = rewards.advance(judges.in_force(), world.row());
-        reward_terms.iter_mut().zip(terms).for_each(|(place, term)| *place = term.reward as f32);
+        for ((place, term), factor) in reward_terms.iter_mut().zip(terms).zip(&*self.factors) {
+            *place = (term.reward * factor) as f32;
+        }
         let verdict = judges.in_force().verdict();
         match verdict.end {
             None => Outcome::Continues,
@@ -229,18 +275,32 @@ impl Task for Rulebook {
     }
 
     fn settings(&self) -> Vec<(&'static str, String)> {
-        let RulebookOptions { protocol, thresholds, end_on, variant, sensors, noise, image_size, action_form } =
-            &*self.options;
+        let RulebookOptions {
+            protocol,
+            thresholds,
+            end_on,
+            horizon_steps: _,
+            variant,
+            reward_weights,
+            sensors,
+            noise,
+            image_size,
+            action_form,
+            action_delay,
+        } = &*self.options;
         let sensors: Vec<_> = sensors.iter().map(Sensor::name).collect();
         vec![
             ("task", self.task.to_string()),
+            ("horizon_steps", self.spec.horizon_steps.to_string()),
             ("protocol", protocol.to_string()),
             ("reward", format!("{variant:?}")),
+            ("reward_weights", format!("{reward_weights:?}")),
             ("sensors", sensors.join(", ")),
             ("noise", noise.to_string()),
             ("image_size", format!("{image_size:?}")),
             ("weights", self.weights.clone()),
             ("action_form", format!("{action_form:?}")),
+            ("action_delay", format!("{action_delay:?} steps")),
             ("end_on", end_on.map_or_else(|| "the task's own".into(), |causes| causes.to_string())),
             ("thresholds", format!("{thresholds:?}")),
         ]
@@ -250,16 +310,21 @@ impl Task for Rulebook {
         let Referee { judges, rewards } = self.referee.as_ref().ok_or("no episode has begun")?;
         let noise = self.noise.map(|noise| (noise.seed, noise.episode));
         let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise })?)
+        let delayed = self.delayed.clone();
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, delayed })?)
     }
 
     fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
         let Referee { judges, rewards } = self.referee.as_mut().ok_or("no episode has begun")?;
         let state: State = postcard::from_bytes(saved)?;
+        if !state.delayed.len().is_multiple_of(row.action.len()) {
+            return Err("the snapshot is damaged: it has a part of a delayed action".into());
+        }
         if !rewards.set_state(state.rewards, row) {
             return Err("the snapshot has another number of reward terms".into());
         }
         judges.set_state(state.judges);
+        self.delayed.clone_from(&state.delayed);
         self.episode = state.episode;
         self.noise = state.noise.map(|(seed, episode)| NoiseSeed { seed, episode });
         self.suite.restart(self.noise, Lighting::of(light));

@@ -8,18 +8,35 @@ use fiatlux_world::World;
 
 use crate::slot::{ReadyBank, Results, Shared, Slot, Stage};
 use crate::snapshot::WorldState;
-use crate::{BatchError, Control, Outcome, Outputs, Spec};
+use crate::{BatchError, Control, Outcome, Outputs, Snapshot, Spec};
 
 /// What a thread should do with its worlds.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) enum Order {
-    /// Begin an episode in each world that is due.
+    /// Begin an episode in each world, as its `begins` says.
     Reset,
+    /// Continue each world that is marked from the one world of a snapshot.
+    Load(Arc<Snapshot>),
+    /// End the episode of each world that is marked.
+    End,
     /// Take a control step in each world, with its actions.
     Step {
         /// Whether to observe the last rows of episodes too.
         wants_final: bool,
     },
+}
+
+/// Where the next episode of a world begins.
+#[derive(Debug, Clone, Default)]
+pub enum Begin {
+    /// Nowhere: the present one goes on.
+    #[default]
+    Stays,
+    /// At a start of its bank.
+    AtStart,
+    /// At a row of its scene, which becomes row 0: of another world, of a bag, or made by hand. Mass, friction and light are those of
+    /// a start of its bank.
+    AtRow(Box<Row>),
 }
 
 /// The worlds of one thread, and where they take turns: one [`World`] for each of their scenes, which stays in the cache.
@@ -28,8 +45,8 @@ pub(crate) struct Shard {
     pub first: usize,
     pub slots: Vec<Slot>,
     pub order: Order,
-    /// Which worlds a reset begins anew.
-    pub is_due: Vec<bool>,
+    pub begins: Vec<Begin>,
+    pub is_marked: Vec<bool>,
     pub actions: Vec<f64>,
     pub outputs: Outputs,
     pub error: Option<BatchError>,
@@ -60,7 +77,8 @@ impl Shard {
         Self {
             first: worlds.start,
             order: Order::Reset,
-            is_due: vec![true; worlds.len()],
+            begins: vec![Begin::AtStart; worlds.len()],
+            is_marked: vec![false; worlds.len()],
             actions: vec![0.0; worlds.len() * spec.actions.len()],
             outputs: Outputs::of(spec, worlds.len()),
             error: None,
@@ -79,20 +97,27 @@ impl Shard {
     /// Carries out the order, as long as it may continue. Stops at the first world that fails.
     pub fn run(&mut self, mut may_go_on: impl FnMut() -> bool) {
         let mut worlds = 0..self.slots.len();
-        let done = worlds.try_for_each(|index| match (may_go_on(), self.order) {
+        let order = self.order.clone();
+        let done = worlds.try_for_each(|index| match (may_go_on(), &order) {
             (false, _) => Err(BatchError::Stopped),
-            (true, Order::Reset) if !self.is_due[index] => Ok(()),
-            (true, Order::Reset) => self.begin(index, None),
-            (true, Order::Step { wants_final }) => self.step(index, wants_final),
+            (true, Order::Reset) => self.begin(index),
+            (true, Order::Load(snapshot)) => self.copy(index, snapshot),
+            (true, Order::End) => self.end(index),
+            (true, Order::Step { wants_final }) => self.step(index, *wants_final),
         });
         self.error = done.err();
     }
 
-    /// Begins an episode in one world; its observation is in the outputs.
-    pub fn begin(&mut self, index: usize, row: Option<&Row>) -> Result<(), BatchError> {
+    /// Begins an episode in one world, if it is due; its observation is in the outputs.
+    fn begin(&mut self, index: usize) -> Result<(), BatchError> {
+        let row = match std::mem::take(&mut self.begins[index]) {
+            Begin::Stays => return Ok(()),
+            Begin::AtStart => None,
+            Begin::AtRow(row) => Some(row),
+        };
         let slot = &mut self.slots[index];
         let observation = part(&mut self.outputs.observation, index, self.outputs.reward.len());
-        let begun = slot.begin(&mut self.stages[slot.stage], &self.shared, row, observation);
+        let begun = slot.begin(&mut self.stages[slot.stage], &self.shared, row.as_deref(), observation);
         begun.map_err(|stopped| stopped.at(self.first + index))
     }
 
@@ -107,7 +132,27 @@ impl Shard {
     pub fn load(&mut self, index: usize, state: &WorldState) -> Result<(), BatchError> {
         let (slot, world) = (&mut self.slots[index], self.first + index);
         let bank = &self.stages[slot.stage].bank;
-        slot.load(state, bank, world).map_err(|source| BatchError::Task { world, source })
+        slot.load(state, bank).map_err(|source| BatchError::Task { world, source })
+    }
+
+    /// Continues one world from a snapshot of one, if it is marked.
+    fn copy(&mut self, index: usize, snapshot: &Snapshot) -> Result<(), BatchError> {
+        if self.is_marked[index] {
+            self.load(index, &snapshot.worlds[0])?;
+            part(&mut self.outputs.observation, index, self.slots.len()).copy_from_slice(&snapshot.observation);
+        }
+        Ok(())
+    }
+
+    /// Ends the episode of one world, if it is marked.
+    fn end(&mut self, index: usize) -> Result<(), BatchError> {
+        if !self.is_marked[index] {
+            return Ok(());
+        }
+        let slot = &mut self.slots[index];
+        let observation = part(&mut self.outputs.observation, index, self.outputs.reward.len());
+        let ended = slot.end(&mut self.stages[slot.stage], &self.shared, observation);
+        ended.map_err(|stopped| stopped.at(self.first + index))
     }
 
     fn step(&mut self, index: usize, wants_final: bool) -> Result<(), BatchError> {

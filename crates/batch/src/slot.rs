@@ -15,6 +15,8 @@ use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Outcome, Task, T
 pub(crate) struct ReadyBank {
     pub scene: Arc<Scene>,
     pub starts: Vec<ReadyStart>,
+    /// Sum of the weights up to and including each start; `None` where all weigh the same.
+    sums: Option<Vec<f64>>,
 }
 
 #[derive(Debug)]
@@ -42,7 +44,21 @@ impl ReadyBank {
             world.reset_to(&row).map_err(refused)?;
             starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light: start.light });
         }
-        Ok(Self { scene: Arc::clone(&bank.scene), starts })
+        let weights = bank.starts.iter().map(|start| start.weight);
+        let sums = weights.clone().scan(0.0, |sum, weight| {
+            *sum += weight;
+            Some(*sum)
+        });
+        let is_even = weights.clone().all(|weight| weight == bank.starts[0].weight);
+        let sums = (!is_even).then(|| sums.collect());
+        Ok(Self { scene: Arc::clone(&bank.scene), starts, sums })
+    }
+
+    /// Draws a start.
+    fn draw(&self, random: &mut Random) -> usize {
+        let Some(sums) = &self.sums else { return random.index(self.starts.len()) };
+        let at = random.uniform(0.0, sums[sums.len() - 1]);
+        sums.partition_point(|sum| *sum <= at).min(sums.len() - 1)
     }
 }
 
@@ -67,8 +83,11 @@ pub(crate) struct Slot {
     row: Row,
     /// Index into the starts of its bank.
     start: usize,
+    /// By how many steps the present episode ends earlier by time-out.
+    shortened: u64,
     task: Box<dyn Task>,
-    seed: u64,
+    /// Seed and number of its random stream.
+    stream: (u64, u64),
     random: Random,
     disturber: Disturber,
 }
@@ -115,9 +134,10 @@ impl Slot {
             has_ended: false,
             row: Row::zeros(bank.scene.robot_layout()),
             start: 0,
+            shortened: 0,
             task: task.boxed(),
-            seed,
-            random: stream(seed, world),
+            stream: (seed, world as u64),
+            random: Random::new(Stream::Batch, seed, world as u64),
             disturber: Disturber::default(),
         }
     }
@@ -126,8 +146,23 @@ impl Slot {
         &self.row
     }
 
-    pub fn reseed(&mut self, seed: u64, world: usize) {
-        (self.seed, self.random) = (seed, stream(seed, world));
+    /// Begins its random stream anew; the number is that of the world, but for copies of another one.
+    pub fn reseed(&mut self, seed: u64, number: u64) {
+        (self.stream, self.random) = ((seed, number), Random::new(Stream::Batch, seed, number));
+    }
+
+    /// Ends the present episode; the next one begins as the batch's autoreset says.
+    pub fn end(&mut self, stage: &mut Stage, shared: &Shared, observation: &mut [f32]) -> Result<(), Stopped> {
+        self.has_ended = true;
+        match shared.autoreset {
+            Autoreset::SameStep => self.begin(stage, shared, None, observation),
+            Autoreset::NextStep | Autoreset::Disabled => Ok(()),
+        }
+    }
+
+    /// Lets the present episode end by time-out so many steps earlier.
+    pub fn shorten(&mut self, steps: u64) {
+        self.shortened = steps;
     }
 
     /// Its state, for a snapshot.
@@ -136,24 +171,27 @@ impl Slot {
             row: self.row.clone(),
             start: self.start,
             has_ended: self.has_ended,
-            seed: self.seed,
+            shortened: self.shortened,
+            stream: self.stream,
             drawn: self.random.drawn(),
             disturber: self.disturber.clone(),
             task: self.task.save()?,
         })
     }
 
-    /// Continues from a state of the same world.
-    pub fn load(&mut self, state: &WorldState, bank: &ReadyBank, world: usize) -> Result<(), TaskError> {
+    /// Continues from a state of a world of the same bank.
+    pub fn load(&mut self, state: &WorldState, bank: &ReadyBank) -> Result<(), TaskError> {
         let start = bank.starts.get(state.start).ok_or("the snapshot is damaged: the world's start does not exist")?;
         if !state.row.fits(bank.scene.robot_layout()) {
             return Err("the snapshot is damaged: the row is of another robot".into());
         }
         self.task.load(&state.task, &state.row, &start.light)?;
         self.row.clone_from(&state.row);
-        self.reseed(state.seed, world);
+        let (seed, number) = state.stream;
+        self.reseed(seed, number);
         self.random.skip(state.drawn);
-        (self.start, self.has_ended, self.disturber) = (state.start, state.has_ended, state.disturber.clone());
+        (self.start, self.has_ended, self.shortened) = (state.start, state.has_ended, state.shortened);
+        self.disturber.clone_from(&state.disturber);
         Ok(())
     }
 
@@ -166,8 +204,8 @@ impl Slot {
         observation: &mut [f32],
     ) -> Result<(), Stopped> {
         let Stage { bank, world } = stage;
-        self.start = self.random.index(bank.starts.len());
-        self.has_ended = false;
+        self.start = bank.draw(&mut self.random);
+        (self.has_ended, self.shortened) = (false, 0);
         let start = &bank.starts[self.start];
         self.row.clone_from(row.unwrap_or(&start.row));
         self.row.step = 0;
@@ -204,7 +242,11 @@ impl Slot {
         let input = ControlInput { action, joint_target, wrenches, push: *push };
         stage.world.step_row(&mut self.row, &input)?;
         let judged = self.task.judge(&stage.world, &mut self.random, reward_terms);
-        let outcome = if diverged(&self.row) { Outcome::Failure } else { judged };
+        let outcome = match judged {
+            _ if diverged(&self.row) => Outcome::Failure,
+            Outcome::Continues if self.row.step + self.shortened >= self.task.spec().horizon_steps => Outcome::TimeOut,
+            judged => judged,
+        };
         // As in the rulebook, a reward that is not finite pays nothing.
         reward_terms.iter_mut().filter(|term| !term.is_finite()).for_each(|term| *term = 0.0);
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
@@ -219,9 +261,4 @@ impl Slot {
         }
         Ok((outcome, reward))
     }
-}
-
-/// The random stream of a world.
-fn stream(seed: u64, world: usize) -> Random {
-    Random::new(Stream::Batch, seed, world as u64)
 }

@@ -10,14 +10,15 @@ use crate::disturbance::Disturber;
 use crate::{Bank, BatchConfig, BatchError, Task};
 
 /// What the bytes begin with: a name and the version of the layout that follows.
-const MAGIC: &[u8] = b"fiatlux-snapshot/1\n";
+const MAGIC: &[u8] = b"fiatlux-snapshot/2\n";
 /// Length of the digest of the rest, which comes next.
 const DIGEST: usize = 32;
 /// Largest number of joints, and of sensed bodies of a hand, in a snapshot's row.
 const MAX_PARTS: usize = 1000;
 
-/// A batch's state: [`Batch::restore`](crate::Batch::restore) continues from it exactly, on any number of threads, in this process or,
-/// by way of its bytes, in another one of the same build.
+/// The state of a batch or of one of its worlds: [`Batch::restore`](crate::Batch::restore) and
+/// [`Batch::restore_worlds`](crate::Batch::restore_worlds) continue from it exactly, on any number of threads, in this process or, by
+/// way of its bytes, in another one of the same build.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
     pub(crate) settings: Vec<(String, String)>,
@@ -32,8 +33,10 @@ pub(crate) struct WorldState {
     /// Index into the starts of its bank.
     pub start: usize,
     pub has_ended: bool,
-    /// Seed of its random stream, and how many numbers were drawn from it.
-    pub seed: u64,
+    /// By how many steps its episode ends earlier by time-out.
+    pub shortened: u64,
+    /// Seed and number of its random stream, and how many numbers were drawn from it.
+    pub stream: (u64, u64),
     pub drawn: u64,
     pub disturber: Disturber,
     /// What its task saved.
@@ -56,7 +59,8 @@ struct WrittenWorld {
     row: Vec<u8>,
     start: usize,
     has_ended: bool,
-    seed: u64,
+    shortened: u64,
+    stream: (u64, u64),
     drawn: u64,
     disturber: Disturber,
     task: Vec<u8>,
@@ -70,7 +74,8 @@ impl Snapshot {
             row: state_message(&world.row).encode_to_vec(),
             start: world.start,
             has_ended: world.has_ended,
-            seed: world.seed,
+            shortened: world.shortened,
+            stream: world.stream,
             drawn: world.drawn,
             disturber: world.disturber.clone(),
             task: world.task.clone(),
@@ -115,7 +120,8 @@ impl Snapshot {
                 row: row.map_err(|error| damaged(format!("world {index}: {error}")))?,
                 start: world.start,
                 has_ended: world.has_ended,
-                seed: world.seed,
+                shortened: world.shortened,
+                stream: world.stream,
                 drawn: world.drawn,
                 disturber: world.disturber,
                 task: world.task,
@@ -145,9 +151,9 @@ impl Snapshot {
     }
 }
 
-/// Name and value of everything that a snapshot must share with the batch that restores it.
-pub(crate) fn settings(config: &BatchConfig, task: &dyn Task) -> Vec<(String, String)> {
-    let BatchConfig { worlds, banks, disturbances, autoreset, .. } = config;
+/// Name and value of everything that a snapshot of so many worlds in these banks must share with the batch that restores it.
+pub(crate) fn settings(config: &BatchConfig, worlds: usize, banks: &[Bank], task: &dyn Task) -> Vec<(String, String)> {
+    let BatchConfig { disturbances, autoreset, .. } = config;
     let first = &banks[0];
     let seeds: Vec<_> = banks.iter().map(|bank| bank.scene.spec.seed.to_string()).collect();
     let version = format!("{}, benchmark {BENCHMARK_VERSION}", env!("CARGO_PKG_VERSION"));
@@ -173,7 +179,7 @@ fn digest_of(banks: &[Bank]) -> String {
         let scene = &bank.scene;
         let mut text = format!("{} {:?} {:?}", scene.robot.digest(), scene.config.digest(), scene.spec);
         for start in &bank.starts {
-            text.push_str(&format!("{:?} {:?}", start.variation, start.light));
+            text.push_str(&format!("{:?} {:?} {:?}", start.variation, start.light, start.weight));
             digest.push(&start.row);
         }
         digest = RowDigest::new(format!("{} {text}", digest.hex()).as_bytes());

@@ -1,5 +1,7 @@
 //! The interface of tasks for the worlds of a batch.
 
+use std::collections::BTreeMap;
+
 use fiatlux_rules::Row;
 use fiatlux_world::{AppliedWrench, Light, Push, Random, Scene, World};
 
@@ -85,12 +87,16 @@ pub struct Spec {
     pub actions: Vec<String>,
     /// Range in which a learner should explore each number: least, greatest. Actions may exceed it.
     pub action_range: Vec<[f32; 2]>,
+    /// Control steps after which an episode ends by time-out, if not before.
+    pub horizon_steps: u64,
     /// Largest absolute value in an action; larger ones are refused.
     pub action_limit: f64,
     /// The parts of an observation, in order.
     pub observation: Vec<Field>,
     /// Name of each term of the reward.
     pub rewards: Vec<String>,
+    /// Weight of each, as far as the caller can choose it.
+    pub reward_weights: Vec<f64>,
 }
 
 impl Spec {
@@ -165,4 +171,21 @@ pub enum Outcome {
     Failure,
     /// The episode ends by time-out. Counts as truncated.
     TimeOut,
+}
+
+/// Refuses weights of terms that a reward does not have, and weights that are not finite.
+pub(crate) fn check_weights<'a>(
+    given: &BTreeMap<String, f64>,
+    terms: impl Iterator<Item = &'a str> + Clone,
+) -> Result<(), TaskError> {
+    for (name, weight) in given {
+        if !terms.clone().any(|term| term == name) {
+            let terms: Vec<_> = terms.collect();
+            return Err(format!("the reward has no term {name:?}; the terms are {}", terms.join(", ")).into());
+        }
+        if !weight.is_finite() {
+            return Err(format!("the weight of {name:?} is {weight}; give a finite one").into());
+        }
+    }
+    Ok(())
 }

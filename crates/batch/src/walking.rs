@@ -24,6 +24,7 @@ use self::draw::draw_command;
 use self::hands::Hands;
 use self::knees::Knees;
 use self::rewards::{TERMS, View};
+use crate::task::check_weights;
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
 
 /// Below this height of the pelvis, m, or beyond this tilt, rad, the robot has fallen.
@@ -135,15 +136,7 @@ impl WalkingOptions {
         if !sizes.iter().all(|size| (0.0..1e3).contains(size)) {
             return Err("walking takes a load and a force at the hands from 0 to below 1000".into());
         }
-        let is_known = |given: &String| TERMS.iter().any(|(name, ..)| name == given);
-        if let Some(name) = self.reward_weights.keys().find(|name| !is_known(name)) {
-            let terms = TERMS.map(|(name, ..)| name).join(", ");
-            return Err(format!("walking has no term of the reward named {name:?}; the terms are {terms}").into());
-        }
-        if let Some((name, weight)) = self.reward_weights.iter().find(|(_, weight)| !weight.is_finite()) {
-            return Err(format!("the weight of {name:?} is {weight}; give a finite one").into());
-        }
-        Ok(())
+        check_weights(&self.reward_weights, TERMS.iter().map(|(name, ..)| *name))
     }
 }
 
@@ -199,15 +192,18 @@ impl Walking {
         let knees = Knees::of(&world).ok_or("walking needs a robot with the G1's hip, knee and ankle links")?;
         let pelvis = world.row().robot.pose.translation.z;
         let sole_m = world.world_from_link(*left).translation.z - (pelvis - robot.standing_height());
+        let weights = TERMS.map(|(name, weight, _)| options.reward_weights.get(name).copied().unwrap_or(weight));
         let frames = options.frames;
         let stacked = FRAME.iter().map(|(name, count)| Field::new(*name, &[frames, *count]));
         let privileged = PRIVILEGED.iter().map(|(name, count)| Field::new(format!("privileged.{name}"), &[*count]));
         let spec = Spec {
             actions: names[..MOVED].to_vec(),
+            horizon_steps: options.horizon_steps,
             action_limit: ACTION_LIMIT,
             action_range: vec![[-ACTION_CLAMP as f32, ACTION_CLAMP as f32]; MOVED],
             observation: stacked.chain(privileged).collect(),
             rewards: TERMS.iter().map(|(name, ..)| (*name).to_owned()).collect(),
+            reward_weights: weights.to_vec(),
         };
         Ok(Self {
             spec: Arc::new(spec),
@@ -226,7 +222,7 @@ impl Walking {
             arms: Arms::default(),
             hands: Hands::default(),
             knees,
-            weights: TERMS.map(|(name, weight, _)| options.reward_weights.get(name).copied().unwrap_or(weight)),
+            weights,
             actions: [[0.0; MOVED]; 3],
             slow_velocity: Vector3::zeros(),
             foot_position: [Vector3::zeros(); 2],

@@ -46,7 +46,7 @@ fn a_step_allocates_nothing() {
     let banks = Bank::of_episodes(&SceneConfig::default(), &robot, &gains, &episodes).unwrap();
     let sensors = Sensors::of_body(Task::S07).with(Sensor::Privileged);
     let options = RulebookOptions { variant: Variant::Training, sensors, ..RulebookOptions::new(Task::S07) };
-    let task = Rulebook::new(Task::S07, &banks[0].scene, options, None);
+    let task = Rulebook::new(Task::S07, &banks[0].scene, options, None).unwrap();
     let (allocations, ended) = count(Batch::new(config(banks), &task).unwrap());
     assert!(allocations == 0 && ended > 0, "{allocations} allocations, {ended} ends");
 }

@@ -66,6 +66,10 @@ impl Rewards {
             *term = Term::unpaid(ledger.spec());
             ledger.start(row, &context);
         }
+        self.look_back_at(row);
+    }
+
+    fn look_back_at(&mut self, row: &Row) {
         match &mut self.before {
             Some(before) => before.as_mut().clone_from(row),
             None => self.before = Some(Box::new(row.clone())),
@@ -103,9 +107,11 @@ impl Rewards {
     pub fn set_state(&mut self, RewardsState(states): RewardsState, row: &Row) -> bool {
         let fits = states.len() == self.ledgers.len();
         if fits {
-            self.ledgers.iter_mut().zip(states).for_each(|(ledger, state)| ledger.set_state(state));
-            self.terms = self.ledgers.iter().map(|ledger| Term::unpaid(ledger.spec())).collect();
-            self.before = Some(Box::new(row.clone()));
+            for ((ledger, term), state) in self.ledgers.iter_mut().zip(&mut self.terms).zip(states) {
+                ledger.set_state(state);
+                *term = Term::unpaid(ledger.spec());
+            }
+            self.look_back_at(row);
         }
         fits
     }

@@ -223,6 +223,14 @@ impl World {
         Ok(&self.row)
     }
 
+    /// Refuses an action that [`World::step`] would refuse.
+    ///
+    /// # Errors
+    /// As of [`World::step`].
+    pub fn check_action(&self, action: &[f64]) -> Result<(), WorldError> {
+        self.check_input(&ControlInput::new(action, action))
+    }
+
     fn check_input(&self, input: &ControlInput<'_>) -> Result<(), WorldError> {
         let (robot, model) = (&self.scene.robot, &self.scene.model);
         let expected = robot.joints().len();

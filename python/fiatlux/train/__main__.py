@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .settings import SCENES, Settings
+from .settings import KINDS, SCENES, Settings
 
 EXAMPLES = """examples:
   python -m fiatlux.train walk --out runs/walk --minutes 30
@@ -15,6 +15,8 @@ EXAMPLES = """examples:
   python -m fiatlux.train evaluate runs/walk/last.pt --episodes 100
   python -m fiatlux.train export runs/walk/last.pt mine.safetensors
   fiatlux evaluate --policy wbc:mine.safetensors,vx=0.4 --tasks S07
+  python -m fiatlux.train ppo --task climb --out runs/climb
+  python -m fiatlux.train evaluate runs/climb/last.pt --episodes 100
 
 exit codes: 0 done, 1 the training broke down, 2 wrong arguments or files, 3 stopped by Ctrl-C; --resume goes on"""
 
@@ -28,7 +30,19 @@ which best.pt is chosen.
 
 Ctrl-C ends the run after the iteration it is in, with a checkpoint; once more ends it at once, and the last checkpoint stands."""
 
-EVALUATE = """columns: share of episodes without a fall; errors of means over a second, of the velocities (m/s, rad/s), the pelvis's
+PPO = """The published benchmark's baseline: 53 joint targets from proprioception, contact forces and the last action; the critic also sees
+exact poses. The settings are those of the reference implementation. For a first look within minutes:
+--task climb --worlds 64 --rooms 4 --segment 5 --samples 100000
+
+log: as of walk, with successes in 1,000 steps of a world. After a test of 64 episodes of 20 s in rooms that training has not seen:
+share of successes; mean gate progress; share of falls; mean length (s) and reward of an episode; the score by which best.pt is
+chosen, success + gate progress + reward / 1,000.
+
+Ctrl-C ends the run after the iteration it is in, with a checkpoint; once more ends it at once, and the last checkpoint stands."""
+
+EVALUATE = """Of a baseline: episodes of the task's whole length in rooms that training has not seen, as in a test of ppo. The others:
+
+columns: share of episodes without a fall; errors of means over a second, of the velocities (m/s, rad/s), the pelvis's
 height (m) and the torso's angles (rad); distance of the feet to the side (m) while both stand and the robot walks; share of
 standing steps with an unloaded foot; speed of the joints while standing (rad/s); number of seconds that count, which begin
 1.5 s after a command. '-': no robot stood long enough."""
@@ -51,6 +65,29 @@ def _positive(text: str) -> float:
 _whole.__name__, _positive.__name__ = "whole number", "number"
 
 
+def _add_run(command: argparse.ArgumentParser, settings: type[Settings]) -> None:
+    """Adds the arguments of a run with these settings."""
+    command.add_argument(
+        "--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events"
+    )
+    command.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
+    command.add_argument(
+        "--minutes", type=_positive, help="begin no segment that would end after this many minutes; the first always is"
+    )
+    command.add_argument(
+        "--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)"
+    )
+    command.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
+    for field in dataclasses.fields(settings):
+        value: Any = field.default
+        is_list = isinstance(value, tuple)
+        kind = type(value[0] if value else "") if is_list else type(value)
+        many: dict[str, Any] = {"nargs": "+"} if is_list else {}
+        default = " ".join(map(str, value)) or "none" if is_list else value
+        help_text = f"{field.metadata['help']} (default: {default})"
+        command.add_argument(f"--{field.name.replace('_', '-')}", type=kind, default=None, help=help_text, **many)
+
+
 def _parser() -> argparse.ArgumentParser:
     def add(commands: Any, name: str, text: str, epilog: str = "") -> argparse.ArgumentParser:
         form = argparse.RawDescriptionHelpFormatter
@@ -65,32 +102,14 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    walk = add(commands, "walk", "train the whole-body controller by PPO", WALK)
-    walk.add_argument(
-        "--out", type=Path, required=True, help="folder for checkpoints, learning curve and TensorBoard events"
-    )
-    walk.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
-    walk.add_argument(
-        "--minutes", type=_positive, help="begin no segment that would end after this many minutes; the first always is"
-    )
-    walk.add_argument(
-        "--device", help="PyTorch device of the networks (default: the GPU if there is one, otherwise the CPU)"
-    )
-    walk.add_argument("--threads", type=_whole, help="number of threads for the worlds (default: one for each core)")
-    for field in dataclasses.fields(Settings):
-        value: Any = field.default
-        is_list = isinstance(value, tuple)
-        kind = type(value[0] if value else "") if is_list else type(value)
-        many: dict[str, Any] = {"nargs": "+"} if is_list else {}
-        default = " ".join(map(str, value)) or "none" if is_list else value
-        help_text = f"{field.metadata['help']} (default: {default})"
-        walk.add_argument(f"--{field.name.replace('_', '-')}", type=kind, default=None, help=help_text, **many)
+    _add_run(add(commands, "walk", "train the whole-body controller by PPO", WALK), KINDS["walk"])
+    _add_run(add(commands, "ppo", "train the published benchmark's baseline by PPO, on one task", PPO), KINDS["ppo"])
     evaluate = add(commands, "evaluate", "test a checkpoint's deterministic policy", EVALUATE)
     evaluate.add_argument("checkpoint", type=Path)
     evaluate.add_argument("--episodes", type=_whole, default=1000, help="episodes of 20 s of each test (default: 1000)")
-    evaluate.add_argument("--tests", nargs="+", help="names of tests (default: all)")
+    evaluate.add_argument("--tests", nargs="+", help="names of tests of a controller (default: all)")
     evaluate.add_argument(
-        "--scene", choices=list(SCENES), default="floor", help="where the robot walks (default: floor)"
+        "--scene", choices=list(SCENES), default="floor", help="where a controller walks (default: floor)"
     )
     evaluate.add_argument(
         "--threads", type=_whole, help="number of threads for the worlds (default: one for each core)"
@@ -109,16 +128,21 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if arguments.command == "walk":
-        from .walk import train
+    if arguments.command in KINDS:
+        from .ppo import BaselineRun
+        from .run import train
+        from .walk import WalkRun
 
-        given = {field.name: getattr(arguments, field.name) for field in dataclasses.fields(Settings)}
+        kind = WalkRun if arguments.command == "walk" else BaselineRun
+        given = {field.name: getattr(arguments, field.name) for field in dataclasses.fields(KINDS[arguments.command])}
         given = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in given.items()
             if value is not None
         }
-        return train(arguments.out, given, arguments.resume, arguments.minutes, arguments.device, arguments.threads)
+        return train(
+            kind, arguments.out, given, arguments.resume, arguments.minutes, arguments.device, arguments.threads
+        )
     if arguments.command == "evaluate":
         from .report import main as evaluate
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from .settings import worlds_of
-from .worlds import Worlds
+from .worlds import WalkingWorlds
 
 SECOND = 50
 """Control steps in a second."""
@@ -58,7 +58,7 @@ def measure(
     torso angles (rad). ``apart`` is the feet's distance to the side, m, while both stand and the robot walks. ``progress`` is
     called with the number of each step.
     """
-    worlds = Worlds(
+    worlds = WalkingWorlds(
         episodes,
         device,
         without,

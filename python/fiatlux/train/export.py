@@ -7,9 +7,10 @@ import torch
 from safetensors.torch import save_file
 
 from .. import _native
+from .run import load_checkpoint, settings_of
 from .symmetry import FIELDS, _join
-from .walk import load_checkpoint, models, settings_of
-from .worlds import Worlds
+from .walk import models
+from .worlds import WalkingWorlds
 
 FRAMES = 4
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
@@ -29,7 +30,7 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
         raise ValueError(f"{file}: name a file that ends in .safetensors")
     if file.exists() and not overwrites:
         raise ValueError(f"{file} exists; name another file, or overwrite it with --force")
-    state = load_checkpoint(checkpoint)
+    state = load_checkpoint(checkpoint, "walk")
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     if settings.without:
         raise ValueError(
@@ -41,7 +42,7 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
     mean = 0.5 * (mean + sign * mean[index])
     deviation = 0.5 * (deviation + deviation[index]) + 0.01
-    actor, _ = models(Worlds(1, "cpu"), settings)
+    actor, _ = models(WalkingWorlds(1, "cpu"), settings)
     actor.load_state_dict(weights)
     layers = [[part.detach().double() for part in layer] for layer in actor.mlp.layers()]
     layers[0][0] = layers[0][0] / deviation

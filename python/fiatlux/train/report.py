@@ -2,13 +2,17 @@
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from .._progress import Line, duration
+from ..tasks import TASKS
+from . import ppo, walk
 from .evaluation import SECOND, TESTS, measure
-from .settings import SCENES
-from .walk import device_of, load_checkpoint, models, settings_of
-from .worlds import Worlds
+from .run import device_of, kind_of, load_checkpoint, settings_of
+from .settings import SCENES, Baseline
+from .worlds import WalkingWorlds
 
 
 def main(
@@ -21,13 +25,15 @@ def main(
     as_json: bool = False,
 ) -> int:
     """Prints a table of a checkpoint's tests, a line as each ends; or, at the end, an object with one for each test."""
-    unknown = [name for name in tests or () if name not in TESTS]
-    if unknown:
-        raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
     state = load_checkpoint(checkpoint)
     settings = settings_of(state, {})
     device = device_of(device)
-    actor, _ = models(Worlds(1, device, settings.without), settings)
+    if kind_of(state) == "ppo":
+        return _baseline(state, settings, device, episodes, threads, as_json)
+    unknown = [name for name in tests or () if name not in TESTS]
+    if unknown:
+        raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
+    actor, _ = walk.models(WalkingWorlds(1, device, settings.without), settings)
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.to(device)
     table: dict[str, dict[str, float | None]] = {}
@@ -54,4 +60,26 @@ def main(
             print(f"{name:10}" + "".join(f"{text:>12}" for text in shown), flush=True)
     if as_json:
         print(json.dumps(table, indent=2))
+    return 0
+
+
+def _baseline(
+    state: Mapping[str, Any], settings: Baseline, device: str, episodes: int, threads: int | None, as_json: bool
+) -> int:
+    """Prints the test of a baseline."""
+    worlds = ppo.worlds_of(settings, device, 1, ppo.FIRST_TEST_ROOM, 0, threads)
+    actor, _ = ppo.models(worlds, settings)
+    worlds.env.close()
+    actor.load_state_dict(state["ppo"]["actor_state_dict"])
+    line, steps = Line(), TASKS[settings.task].horizon_steps
+
+    def show(step: int) -> None:
+        line.show(
+            f"{step / SECOND:.0f} of {steps // SECOND} s, {duration(line.seconds_left(step, steps))} left at most"
+        )
+
+    found = ppo.measure(actor.to(device), settings, device, threads, episodes, progress=show)
+    line.show("")
+    table = {"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}
+    print(json.dumps(table, indent=2) if as_json else "\n".join(f"{name:15}{value}" for name, value in table.items()))
     return 0

@@ -3,9 +3,10 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from .. import _native
+from ..tasks import TASKS
 
 PARTS = ("history", "clock", "symmetry")
 """What a policy can be trained without."""
@@ -19,22 +20,49 @@ def _of(default: Any, text: str, least: float | None = None, most: float = math.
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a run. A checkpoint holds them; a resumed run keeps them, but for those that are given anew.
+    """Settings that all runs share. A checkpoint holds them; a resumed run keeps them, but for those that are given anew.
 
     Raises:
         ValueError: A setting is out of range.
     """
 
+    FIXED: ClassVar[tuple[str, ...]] = ("hidden", "critic")
+    """Settings that a resumed run cannot change."""
+
     seed: int = _of(0, "seed of networks and worlds", 0)
     worlds: int = _of(2048, "worlds", 1)
     steps: int = _of(24, "control steps of each world in an iteration", 1)
-    segment: int = _of(25, "iterations from one checkpoint to the next; the worlds begin anew at each", 1)
+    segment: int = _of(25, "iterations from one checkpoint to the next", 1)
     samples: int = _of(100_000_000, "control steps of the whole run, all worlds together", 1)
     hidden: tuple[int, ...] = _of((256, 256, 128), "sizes of the policy's hidden layers", 2)
     critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers", 2)
     epochs: int = _of(5, "passes over an iteration's samples", 1)
     batches: int = _of(4, "minibatches of a pass", 1)
     desired_kl: float = _of(0.012, "step of the policy that the learning rate is adjusted for", 1e-6)
+    evaluate: int = _of(6, "checkpoints from one evaluation to the next", 1)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            least, most = field.metadata["least"], field.metadata["most"]
+            value = getattr(self, field.name)
+            if least is None:
+                continue
+            for number in value if isinstance(value, tuple) else (value,):
+                if not least <= number <= most:
+                    bounds = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
+                    raise ValueError(f"{field.name} is {number}; give {bounds}")
+        if self.batches > self.worlds * self.steps:
+            raise ValueError(
+                f"batches is {self.batches}, but an iteration has {self.worlds * self.steps} samples; give fewer"
+            )
+
+
+@dataclass(frozen=True)
+class Walk(Settings):
+    """Settings of a run of the whole-body controller."""
+
+    FIXED: ClassVar[tuple[str, ...]] = (*Settings.FIXED, "without")
+
     entropy: float = _of(
         0.003, "weight of the entropy at first; it falls to a sixth over the second half of the curriculum's time", 0
     )
@@ -60,28 +88,54 @@ class Settings:
     )
     start_difficulty: float = _of(0.0, "difficulty of a new run, and of a resumed one that is given it", 0, 1)
     widen: float = _of(1.0, "factor of the actions' standard deviation where a run is resumed", 0.01, 100)
-    evaluate: int = _of(6, "checkpoints from one evaluation to the next", 1)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            least, most = field.metadata["least"], field.metadata["most"]
-            value = getattr(self, field.name)
-            if least is None:
-                continue
-            for number in value if isinstance(value, tuple) else (value,):
-                if not least <= number <= most:
-                    bounds = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
-                    raise ValueError(f"{field.name} is {number}; give {bounds}")
+        super().__post_init__()
         if self.scene not in SCENES:
             raise ValueError(f"scene is {self.scene!r}; give {' or '.join(SCENES)}")
         unknown = set(self.without) - set(PARTS)
         if unknown:
             raise ValueError(f"without: {', '.join(sorted(unknown))} is not known; give some of {', '.join(PARTS)}")
-        if self.batches > self.worlds * self.steps:
-            raise ValueError(
-                f"batches is {self.batches}, but an iteration has {self.worlds * self.steps} samples; give fewer"
-            )
         weights_of(self.reward)
+
+
+@dataclass(frozen=True)
+class Baseline(Settings):
+    """Settings of a run of the published benchmark's baseline: PPO from nothing on the joints of a task, with the settings of the
+    reference implementation for RSL-RL."""
+
+    FIXED: ClassVar[tuple[str, ...]] = (*Settings.FIXED, "task", "worlds", "rooms", "episodes", "sensors", "robot")
+
+    hidden: tuple[int, ...] = _of((512, 256, 128), "sizes of the policy's hidden layers", 2)
+    critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers", 2)
+    epochs: int = _of(8, "passes over an iteration's samples", 1)
+    desired_kl: float = _of(0.01, "step of the policy that the learning rate is adjusted for", 1e-6)
+    task: str = _of("climb", "the task, such as S02")
+    entropy: float = _of(0.006, "weight of the entropy", 0)
+    learning_rate: float = _of(1e-3, "learning rate at first", 1e-9)
+    std: float = _of(1.0, "standard deviation of an action at first", 0.01, 100)
+    reward: str = _of("training", "training: the shaped reward; benchmark: what the task's score pays")
+    protocol: str = _of("published", "which judge ends an episode: published or strict")
+    sensors: tuple[str, ...] = _of((), "sensors of the policy, such as lidar; without names, the task's usual ones")
+    robot: str = _of("g1_inspire", "robot")
+    rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)
+    episodes: int = _of(4, "start states in each room", 1)
+    stagger: int = _of(
+        1, "1: the first episodes end at random times, so that the worlds are not in step; 0: they do not", 0, 1
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.task not in TASKS:
+            raise ValueError(f"task is {self.task!r}; give one of {', '.join(TASKS)}")
+        if self.rooms > self.worlds:
+            raise ValueError(
+                f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each"
+            )
+
+
+KINDS: dict[str, type[Settings]] = {"walk": Walk, "ppo": Baseline}
+"""Settings of each command that trains."""
 
 
 def weights_of(given: tuple[str, ...]) -> dict[str, float]:
@@ -102,7 +156,7 @@ def weights_of(given: tuple[str, ...]) -> dict[str, float]:
     return weights
 
 
-def worlds_of(difficulty: float, pushes: float = Settings.pushes) -> dict[str, Any]:
+def worlds_of(difficulty: float, pushes: float = Walk.pushes) -> dict[str, Any]:
     """Arguments of :class:`fiatlux.WalkingVectorEnv` at a difficulty from 0 to 1: everything that disturbs grows with it."""
 
     def between(easy: float, hard: float) -> float:

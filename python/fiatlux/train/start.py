@@ -32,7 +32,7 @@ def read(file: Path) -> tuple[list[torch.Tensor], dict[str, Any]]:
 
 
 def begin_with(run: Any, file: Path) -> None:
-    """Gives a new `walk.Run` the policy of an exported controller, and counts on from its samples and minutes. The critic is new.
+    """Gives a new `walk.WalkRun` the policy of an exported controller, and counts on from its samples and minutes. The critic is new.
 
     Raises:
         ValueError: The file is not an exported controller, or its networks differ from the settings.

@@ -86,3 +86,14 @@ def test_steps_and_ends_are_those_of_the_worlds():
 def test_named_fields_are_refused():
     with pytest.raises(ValueError, match="observation='flat'"):
         RslRlVecEnv(fiatlux.WalkingVectorEnv(2, observation="dict"), max_episode_length=10)
+
+
+def test_random_initial_lengths_take_effect():
+    """A world whose episode counts as so long already times out as much earlier, once."""
+    env = RslRlVecEnv(fiatlux.WalkingVectorEnv(3, horizon_steps=6), max_episode_length=6)
+    still = torch.zeros(3, env.num_actions)
+    env.step(still)
+    env.episode_length_buf = torch.tensor([1, 3, 5])
+    ends = [env.step(still)[3]["time_outs"].tolist() for _ in range(8)]
+    of = [[step for step, ended in enumerate(ends, 1) if ended[world]] for world in range(3)]
+    assert of == [[5], [3], [1, 7]]

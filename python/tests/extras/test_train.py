@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import json
 import os
 import pathlib
 import pty
@@ -17,16 +18,17 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from fiatlux.train.settings import Settings  # noqa: E402
+from fiatlux.train.run import load_checkpoint  # noqa: E402
+from fiatlux.train.settings import Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
-from fiatlux.train.walk import load_checkpoint, models  # noqa: E402
-from fiatlux.train.worlds import Worlds  # noqa: E402
+from fiatlux.train.walk import models  # noqa: E402
+from fiatlux.train.worlds import WalkingWorlds  # noqa: E402
 
 
 def test_reflected_observations_give_reflected_actions_and_equal_values():
     torch.manual_seed(0)
-    worlds = Worlds(2, "cpu")
-    actor, critic = models(worlds, Settings(hidden=(64, 32), critic=(64, 32)))
+    worlds = WalkingWorlds(2, "cpu")
+    actor, critic = models(worlds, Walk(hidden=(64, 32), critic=(64, 32)))
     for model, group in ((actor, "policy"), (critic, "critic")):
         network = model.mlp
         numbers = torch.randn(16, worlds.observation[group].shape[1])
@@ -37,9 +39,9 @@ def test_reflected_observations_give_reflected_actions_and_equal_values():
 
 
 def test_pairs_of_units_need_even_layers():
-    worlds = Worlds(1, "cpu")
+    worlds = WalkingWorlds(1, "cpu")
     with pytest.raises(ValueError, match="even"):
-        models(worlds, Settings(hidden=(63, 32)))
+        models(worlds, Walk(hidden=(63, 32)))
     worlds.env.close()
 
 
@@ -191,6 +193,57 @@ def test_other_files_are_not_checkpoints(tmp_path):
     ):
         code, _, error = run(*arguments)
         assert code == 2 and error.startswith("error: ") and "Traceback" not in error
+
+
+BASELINE = [
+    "--worlds",
+    "6",
+    "--rooms",
+    "2",
+    "--episodes",
+    "1",
+    "--steps",
+    "8",
+    "--segment",
+    "2",
+    "--hidden",
+    "32",
+    "--critic",
+    "32",
+]
+
+
+def test_a_baseline_that_is_resumed_goes_on_as_if_it_had_not_stopped(tmp_path):
+    """Worlds, networks, optimiser and random streams: the curve and the networks are the same to the last bit."""
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    arguments = ["--task", "climb", *BASELINE, "--threads", "2", "--device", "cpu", "--evaluate", "2"]
+    assert run("ppo", "--out", whole, *arguments, "--samples", 288)[0] == 0
+    assert run("ppo", "--out", parts, *arguments, "--samples", 96)[0] == 0
+    assert run("ppo", "--out", parts, "--resume", "--device", "cpu", "--samples", 288)[0] == 0
+    curves = []
+    for out in (whole, parts):
+        with (out / "curve.csv").open() as file:
+            curves.append(list(csv.DictReader(file)))
+    assert [int(row["samples"]) for row in curves[0]] == [96, 192, 288]
+    timed = ("minutes", "steps_per_s", "rollout_share")
+    for one, other in zip(*curves, strict=True):
+        assert {name: one[name] for name in one if name not in timed} == {
+            name: other[name] for name in other if name not in timed
+        }
+    assert "reward/robot_fall" in curves[0][0] and curves[0][1]["test/gate_progress"]
+    one, other = (load_checkpoint(out / "last.pt", "ppo")["ppo"]["actor_state_dict"] for out in (whole, parts))
+    for name in one:
+        torch.testing.assert_close(one[name], other[name], rtol=0, atol=0)
+
+    code, said, _ = run("evaluate", whole / "last.pt", "--episodes", 2, "--json")
+    found = json.loads(said)
+    assert code == 0 and found["task"] == "climb" and found["episodes"] == 2 and 0 < found["seconds"] <= 120
+    code, _, error = run("export", whole / "last.pt", tmp_path / "x.safetensors")
+    assert code == 2 and "is of a run of ppo; this needs one of walk" in error
+    code, _, error = run("ppo", "--out", whole, "--resume", "--task", "S02")
+    assert code == 2 and "task is S02, but the checkpoint's is climb" in error
+    code, _, error = run("ppo", "--out", tmp_path / "new", "--task", "S99")
+    assert code == 2 and "task is 'S99'; give one of" in error
 
 
 def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):

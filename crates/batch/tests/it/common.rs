@@ -22,6 +22,7 @@ pub fn walkers(worlds: usize, threads: usize, seed: u64) -> Batch {
         stiffness: [0.9, 1.1],
         damping: [0.8, 1.2],
         effort_limit: [0.9, 1.0],
+        ..Ranges::NOMINAL
     };
     let bank = Bank::standing(floor()).varied(&ranges, 5, 3);
     let task = Walking::new(&bank.scene, Default::default()).unwrap();

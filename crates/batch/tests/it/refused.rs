@@ -68,7 +68,7 @@ fn bad_steps_change_nothing() {
     let refused = batch.step(&[0.0; 45], &mut buffers).unwrap_err();
     assert_eq!(refused.to_string(), "terminated has 0 numbers instead of 3");
     assert!(matches!(batch.reset(&mut []), Err(BatchError::Length { field: "observation", .. })));
-    assert!(matches!(batch.reset_world(3, None, &mut []), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
+    assert!(matches!(batch.save_world(3), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
     assert_eq!(rows, (0..3).map(|world| batch.row(world).unwrap()).collect::<Vec<_>>());
     batch.step(&[0.0; 45], &mut outputs.buffers()).unwrap();
 }
@@ -132,9 +132,11 @@ fn faults_of_a_task_stay_its_own() {
     let spec = Spec {
         actions: vec!["what".into()],
         action_range: vec![[0.0, 2.0]],
+        horizon_steps: 100,
         action_limit: 9.0,
         observation: vec![],
         rewards: vec!["one".into()],
+        reward_weights: vec![1.0],
     };
     let mut batch = simple(Bank::standing(floor()), &Faulty(spec), 4, 2);
     let mut outputs = Outputs::new(&batch);

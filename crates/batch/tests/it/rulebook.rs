@@ -41,7 +41,7 @@ fn rig(specs: &[EpisodeSpec], threads: usize, form: ActionForm) -> Rig {
     let (task, variant) = (specs[0].task, specs[0].variant);
     let options =
         RulebookOptions { variant, sensors: SENSORS, noise: false, action_form: form, ..RulebookOptions::new(task) };
-    let played = Rulebook::new(task, &banks[0].scene, options, None);
+    let played = Rulebook::new(task, &banks[0].scene, options, None).unwrap();
     let batch = Batch::new(BatchConfig { threads, ..BatchConfig::new(banks) }, &played).unwrap();
     Rig { batch, episodes }
 }
@@ -125,7 +125,7 @@ fn whatever_is_drawn_is_drawn_as_in_an_episode() {
         let sensors = Sensors::of(&[Sensor::Camera, Sensor::ChestCamera]);
         let image_size = [32, 24];
         let options = RulebookOptions { sensors, image_size, ..RulebookOptions::new(spec.task) };
-        let played = Rulebook::new(spec.task, &scene, options, None);
+        let played = Rulebook::new(spec.task, &scene, options, None).unwrap();
         let mut batch = Batch::new(BatchConfig::new(banks), &played).unwrap();
         let mut seen = vec![0.0; batch.spec().observation_length()];
         batch.reset(&mut seen).unwrap();
@@ -175,7 +175,7 @@ fn episodes_of_a_room_share_a_bank() {
     assert_eq!(banks.iter().map(|bank| bank.starts.len()).collect::<Vec<_>>(), [3, 1]);
     assert_ne!(banks[0].starts[0].variation, banks[0].starts[1].variation);
     let options = RulebookOptions::new(Task::S07);
-    let task = Rulebook::new(Task::S07, &banks[0].scene, options, None);
+    let task = Rulebook::new(Task::S07, &banks[0].scene, options, None).unwrap();
     let batch = Batch::new(BatchConfig { worlds: 4, ..BatchConfig::new(banks) }, &task).unwrap();
     let seeds = (0..4).map(|world| batch.scene(world).unwrap().spec.seed).collect::<Vec<_>>();
     assert_eq!(seeds, [0, 0, 1, 1]);

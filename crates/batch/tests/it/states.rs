@@ -1,8 +1,10 @@
 //! Results depend on config and actions alone, and a saved state goes on exactly.
 
-use fiatlux_batch::{BatchError, Outputs, Snapshot};
+use fiatlux_batch::{
+    Autoreset, Bank, Batch, BatchConfig, BatchError, Begin, Outputs, Snapshot, Walking, WalkingOptions,
+};
 
-use crate::common::{actions, play, walkers};
+use crate::common::{actions, floor, play, simple, walkers};
 
 #[test]
 fn threads_change_nothing() {
@@ -80,8 +82,9 @@ fn a_world_begins_at_any_row() {
     play(&mut batch, &mut outputs, 0..12);
     let row = batch.row(0).unwrap();
     let others = [batch.row(0).unwrap(), batch.row(1).unwrap()];
-    let mut observation = vec![0.0; batch.spec().observation_length()];
-    batch.reset_world(2, Some(&row), &mut observation).unwrap();
+    let mut observation = vec![0.0; outputs.observation.len()];
+    let begin = |world| if world == 2 { Begin::AtRow(Box::new(row.clone())) } else { Begin::Stays };
+    batch.reset_worlds(begin, None, &mut observation).unwrap();
     let begun = batch.row(2).unwrap();
     assert_eq!(begun.step, 0);
     // Walking draws posture and turn anew, and leaves the place.
@@ -122,11 +125,125 @@ fn marked_worlds_begin_anew() {
     let mut outputs = Outputs::new(&batch);
     play(&mut batch, &mut outputs, 0..9);
     let rows = [0, 1, 2].map(|world| batch.row(world).unwrap());
-    batch.reset_marked(&[false, true, false], Some(8), &mut outputs.observation).unwrap();
+    let begin = |world| if world == 1 { Begin::AtStart } else { Begin::Stays };
+    batch.reset_worlds(begin, Some(8), &mut outputs.observation).unwrap();
     assert_eq!([batch.row(0).unwrap(), batch.row(2).unwrap()], [rows[0].clone(), rows[2].clone()]);
     let mut fresh = walkers(3, 1, 8);
     fresh.reset_with_seed(8, &mut Outputs::new(&batch).observation).unwrap();
     assert_eq!(batch.row(1).unwrap(), fresh.row(1).unwrap());
-    let refused = batch.reset_marked(&[true], None, &mut outputs.observation).unwrap_err();
-    assert_eq!(refused.to_string(), "marks has 1 numbers instead of 3");
+}
+
+/// Every copy does what its model does, to the last bit: rows, observations, rewards and ends, over episodes that end.
+#[test]
+fn copied_worlds_go_on_as_their_model() {
+    for threads in [1, 3] {
+        let mut batch = walkers(7, threads, 5);
+        let mut outputs = Outputs::new(&batch);
+        play(&mut batch, &mut outputs, 0..23);
+        let (others, length) = ([batch.row(0).unwrap(), batch.row(4).unwrap()], batch.spec().observation_length());
+        let marks = [false, true, true, false, false, true, true];
+        batch.copy_world(3, &marks, &mut outputs.observation).unwrap();
+        assert_eq!([batch.row(0).unwrap(), batch.row(4).unwrap()], others);
+        let mut ended = 0;
+        for step in 0..100 {
+            let one = &actions(&batch, step)[..15];
+            batch.step(&one.repeat(7), &mut outputs.buffers()).unwrap();
+            let model = batch.row(3).unwrap();
+            for copy in (0..7).filter(|world| marks[*world]) {
+                assert!(batch.row(copy).unwrap() == model, "world {copy} step {step}");
+                let of = |world: usize| &outputs.observation[world * length..][..length];
+                assert_eq!(of(copy), of(3), "world {copy} step {step}");
+                assert_eq!(outputs.reward[copy], outputs.reward[3]);
+            }
+            ended += usize::from(outputs.terminated[3]);
+        }
+        assert!(ended > 0, "no episode ended");
+    }
+}
+
+/// The state of one world goes into a batch of any size with the same settings, by way of its bytes too.
+#[test]
+fn one_world_s_snapshot_fits_where_its_settings_do() {
+    let mut batch = walkers(3, 2, 5);
+    let mut outputs = Outputs::new(&batch);
+    play(&mut batch, &mut outputs, 0..23);
+    let bytes = batch.save_world(1).unwrap().to_bytes();
+    let saved = Snapshot::from_bytes(&bytes).unwrap();
+    let mut other = walkers(2, 1, 9);
+    let mut observation = Outputs::new(&other).observation;
+    other.restore_worlds(&saved, &[false, true], &mut observation).unwrap();
+    assert_eq!(other.row(1).unwrap(), batch.row(1).unwrap());
+    let refused = other.restore_worlds(&batch.save().unwrap(), &[true, true], &mut observation).unwrap_err();
+    assert_eq!(refused.to_string(), "worlds of the snapshot has 3 numbers instead of 1");
+    let refused = other.restore_worlds(&saved, &[true], &mut observation).unwrap_err();
+    assert_eq!(refused.to_string(), "marks has 1 numbers instead of 2");
+
+    let (scene, options) = (floor(), Default::default());
+    let task = Walking::new(&scene, options).unwrap();
+    let mut plain = simple(Bank::standing(scene), &task, 2, 1);
+    let refused = plain.restore_worlds(&saved, &[true, true], &mut observation).unwrap_err().to_string();
+    assert!(refused.starts_with("snapshot: disturbances is "), "{refused}");
+}
+
+/// Worlds that began together end one by one, once: the next episodes have their whole length.
+#[test]
+fn shortened_episodes_end_one_by_one() {
+    let scene = floor();
+    let options = WalkingOptions { horizon_steps: 4, ..Default::default() };
+    let task = Walking::new(&scene, options).unwrap();
+    let mut batch = simple(Bank::standing(scene), &task, 3, 2);
+    let mut outputs = Outputs::new(&batch);
+    batch.shorten_episodes(&[0, 1, 3]).unwrap();
+    let ends: Vec<_> = (0..8)
+        .map(|_| {
+            batch.step(&[0.0; 45], &mut outputs.buffers()).unwrap();
+            outputs.truncated.clone()
+        })
+        .collect();
+    let of = |world: usize| (1..=8).filter(|step| ends[step - 1][world]).collect::<Vec<_>>();
+    assert_eq!([of(0), of(1), of(2)], [vec![4, 8], vec![3, 7], vec![1, 5]]);
+    assert_eq!(batch.shorten_episodes(&[0]).unwrap_err().to_string(), "steps has 1 numbers instead of 3");
+}
+
+/// Starts are drawn by their weights, and one without weight never.
+#[test]
+fn starts_are_drawn_by_weight() {
+    let (scene, options) = (floor(), Default::default());
+    let task = Walking::new(&scene, options).unwrap();
+    let mut bank = Bank::standing(scene);
+    for (x, weight) in [(1.0, 3.0), (2.0, 0.0)] {
+        let mut start = bank.starts[0].clone();
+        start.row.robot.pose.translation.x = x;
+        start.weight = weight;
+        bank.starts.push(start);
+    }
+    let batch = simple(bank.clone(), &task, 400, 1);
+    let at = |x| (0..400).filter(|world| batch.row(*world).unwrap().robot.pose.translation.x == x).count();
+    // Four standard deviations of a binomial count are 35.
+    assert!((65..=135).contains(&at(0.0)) && at(2.0) == 0 && at(0.0) + at(1.0) == 400, "{} {}", at(0.0), at(1.0));
+    bank.starts.iter_mut().for_each(|start| start.weight = 0.0);
+    let refused = Batch::new(BatchConfig::new(vec![bank]), &task).unwrap_err().to_string();
+    assert!(refused.starts_with("bank 0: the weights of starts must be"), "{refused}");
+}
+
+/// An end of the caller's own begins the next episode as the autoreset says.
+#[test]
+fn episodes_end_on_demand() {
+    for autoreset in [Autoreset::SameStep, Autoreset::NextStep, Autoreset::Disabled] {
+        let scene = floor();
+        let task = Walking::new(&scene, Default::default()).unwrap();
+        let config = BatchConfig { worlds: 2, autoreset, ..BatchConfig::new(vec![Bank::standing(scene)]) };
+        let mut batch = Batch::new(config, &task).unwrap();
+        let mut outputs = Outputs::new(&batch);
+        batch.step(&[0.0; 30], &mut outputs.buffers()).unwrap();
+        batch.end_episodes(&[true, false], &mut outputs.observation).unwrap();
+        let steps = |batch: &Batch| [0, 1].map(|world| batch.row(world).unwrap().step);
+        assert_eq!(steps(&batch), [u64::from(autoreset != Autoreset::SameStep), 1]);
+        let stepped = batch.step(&[0.0; 30], &mut outputs.buffers());
+        match autoreset {
+            Autoreset::SameStep => assert_eq!(steps(&batch), [1, 2]),
+            Autoreset::NextStep => assert_eq!(steps(&batch), [0, 2]),
+            Autoreset::Disabled => assert!(matches!(stepped, Err(BatchError::Ended { world: 0 })), "{stepped:?}"),
+        }
+    }
 }
