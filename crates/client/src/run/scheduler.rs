@@ -206,6 +206,15 @@ impl Scheduler {
         }
     }
 
+    /// An episode was played to its end where there is no ledger to confirm it.
+    pub(super) fn played(&mut self, index: usize, success: bool) {
+        self.ended(index);
+        if let Standing::Ended { server, .. } = &mut self.episodes[index].standing {
+            let (server, entry) = (std::mem::take(server), RunEpisode { success, ..RunEpisode::default() });
+            self.episodes[index].standing = Standing::Decided { server, entry };
+        }
+    }
+
     /// An episode was not played to its end.
     pub(super) fn set_back(&mut self, index: usize, setback: Setback) {
         let busy = self.playing().count();
