@@ -18,6 +18,7 @@
 //! assert!(error.to_string().contains("Action"), "{error}");
 //! assert_eq!(ServerKeys::new("lab").session("42").action(), "fiatlux/v3/lab/s/42/action");
 //! ```
+mod body_command;
 mod decode;
 pub mod keys;
 pub mod limits;
@@ -27,6 +28,7 @@ mod sensor;
 mod text;
 mod version;
 
+pub use body_command::{BodyCommand, NOMINAL_HEIGHT};
 pub use decode::{DecodeError, decode, decode_onto};
 pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use prost::Message;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{ARMS, Arms, BodyCommand, Controller, MOVED, Network, Sensed};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
@@ -59,7 +59,7 @@ impl WholeBody {
 
     /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside the trained range.
     fn check(&self, command: [f64; 7]) -> PyResult<()> {
-        self.controller.check(&command_of(command)).map_err(|error| refused(&error))
+        self.controller.check(&BodyCommand::from(command)).map_err(|error| refused(&error))
     }
 
     /// Takes a control step; returns the joint targets of legs and waist, rad.
@@ -83,7 +83,7 @@ impl WholeBody {
         };
         self.has_begun = true;
         let mut targets = [0.0; MOVED];
-        self.controller.step(&sensed, &command_of(command), &mut targets).map_err(|error| refused(&error))?;
+        self.controller.step(&sensed, &BodyCommand::from(command), &mut targets).map_err(|error| refused(&error))?;
         Ok(targets)
     }
 
@@ -98,8 +98,4 @@ impl WholeBody {
         self.has_begun = true;
         self.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
     }
-}
-
-fn command_of([vx, vy, wz, height, roll, pitch, yaw]: [f64; 7]) -> Command {
-    Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] }
 }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{ACTION_CLAMP, ARMS, Clock, Command, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
+use fiatlux_wbc::{ACTION_CLAMP, ARMS, BodyCommand, Clock, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -162,7 +162,7 @@ pub struct Walking {
     noise: Option<NoiseSeed>,
     sensed: Proprioception,
     history: History,
-    command: Command,
+    command: BodyCommand,
     command_left: u32,
     setpoint: Setpoint,
     clock: Clock,
@@ -219,7 +219,7 @@ impl Walking {
             noise: None,
             sensed: Proprioception::zeros(names.len()),
             history: History::new(frames),
-            command: Command::default(),
+            command: BodyCommand::default(),
             command_left: 0,
             setpoint: Setpoint::default(),
             clock: Clock::default(),
@@ -294,7 +294,7 @@ impl Task for Walking {
         (self.command, self.command_left) = draw_command(&self.options, random);
         // The robot starts upright, at the height that is reached from there.
         let height = world.row().robot.pose.translation.z;
-        self.setpoint = Setpoint::at(Command { height, torso: [0.0; 3], ..self.command });
+        self.setpoint = Setpoint::at(BodyCommand { height, torso: [0.0; 3], ..self.command });
         self.clock = Clock::at(random.unit());
         let (row, robot) = (world.row(), &world.scene().robot);
         self.arms.begin(robot, &row.joint_position[MOVED..MOVED + ARMS], self.options.arm_range, random);

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_wbc::{Command, Joint, Network, Sensed, SensedTerms};
+use fiatlux_wbc::{BodyCommand, Joint, Network, Sensed, SensedTerms};
 
 use fiatlux_client::PolicyError;
 
@@ -107,21 +107,10 @@ pub(super) fn words<'a>(
     })
 }
 
-/// Names of the fields of a command.
-pub(super) const COMMAND: &str = "vx, vy, wz, height, roll, pitch, yaw";
-
 /// Sets a field of a command; `None` if the field is unknown or the value is not a finite number.
-pub(super) fn set(command: &mut Command, name: &str, value: &str) -> Option<()> {
-    let place = match name {
-        "vx" => &mut command.velocity[0],
-        "vy" => &mut command.velocity[1],
-        "wz" => &mut command.velocity[2],
-        "height" => &mut command.height,
-        "roll" => &mut command.torso[0],
-        "pitch" => &mut command.torso[1],
-        "yaw" => &mut command.torso[2],
-        _ => return None,
-    };
-    *place = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+pub(super) fn set(command: &mut BodyCommand, name: &str, value: &str) -> Option<()> {
+    let (mut numbers, index) = (command.numbers(), BodyCommand::NAMES.iter().position(|known| *known == name)?);
+    numbers[index] = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+    *command = numbers.into();
     Some(())
 }

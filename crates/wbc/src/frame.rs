@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Command, NOMINAL_HEIGHT};
+use crate::{BodyCommand, NOMINAL_HEIGHT};
 
 /// Joints of the robot's body, legs, waist and arms: the first ones of the public joint order.
 pub const BODY: usize = MOVED + ARMS;
@@ -96,7 +96,7 @@ impl History {
     pub fn push(
         &mut self,
         sensed: &Sensed<'_>,
-        command: &Command,
+        command: &BodyCommand,
         clock: [f64; 4],
         last_action: &[f64; MOVED],
         is_first: bool,

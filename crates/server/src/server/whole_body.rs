@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, LazyLock};
 
-use fiatlux_proto::v3::{Proprioception, WholeBodyCommand};
-use fiatlux_wbc::{ARMS, Arms, BODY, Command, Controller, Joint, MOVED, Network, SensedTerms, Senses, WbcError};
+use fiatlux_proto::v3::Proprioception;
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, Joint, MOVED, Network, SensedTerms, Senses, WbcError};
 use fiatlux_world::{ACTION_SCALE, Scene};
 
 /// The shipped network, read when the first session opens.
@@ -14,10 +14,13 @@ static NETWORK: LazyLock<Result<Arc<Network>, WbcError>> = LazyLock::new(|| Netw
 pub(super) fn ranges(scene: &Scene) -> Vec<f64> {
     let fits = |network: &&Arc<Network>| network.contract().fits_joints(&joints(scene)).is_ok();
     let Some(network) = NETWORK.as_ref().ok().filter(fits) else { return Vec::new() };
-    let [vx, vy, wz, walking, standing, roll, pitch, yaw] = network.contract().command;
-    // The controller itself keeps a robot that walks within the narrower one.
-    let height = [walking[0].min(standing[0]), walking[1].max(standing[1])];
-    [vx, vy, wz, height, roll, pitch, yaw].concat()
+    let [walking, standing] = [true, false].map(|walks| network.contract().command_ranges(walks));
+    // The controller itself keeps a robot that walks within the narrower range of heights.
+    walking
+        .iter()
+        .zip(standing)
+        .flat_map(|(walking, standing)| [walking[0].min(standing[0]), walking[1].max(standing[1])])
+        .collect()
 }
 
 fn joints(scene: &Scene) -> Vec<Joint> {
@@ -58,12 +61,7 @@ impl WholeBody {
     ///
     /// # Errors
     /// [`WbcError`]: what is sensed is not finite.
-    pub fn step(
-        &mut self,
-        seen: &Proprioception,
-        command: &WholeBodyCommand,
-        named: &[f64],
-    ) -> Result<Vec<f64>, WbcError> {
+    pub fn step(&mut self, seen: &Proprioception, command: &BodyCommand, named: &[f64]) -> Result<Vec<f64>, WbcError> {
         let sensed = self.senses.read(&SensedTerms {
             base_angular_velocity: &seen.base_angular_velocity,
             projected_gravity: &seen.projected_gravity,
@@ -76,9 +74,7 @@ impl WholeBody {
             self.targets[MOVED..].copy_from_slice(&named[MOVED..]);
             self.is_named = true;
         }
-        let WholeBodyCommand { vx, vy, wz, height, roll, pitch, yaw } = *command;
-        let command = Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] };
-        self.controller.step(&sensed, &command, &mut self.targets)?;
+        self.controller.step(&sensed, command, &mut self.targets)?;
         let mut targets = self.targets.clone();
         if self.is_named {
             let mut angles = [0.0; ARMS];

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{BodyCommand, Controller, MOVED, Network, Sensed};
 use fiatlux_world::{AppliedWrench, ControlInput, Push, Random, Scene, SceneConfig, SceneSpec, Stream, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -56,7 +56,7 @@ impl Play {
     }
 
     /// Pelvis and hand, m, or none where it has fallen.
-    pub fn step(&mut self, command: &Command) -> Option<[Vector3<f64>; 2]> {
+    pub fn step(&mut self, command: &BodyCommand) -> Option<[Vector3<f64>; 2]> {
         self.observer.observe(self.world.row(), &mut self.seen);
         let sensed = Sensed {
             base_angular_velocity: self.seen.base_angular_velocity,
