@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{ACTION_CLAMP, ARMS, BodyCommand, Clock, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
+use fiatlux_wbc::{ACTION_CLAMP, ARMS, BodyCommand, Clock, FRAME, History, LEGS, MOVED, Setpoint, scale};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -247,18 +247,8 @@ impl Walking {
 
     fn remember(&mut self, row: &Row) {
         self.observer.observe(row, &mut self.sensed);
-        let Proprioception { base_angular_velocity, projected_gravity, base_linear_velocity, base_height, .. } =
-            self.sensed;
-        let sensed = Sensed {
-            base_angular_velocity,
-            projected_gravity,
-            base_linear_velocity,
-            base_height,
-            joint_position: &self.sensed.joint_position,
-            joint_velocity: &self.sensed.joint_velocity,
-        };
         let (command, clock) = (self.setpoint.now(), self.clock.signal());
-        self.history.push(&sensed, command, clock, &self.actions[0], row.step == 0);
+        self.history.push(&self.sensed.view(), command, clock, &self.actions[0], row.step == 0);
     }
 }
 

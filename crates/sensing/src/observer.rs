@@ -1,39 +1,9 @@
 //! What the robot senses of its own body: a row, and uniform noise.
 
+use fiatlux_proto::Proprioception;
 use fiatlux_rules::Row;
 use fiatlux_world::{EpisodeSpec, Random, Stream};
 use nalgebra::Vector3;
-
-/// What the robot senses of its own body in one row. The pelvis frame is the pelvis link's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Proprioception {
-    /// Angular velocity of the pelvis, pelvis frame, rad/s.
-    pub base_angular_velocity: [f64; 3],
-    /// Direction of gravity, pelvis frame: a unit vector, (0, 0, -1) upright, before noise.
-    pub projected_gravity: [f64; 3],
-    /// Velocity of the pelvis link's origin, pelvis frame, m/s.
-    pub base_linear_velocity: [f64; 3],
-    /// Height of the pelvis link's origin in the world, m.
-    pub base_height: f64,
-    /// Joint positions less those of the standing posture q0, public order, rad.
-    pub joint_position: Vec<f64>,
-    /// Joint velocities, public order, rad/s.
-    pub joint_velocity: Vec<f64>,
-}
-
-impl Proprioception {
-    /// All numbers 0, for a robot with that many joints.
-    pub fn zeros(joints: usize) -> Self {
-        Self {
-            base_angular_velocity: [0.0; 3],
-            projected_gravity: [0.0; 3],
-            base_linear_velocity: [0.0; 3],
-            base_height: 0.0,
-            joint_position: vec![0.0; joints],
-            joint_velocity: vec![0.0; joints],
-        }
-    }
-}
 
 /// Which episode's noise is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -13,7 +13,6 @@ mod controller;
 mod error;
 mod frame;
 mod network;
-mod senses;
 mod setpoint;
 mod standing;
 mod swing;
@@ -24,12 +23,11 @@ pub use clock::Clock;
 pub use contract::{Contract, Joint, Training};
 pub use controller::Controller;
 pub use error::WbcError;
-pub use fiatlux_proto::{BodyCommand, NOMINAL_HEIGHT};
+pub use fiatlux_proto::{BodyCommand, NOMINAL_HEIGHT, Proprioception};
 pub use frame::{
     ARMS, BODY, FRAME, FRAME_LENGTH, History, LEGS, MOVED, Sensed, first_unsound, mirrored_action, mirrored_frame,
 };
 pub use network::Network;
-pub use senses::{SensedTerms, Senses};
 pub use setpoint::Setpoint;
 pub use swing::Swing;
 

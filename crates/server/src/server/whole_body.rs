@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, LazyLock};
 
-use fiatlux_proto::v3::Proprioception;
-use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, Joint, MOVED, Network, SensedTerms, Senses, WbcError};
+use fiatlux_proto::v3;
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, Joint, MOVED, Network, Proprioception, WbcError};
 use fiatlux_world::{ACTION_SCALE, Scene};
 
 /// The shipped network, read when the first session opens.
@@ -32,7 +32,7 @@ fn joints(scene: &Scene) -> Vec<Joint> {
 pub(super) struct WholeBody {
     controller: Controller,
     arms: Arms,
-    senses: Senses,
+    sensed: Proprioception,
     /// Of all joints, rad. Those of arms and hands are as they are wanted.
     targets: Vec<f64>,
     /// Whether the client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
@@ -51,7 +51,7 @@ impl WholeBody {
         Ok(Self {
             controller: Controller::new(Arc::clone(network)),
             arms: Arms::new(&joints)?,
-            senses: Senses::default(),
+            sensed: Proprioception::default(),
             targets,
             is_named: false,
         })
@@ -61,15 +61,13 @@ impl WholeBody {
     ///
     /// # Errors
     /// [`WbcError`]: what is sensed is not finite.
-    pub fn step(&mut self, seen: &Proprioception, command: &BodyCommand, named: &[f64]) -> Result<Vec<f64>, WbcError> {
-        let sensed = self.senses.read(&SensedTerms {
-            base_angular_velocity: &seen.base_angular_velocity,
-            projected_gravity: &seen.projected_gravity,
-            base_linear_velocity: &seen.base_linear_velocity,
-            base_height: seen.base_height,
-            joint_position: &seen.joint_position,
-            joint_velocity: &seen.joint_velocity,
-        });
+    pub fn step(
+        &mut self,
+        seen: &v3::Proprioception,
+        command: &BodyCommand,
+        named: &[f64],
+    ) -> Result<Vec<f64>, WbcError> {
+        let sensed = self.sensed.read(seen);
         if named.len() == self.targets.len() {
             self.targets[MOVED..].copy_from_slice(&named[MOVED..]);
             self.is_named = true;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{BodyCommand, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{BodyCommand, Controller, MOVED, Network};
 use fiatlux_world::{ControlInput, Push, Scene, SceneConfig, SceneSpec, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -39,15 +39,7 @@ impl OnFloor {
     fn step(&mut self, command: &BodyCommand, push: Option<Push>) -> Vector3<f64> {
         let mut seen = Proprioception::zeros(0);
         self.observer.observe(self.world.row(), &mut seen);
-        let sensed = Sensed {
-            base_angular_velocity: seen.base_angular_velocity,
-            projected_gravity: seen.projected_gravity,
-            base_linear_velocity: seen.base_linear_velocity,
-            base_height: seen.base_height,
-            joint_position: &seen.joint_position,
-            joint_velocity: &seen.joint_velocity,
-        };
-        self.controller.step(&sensed, command, &mut self.targets[..MOVED]).unwrap();
+        self.controller.step(&seen.view(), command, &mut self.targets[..MOVED]).unwrap();
         let action = vec![0.0; self.targets.len()];
         let input = ControlInput { push, ..ControlInput::new(&action, &self.targets) };
         self.world.step_with(&input).unwrap().robot.pose.translation.vector
