@@ -117,7 +117,7 @@ impl RunDriver<'_, '_> {
             // Another client plays it there.
             self.idle_since = Instant::now();
         }
-        for index in self.episodes.scheduler.told(server, asked, &info.episodes) {
+        for index in self.episodes.scheduler.merge_ledger(server, asked, &info.episodes) {
             self.episodes.break_off(index);
         }
     }
