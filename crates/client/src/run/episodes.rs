@@ -1,5 +1,5 @@
-//! The loop that plays episodes: which are wanted, which are being played, done or lost, and how far each has come. Those
-//! of a run against the ledgers of its servers are [`super::driver`]'s; those of one place are played by [`play_each`].
+//! The loop that plays episodes: which are wanted, which are being played, done or lost, and how far each has come.
+//! [`play_each`] plays a list in one place; `driver.rs` plays a run on its servers, whose ledgers decide.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -51,7 +51,8 @@ struct Shared {
 }
 
 impl Attempt {
-    /// Plays the episode in a session, and closes it, unless its server is gone: then `stop` is not set.
+    /// Plays the episode in a session, and closes it. An attempt that was broken off although the caller's `stop` is not set
+    /// has lost its server, and closes nothing.
     ///
     /// # Errors
     /// As for [`Client::run_episode`].
