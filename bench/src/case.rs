@@ -6,7 +6,7 @@ use fiatlux_dynamics::{BodyId, Dynamics, Input, Model, State, StepReport};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{AttachmentRow, BodyRow, Bulb, Row, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{Balance, Sensed};
+use fiatlux_wbc::Balance;
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
@@ -282,15 +282,7 @@ impl Standing {
     fn step(&mut self) -> Result<&Row, String> {
         let mut seen = Proprioception::zeros(0);
         self.observer.observe(self.world.row(), &mut seen);
-        let sensed = Sensed {
-            base_angular_velocity: seen.base_angular_velocity,
-            projected_gravity: seen.projected_gravity,
-            base_linear_velocity: seen.base_linear_velocity,
-            base_height: seen.base_height,
-            joint_position: &seen.joint_position,
-            joint_velocity: &seen.joint_velocity,
-        };
-        let targets = self.balance.step(&sensed, &self.staged).map_err(|e| e.to_string())?;
+        let targets = self.balance.step(&seen.view(), &self.staged).map_err(|e| e.to_string())?;
         let action = vec![0.0; targets.len()];
         self.world.step(&action, targets).map_err(|e| e.to_string())
     }

@@ -9,11 +9,11 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use fiatlux_cli::ProgressLine;
-use fiatlux_client::{SeedList, SessionArgs, TaskList};
+use fiatlux_client::{RunProgress, SeedList, SessionArgs, TaskList};
 use fiatlux_policies::Policies;
 use fiatlux_proto::plain;
 use fiatlux_rules::{CONTROL_DT, Task};
-use fiatlux_runs::{EvaluateOptions, Progress, evaluate};
+use fiatlux_runs::{EvaluateOptions, evaluate};
 use outcome::finish;
 
 /// Shown below the options.
@@ -119,12 +119,12 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     finish(args.json, &options.out, &outcome, "the same command goes on from here")
 }
 
-fn look(line: &ProgressLine, progress: &Progress) -> String {
-    let Progress { episodes, finished, steps, steps_left, playing } = progress;
-    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+fn look(line: &ProgressLine, progress: &RunProgress) -> String {
+    let RunProgress { episodes, done, lost, steps, steps_left, playing, .. } = progress;
+    let (finished, rate, left) = (done + lost, line.rate(*steps), line.left(*steps, steps + steps_left));
     let mut text = format!("{finished}/{episodes} episodes, {rate:.0} steps/s, about {left} left");
-    for (task, seed, step) in playing {
-        text += &format!("  {task}/{seed} at {:.0} s", *step as f64 * CONTROL_DT);
+    for episode in playing {
+        text += &format!("  {} at {:.0} s", episode.name(), episode.step as f64 * CONTROL_DT);
     }
     text
 }

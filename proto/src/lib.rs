@@ -18,17 +18,21 @@
 //! assert!(error.to_string().contains("Action"), "{error}");
 //! assert_eq!(ServerKeys::new("lab").session("42").action(), "fiatlux/v3/lab/s/42/action");
 //! ```
+mod body_command;
 mod decode;
 pub mod keys;
 pub mod limits;
 mod observation;
+mod proprioception;
 mod refusal;
 mod sensor;
 mod text;
 mod version;
 
+pub use body_command::{BodyCommand, NOMINAL_HEIGHT};
 pub use decode::{DecodeError, decode, decode_onto};
 pub use observation::{ObservationLayout, TermError, is_of_images};
+pub use proprioception::Proprioception;
 pub use prost::Message;
 pub use prost::bytes::Bytes;
 pub use text::{is_unseen, plain, plain_lines};

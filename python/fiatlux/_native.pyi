@@ -12,6 +12,8 @@ BENCHMARK_VERSION: int
 MAX_WORLDS: int
 MAX_THREADS: int
 MAX_STARTS: int
+BODY_COMMAND: list[str]
+BODY_COMMAND_KEYS: list[str]
 
 class FiatluxError(Exception):
     """The simulator refused a request; the message names the field and the remedy."""

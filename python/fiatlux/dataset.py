@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _native
 from ._progress import Line, duration
 from .bag import Bag
 
@@ -38,11 +39,8 @@ _SENSED = (
     "joint_velocity",
 )
 
-COMMAND = ("vx", "vy", "wz", "height", "roll", "pitch", "yaw")
+COMMAND = tuple(_native.BODY_COMMAND)
 """A command to a whole-body controller: m/s and rad/s, m, rad."""
-
-_COMMAND = ["navigate:3", "height:1", "torso:3"]
-"""The keys of a command in the chunk of an action, as they are recorded."""
 
 ActionForm = Literal["joints", "command"]
 """Actions in action units, or commands of velocity, height and torso."""
@@ -255,7 +253,7 @@ def _commands(bag: Bag) -> NDArray[np.float32] | None:
         return np.stack([actions[f"action.whole_body.{name}"] for name in COMMAND], axis=1).astype(np.float32)
     values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
     rows = len(bag["/state"]["step"]) - 1
-    if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_COMMAND] * rows:
+    if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_native.BODY_COMMAND_KEYS] * rows:
         return None
     return values
 

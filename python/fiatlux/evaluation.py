@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
@@ -115,30 +115,64 @@ def evaluate(
     for field, given in (("parallel", parallel is not None), ("record", len(record) > 0)):
         if given:
             raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
-    episodes = []
-    for task in tasks:
-        env = Env(task, observation=observation, **chosen)
-        for seed in seeds:
-            summary = play(env, policy, seed, max_steps=max_steps)
-            episodes.append(summary)
-            if progress is not None:
-                progress(summary)
-        env.close()
+    wanted = [(task, seed) for task in tasks for seed in seeds]
+    return collect(wanted, _played(policy, tasks, seeds, observation, max_steps, chosen), progress)
+
+
+def collect(
+    wanted: Sequence[tuple[str, int]],
+    ended: Iterable[tuple[tuple[str, int], dict[str, Any]]],
+    progress: Callable[[dict[str, Any]], None] | None,
+) -> Evaluation:
+    """Evaluates episodes, named by task and seed, from their summaries, which come as they end, in any order."""
+    done: dict[tuple[str, int], dict[str, Any]] = {}
+    for name, summary in ended:
+        done[name] = summary
+        if progress is not None:
+            progress(summary)
+    episodes = [done[name] for name in wanted]
     return Evaluation(_native.benchmark(episodes), episodes)
+
+
+def _played(
+    policy: PolicyLike,
+    tasks: Sequence[str],
+    seeds: Sequence[int],
+    observation: ObservationForm,
+    max_steps: int | None,
+    settings: Mapping[str, Any],
+) -> Iterator[tuple[tuple[str, int], dict[str, Any]]]:
+    for task in tasks:
+        env = Env(task, observation=observation, **settings)
+        for seed in seeds:
+            yield (task, seed), play(env, policy, seed, max_steps=max_steps)
+        env.close()
 
 
 def play(env: Env, policy: PolicyLike, seed: int, episode: int = 0, max_steps: int | None = None) -> dict[str, Any]:
     """Plays one episode, and returns its summary."""
+    for _ in steps(env, policy, seed, episode, max_steps):
+        pass
+    return env.summary()
+
+
+def steps(
+    env: Env, policy: PolicyLike, seed: int, episode: int = 0, max_steps: int | None = None
+) -> Iterator[tuple[Any, Any, float, bool, bool]]:
+    """Plays one episode, and yields after each step: the policy's action, and observation, reward, terminated and truncated.
+    First comes the reset state, without an action."""
     played: Any = policy() if isinstance(policy, type) else policy
     observed, _ = env.reset(seed=seed, options={"episode": episode})
     begin = getattr(played, "reset", None)
     if callable(begin):
         begin({"task": env.task.short_id, "instruction": env.task.instruction, "seed": seed, "episode": episode})
-    steps, ended = 0, False
-    while not ended and (max_steps is None or steps < max_steps):
-        observed, _, terminated, truncated, _ = env.step(played(observed))
-        steps, ended = steps + 1, terminated or truncated
-    return env.summary()
+    yield None, observed, 0.0, False, False
+    taken, ended = 0, False
+    while not ended and (max_steps is None or taken < max_steps):
+        action = played(observed)
+        observed, reward, terminated, truncated, _ = env.step(action)
+        yield action, observed, reward, terminated, truncated
+        taken, ended = taken + 1, terminated or truncated
 
 
 def _recorded(

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ray
-from numpy.typing import NDArray
 
-from . import _native
 from ._numbers import seeds_of
 from .env import Env
-from .evaluation import Evaluation, play
+from .evaluation import Evaluation, collect, play, steps
 from .policy import PolicyLike, settings_for
 from .settings import Settings
 from .spaces import ObservationForm
@@ -52,13 +50,7 @@ def evaluate(
     shared = ray.put(policy)
     chosen = settings_for(policy, settings)
     running = {remote.remote(shared, task, seed, observation, max_steps, chosen): (task, seed) for task, seed in jobs}
-    done: dict[tuple[str, int], dict[str, Any]] = {}
-    for job, summary in _as_they_end(running):
-        done[job] = summary
-        if progress is not None:
-            progress(summary)
-    episodes = [done[job] for job in jobs]
-    return Evaluation(_native.benchmark(episodes), episodes)
+    return collect(jobs, _as_they_end(running), progress)
 
 
 def rollouts(
@@ -89,28 +81,13 @@ def rollout(
 ) -> dict[str, Any]:
     """Plays one episode of :func:`rollouts` in this process."""
     env = Env(task, observation="flat", **settings)
-    observations: list[NDArray[np.float32]] = []
-    actions: list[NDArray[Any]] = []
-    rewards: list[float] = []
-    played: Any = policy() if isinstance(policy, type) else policy
-    observed, info = env.reset(seed=seed)
-    begin = getattr(played, "reset", None)
-    if callable(begin):
-        begin({"task": env.task.short_id, "instruction": env.task.instruction, **info})
-    observations.append(observed)
-    terminated = truncated = False
-    while not (terminated or truncated) and (max_steps is None or len(actions) < max_steps):
-        action = np.asarray(played(observed))
-        observed, reward, terminated, truncated, _ = env.step(action)
-        observations.append(observed)
-        actions.append(action)
-        rewards.append(reward)
+    actions, observations, rewards, terminated, truncated = zip(*steps(env, policy, seed, max_steps=max_steps))
     return {
         "observations": np.stack(observations),
-        "actions": np.stack(actions) if actions else np.empty((0, *(env.action_space.shape or ()))),
-        "rewards": np.array(rewards),
-        "terminated": terminated,
-        "truncated": truncated,
+        "actions": np.stack(actions[1:]) if actions[1:] else np.empty((0, *(env.action_space.shape or ()))),
+        "rewards": np.array(rewards[1:]),
+        "terminated": terminated[-1],
+        "truncated": truncated[-1],
         "summary": env.summary(),
     }
 

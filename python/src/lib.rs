@@ -26,6 +26,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MAX_WORLDS", fiatlux_batch::MAX_WORLDS)?;
     module.add("MAX_THREADS", fiatlux_batch::MAX_THREADS)?;
     module.add("MAX_STARTS", fiatlux_batch::MAX_STARTS)?;
+    module.add("BODY_COMMAND", fiatlux_wbc::BodyCommand::NAMES)?;
+    module.add("BODY_COMMAND_KEYS", fiatlux_wbc::BodyCommand::CHUNK_KEYS)?;
     module.add("BENCHMARK_VERSION", fiatlux_rules::BENCHMARK_VERSION)?;
     module.add_class::<bag::Bag>()?;
     module.add_class::<batch::Batch>()?;

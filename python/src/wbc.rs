@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Arms, Command, Controller, HandGoal, MOVED, Network, Reach, Sensed};
+use fiatlux_wbc::{ARMS, Arms, BodyCommand, Controller, HandGoal, MOVED, Network, Reach, Sensed};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -63,7 +63,7 @@ impl WholeBody {
 
     /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside the trained range.
     fn check(&self, command: [f64; 7]) -> PyResult<()> {
-        self.controller.check(&command_of(command)).map_err(|error| refused(&error))
+        self.controller.check(&BodyCommand::from(command)).map_err(|error| refused(&error))
     }
 
     /// Takes a control step; returns the joint targets of legs and waist, rad.
@@ -87,7 +87,7 @@ impl WholeBody {
         };
         self.has_begun = true;
         let mut targets = [0.0; MOVED];
-        self.controller.step(&sensed, &command_of(command), &mut targets).map_err(|error| refused(&error))?;
+        self.controller.step(&sensed, &BodyCommand::from(command), &mut targets).map_err(|error| refused(&error))?;
         Ok(targets)
     }
 
@@ -127,8 +127,4 @@ type Pose = [f64; 7];
 fn pose_of(numbers: Pose) -> Isometry3<f64> {
     let [x, y, z, w, i, j, k] = numbers;
     Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)))
-}
-
-fn command_of([vx, vy, wz, height, roll, pitch, yaw]: [f64; 7]) -> Command {
-    Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] }
 }

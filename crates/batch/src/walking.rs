@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{ACTION_CLAMP, ARMS, Clock, Command, FRAME, History, LEGS, MOVED, Sensed, Setpoint, scale};
+use fiatlux_wbc::{ACTION_CLAMP, ARMS, BodyCommand, Clock, FRAME, History, LEGS, MOVED, Setpoint, scale};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -155,7 +155,7 @@ pub struct Walking {
     noise: Option<NoiseSeed>,
     sensed: Proprioception,
     history: History,
-    command: Command,
+    command: BodyCommand,
     command_left: u32,
     setpoint: Setpoint,
     clock: Clock,
@@ -215,7 +215,7 @@ impl Walking {
             noise: None,
             sensed: Proprioception::zeros(names.len()),
             history: History::new(frames),
-            command: Command::default(),
+            command: BodyCommand::default(),
             command_left: 0,
             setpoint: Setpoint::default(),
             clock: Clock::default(),
@@ -243,18 +243,8 @@ impl Walking {
 
     fn remember(&mut self, row: &Row) {
         self.observer.observe(row, &mut self.sensed);
-        let Proprioception { base_angular_velocity, projected_gravity, base_linear_velocity, base_height, .. } =
-            self.sensed;
-        let sensed = Sensed {
-            base_angular_velocity,
-            projected_gravity,
-            base_linear_velocity,
-            base_height,
-            joint_position: &self.sensed.joint_position,
-            joint_velocity: &self.sensed.joint_velocity,
-        };
         let (command, clock) = (self.setpoint.now(), self.clock.signal());
-        self.history.push(&sensed, command, clock, &self.actions[0], row.step == 0);
+        self.history.push(&self.sensed.view(), command, clock, &self.actions[0], row.step == 0);
     }
 }
 
@@ -290,7 +280,7 @@ impl Task for Walking {
         (self.command, self.command_left) = draw_command(&self.options, random);
         // The robot starts upright, at the height that is reached from there.
         let height = world.row().robot.pose.translation.z;
-        self.setpoint = Setpoint::at(Command { height, torso: [0.0; 3], ..self.command });
+        self.setpoint = Setpoint::at(BodyCommand { height, torso: [0.0; 3], ..self.command });
         self.clock = Clock::at(random.unit());
         let (row, robot) = (world.row(), &world.scene().robot);
         self.arms.begin(robot, &row.joint_position[MOVED..MOVED + ARMS], self.options.arm_range, random);

@@ -16,7 +16,8 @@ pub use fiatlux_session::{Command, SessionFailure};
 pub use lists::{SeedList, TaskList, parse_seed, parse_seeds, parse_tasks};
 pub use policy::{Policy, PolicyError, check_tasks};
 pub use run::{
-    EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome, RunProgress,
+    Attempt, AttemptEnd, EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome,
+    RunProgress, WantedEpisode, play_each,
 };
 pub use session_args::SessionArgs;
 pub use stats::RoundTrips;

@@ -1,7 +1,8 @@
 //! A run: one policy through the whole benchmark, on one or several servers.
 
 mod calls;
-mod crew;
+mod driver;
+mod episodes;
 mod file;
 mod outcome;
 mod scheduler;
@@ -16,7 +17,8 @@ use thiserror::Error;
 use crate::client::{DISCOVERY_S, live_servers};
 use crate::{Access, Client, ClientError, Policy, PolicyError, check_tasks, find_server};
 use calls::{Calls, Links};
-use crew::Crew;
+use driver::RunDriver;
+pub use episodes::{Attempt, AttemptEnd, WantedEpisode, play_each};
 pub use file::{RunFile, RunFileError};
 pub use outcome::{EpisodeFate, EpisodeOutcome, Playing, RunOutcome, RunProgress};
 
@@ -111,7 +113,7 @@ impl Client {
         let links = Links::default();
         let (run, key, access) = (&options.file.run, &options.file.key, &options.access);
         let calls = Calls { link, run, key, access, links: &links };
-        std::thread::scope(|scope| Crew::new(scope, calls, options, &make_policy, group, stop)?.play(progress))
+        std::thread::scope(|scope| RunDriver::new(scope, calls, options, &make_policy, group, stop)?.play(progress))
     }
 }
 

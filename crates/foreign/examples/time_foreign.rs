@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use fiatlux_foreign::{BODY, DECODER, ForeignError, GEAR_FILES, Gear, Model, ModelFile, Reading, Sonic, TOKEN};
-use fiatlux_wbc::{Command, Sensed};
+use fiatlux_wbc::{BodyCommand, Sensed};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -22,7 +22,7 @@ fn main() -> Result<(), ForeignError> {
     let folder = std::env::args_os().nth(1).map(PathBuf::from);
     let zeros = [0.0; BODY];
     let sensed = Sensed::upright(&zeros, &zeros);
-    let command = Command { velocity: [0.4, 0.0, 0.2], ..Command::default() };
+    let command = BodyCommand { velocity: [0.4, 0.0, 0.2], ..BodyCommand::default() };
     let mut targets = [0.0; BODY];
 
     let walk: &[usize] = &[516, 512, 256, 128, 15];

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use fiatlux_wbc::{Command, MOVED, Sensed};
+use fiatlux_wbc::{BodyCommand, MOVED, Sensed};
 
 use crate::model::Runner;
 use crate::{BODY, ForeignError, GEAR_FILES, Model, history, sensed};
@@ -107,9 +107,14 @@ impl Gear {
     }
 
     /// Takes sensor data and a command, and writes the targets of the first 15 joints (legs and waist), rad.
-    pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command, targets: &mut [f64]) -> Result<(), ForeignError> {
+    pub fn step(
+        &mut self,
+        sensed: &Sensed<'_>,
+        command: &BodyCommand,
+        targets: &mut [f64],
+    ) -> Result<(), ForeignError> {
         sensed::check(NAME, sensed)?;
-        let mut numbers = Command::NAMES.into_iter().zip(command.numbers());
+        let mut numbers = BodyCommand::NAMES.into_iter().zip(command.numbers());
         if let Some((field, value)) = numbers.find(|(_, value)| !value.is_finite()) {
             return Err(ForeignError::Command { field, value });
         }

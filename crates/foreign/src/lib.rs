@@ -5,7 +5,7 @@
 //! | [`Gear`] | `Balance.onnx` and `Walk.onnx`, 516 numbers in, 15 out | legs and waist | velocity, height, torso |
 //! | [`Sonic`] | `model_decoder.onnx`, 994 numbers in, 29 out | legs, waist and arms | a [`Token`] of 64 numbers |
 //!
-//! Sensor data and commands have the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::Command`].
+//! Sensor data and commands have the types of our own controller, [`fiatlux_wbc::Sensed`] and [`fiatlux_wbc::BodyCommand`].
 //! A [`Plant`] says what a controller was made for (joints, control step and gains), and refuses a session that differs
 //! with the name of the difference. Where two public sources of a controller disagree, a [`Reading`] selects one.
 #![allow(missing_docs)] // Used in this repository alone.

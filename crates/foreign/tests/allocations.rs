@@ -5,7 +5,7 @@ use std::alloc::System;
 use std::path::Path;
 
 use fiatlux_foreign::{BODY, Gear, Reading, Sonic, TOKEN};
-use fiatlux_wbc::{Command, Sensed};
+use fiatlux_wbc::{BodyCommand, Sensed};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -21,7 +21,7 @@ fn a_step_allocates_nothing() {
     let mut targets = [0.0; BODY];
     let region = Region::new(ALLOCATOR);
     for velocity in [[0.0; 3], [0.4, 0.0, 0.2]] {
-        gear.step(&sensed, &Command { velocity, ..Command::default() }, &mut targets).unwrap();
+        gear.step(&sensed, &BodyCommand { velocity, ..BodyCommand::default() }, &mut targets).unwrap();
         sonic.step(&sensed, &[0.1; TOKEN], &mut targets).unwrap();
     }
     assert_eq!(region.change().allocations, 0);

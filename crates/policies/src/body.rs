@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_wbc::{Command, Joint, Network, Sensed, SensedTerms};
+use fiatlux_wbc::{BodyCommand, Joint, Network, Proprioception, Sensed};
 
 use fiatlux_client::PolicyError;
 
@@ -39,29 +39,22 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
 pub(super) struct Senses {
     /// Name of the policy, for its errors.
     pub policy: &'static str,
-    terms: fiatlux_wbc::Senses,
+    sensed: Proprioception,
 }
 
 impl Senses {
     pub fn new(policy: &'static str) -> Self {
-        Self { policy, terms: fiatlux_wbc::Senses::default() }
+        Self { policy, sensed: Proprioception::default() }
     }
 
-    /// Sensor data of legs, waist and arms. The controller refuses terms that are too short.
+    /// What the robot senses of its own body. The controller refuses terms that are too short.
     ///
     /// # Errors
     /// The observation has no proprioception.
     pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
         let body = observation.proprioception.as_ref();
         let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
-        Ok(self.terms.read(&SensedTerms {
-            base_angular_velocity: &body.base_angular_velocity,
-            projected_gravity: &body.projected_gravity,
-            base_linear_velocity: &body.base_linear_velocity,
-            base_height: body.base_height,
-            joint_position: &body.joint_position,
-            joint_velocity: &body.joint_velocity,
-        }))
+        Ok(self.sensed.read(body))
     }
 }
 
@@ -107,21 +100,10 @@ pub(super) fn words<'a>(
     })
 }
 
-/// Names of the fields of a command.
-pub(super) const COMMAND: &str = "vx, vy, wz, height, roll, pitch, yaw";
-
 /// Sets a field of a command; `None` if the field is unknown or the value is not a finite number.
-pub(super) fn set(command: &mut Command, name: &str, value: &str) -> Option<()> {
-    let place = match name {
-        "vx" => &mut command.velocity[0],
-        "vy" => &mut command.velocity[1],
-        "wz" => &mut command.velocity[2],
-        "height" => &mut command.height,
-        "roll" => &mut command.torso[0],
-        "pitch" => &mut command.torso[1],
-        "yaw" => &mut command.torso[2],
-        _ => return None,
-    };
-    *place = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+pub(super) fn set(command: &mut BodyCommand, name: &str, value: &str) -> Option<()> {
+    let (mut numbers, index) = (command.numbers(), BodyCommand::NAMES.iter().position(|known| *known == name)?);
+    numbers[index] = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+    *command = numbers.into();
     Some(())
 }

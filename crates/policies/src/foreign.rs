@@ -1,6 +1,7 @@
 //! Policies `gear` and `sonic`: foreign whole-body controllers from the user's ONNX files.
 
 use std::path::Path;
+use std::sync::LazyLock;
 
 use fiatlux_foreign::{
     FixedToken, GainsRule, Gear as GearController, Model, Plant, Reading, RecordedTokens, Sonic as SonicController,
@@ -30,7 +31,8 @@ pub(crate) const SONIC: Entry = Entry {
 };
 
 /// Words that each of `gear`, a carrier of a model's commands, and `sonic` accepts.
-const GEAR_FIELDS: &str = "reading, gains, vx, vy, wz, height, roll, pitch, yaw";
+static GEAR_FIELDS: LazyLock<String> =
+    LazyLock::new(|| format!("reading, gains, {}", fiatlux_wbc::BodyCommand::NAME_LIST));
 const GEAR_FILE_FIELDS: &str = "reading, gains";
 const SONIC_FIELDS: &str = "token, gains";
 const SONIC_FILE_FIELDS: &str = "gains";
@@ -181,7 +183,7 @@ impl SonicBody {
 pub struct Gear {
     name: String,
     files: GearFiles,
-    command: fiatlux_wbc::Command,
+    command: fiatlux_wbc::BodyCommand,
     body: Option<WholeBody>,
 }
 
@@ -201,7 +203,7 @@ impl Gear {
     /// [`PolicyError::Words`], or networks that cannot be loaded.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
         let mut command = UPRIGHT;
-        let files = GearFiles::open_with(text, GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
+        let files = GearFiles::open_with(text, &GEAR_FIELDS, |name, value| body::set(&mut command, name, value))?;
         let [stands, walks] = &files.networks;
         let name = body::label("gear", text, &[stands.digest(), walks.digest()]);
         Ok(Self { name, files, command, body: None })

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use fiatlux_proto::v3::{Observation, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 
 use super::body;
 use fiatlux_client::{Command, Policy, PolicyError};
 
 use crate::entry::Entry;
-use fiatlux_wbc::{Balance, Sensed};
+use fiatlux_wbc::{Balance, Proprioception};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
@@ -22,6 +22,7 @@ pub(crate) const ENTRY: Entry = Entry {
 #[derive(Debug, Default)]
 pub struct Stand {
     balance: Option<Balance>,
+    sensed: Proprioception,
     /// Targets that the episode starts with, rad.
     staged: Vec<f64>,
 }
@@ -51,26 +52,9 @@ impl Policy for Stand {
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let (Some(balance), sensed) = (&mut self.balance, proprioception(observation)?) else {
-            return Err(PolicyError::not_reset("stand"));
-        };
-        let joint_position: Vec<f64> = sensed.joint_position.iter().map(|&angle| f64::from(angle)).collect();
-        let sensed = Sensed {
-            base_angular_velocity: vector(&sensed.base_angular_velocity),
-            projected_gravity: vector(&sensed.projected_gravity),
-            base_linear_velocity: vector(&sensed.base_linear_velocity),
-            base_height: f64::from(sensed.base_height),
-            joint_position: &joint_position,
-            joint_velocity: &[],
-        };
+        let missing = PolicyError::Sensor { policy: "stand", sensor: "proprioception" };
+        let sensed = self.sensed.read(observation.proprioception.as_ref().ok_or(missing)?);
+        let Some(balance) = &mut self.balance else { return Err(PolicyError::not_reset("stand")) };
         Ok(Command::JointTarget(balance.step(&sensed, &self.staged).map_err(PolicyError::of("stand"))?.to_vec()))
     }
-}
-
-fn proprioception(observation: &Observation) -> Result<&Proprioception, PolicyError> {
-    observation.proprioception.as_ref().ok_or(PolicyError::Sensor { policy: "stand", sensor: "proprioception" })
-}
-
-fn vector(term: &[f32]) -> [f64; 3] {
-    [0, 1, 2].map(|axis| term.get(axis).map_or(f64::NAN, |&value| f64::from(value)))
 }

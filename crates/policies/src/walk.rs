@@ -173,18 +173,18 @@ impl Policy for Walk {
 
 impl Trip {
     /// Limits the change of the velocity, except for a stop.
-    fn gently(&mut self, wanted: fiatlux_wbc::Command, step: u64) -> fiatlux_wbc::Command {
+    fn gently(&mut self, wanted: fiatlux_wbc::BodyCommand, step: u64) -> fiatlux_wbc::BodyCommand {
         let rates = [GAIN.0, GAIN.0, GAIN.1].map(|rate| rate * fiatlux_wbc::CONTROL_DT);
         let goes = wanted.walks() && step >= SETTLES;
         for (axis, rate) in rates.into_iter().enumerate() {
             let change = (wanted.velocity[axis] - self.velocity[axis]).clamp(-rate, rate);
             self.velocity[axis] = if goes { self.velocity[axis] + change } else { 0.0 };
         }
-        fiatlux_wbc::Command { velocity: self.velocity, ..wanted }
+        fiatlux_wbc::BodyCommand { velocity: self.velocity, ..wanted }
     }
 
-    fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::Command, PolicyError> {
-        let mut command = fiatlux_wbc::Command::default();
+    fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::BodyCommand, PolicyError> {
+        let mut command = fiatlux_wbc::BodyCommand::default();
         let (here, heading) = planar(seen.robot.as_ref())?;
         let (thing, turned) = match self.goal {
             Goal::Crate => planar(seen.crate_.as_ref())?,

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
-use fiatlux_wbc::{Controller, Network};
+use fiatlux_wbc::{BodyCommand, Controller, Network};
 
-use super::body::{self, COMMAND};
+use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
@@ -24,7 +24,7 @@ pub(crate) const ENTRY: Entry = Entry {
 pub struct Wbc {
     name: String,
     network: Arc<Network>,
-    command: fiatlux_wbc::Command,
+    command: BodyCommand,
     body: Option<WholeBody>,
 }
 
@@ -46,11 +46,11 @@ impl Wbc {
     }
 }
 
-fn parse(text: &str) -> Result<fiatlux_wbc::Command, PolicyError> {
-    let mut command = fiatlux_wbc::Command::default();
-    for word in body::words(text, COMMAND) {
+fn parse(text: &str) -> Result<BodyCommand, PolicyError> {
+    let mut command = BodyCommand::default();
+    for word in body::words(text, BodyCommand::NAME_LIST) {
         let (word, name, value) = word?;
-        let wrong = || PolicyError::Words { word: word.into(), fields: COMMAND };
+        let wrong = || PolicyError::Words { word: word.into(), fields: BodyCommand::NAME_LIST };
         body::set(&mut command, name, value).ok_or_else(wrong)?;
     }
     Ok(command)

@@ -4,17 +4,13 @@ use std::sync::Arc;
 
 use fiatlux_foreign::{Gear, HEIGHT};
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
-use fiatlux_wbc::{ARMS, Arms, BODY, CONTROL_DT, Controller, MOVED, Network};
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, CONTROL_DT, Controller, MOVED, Network};
 
 use super::body::{self, Senses};
 use fiatlux_client::{Command, PolicyError};
 
-/// A command's parts in the record, as KEY:NUMBERS, in the order of [`fiatlux_wbc::Command::numbers`].
-const RECORDED: [&str; 3] = ["navigate:3", "height:1", "torso:3"];
-
 /// Command of GEAR for the fields that the user leaves out.
-pub(super) const UPRIGHT: fiatlux_wbc::Command =
-    fiatlux_wbc::Command { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
+pub(super) const UPRIGHT: BodyCommand = BodyCommand { velocity: [0.0; 3], height: HEIGHT, torso: [0.0; 3] };
 
 /// Legs and waist follow a whole-body controller; arms and hands keep their targets.
 ///
@@ -33,7 +29,7 @@ pub(super) const UPRIGHT: fiatlux_wbc::Command =
 ///
 /// fn act(body: &mut WholeBody, observation: &Observation) -> Result<Command, PolicyError> {
 ///     body.targets[16] = 0.5; // left shoulder roll, rad
-///     body.step(observation, &fiatlux_wbc::Command { velocity: [0.3, 0.0, 0.0], ..Default::default() })
+///     body.step(observation, &fiatlux_wbc::BodyCommand { velocity: [0.3, 0.0, 0.0], ..Default::default() })
 /// }
 /// ```
 pub struct WholeBody {
@@ -44,7 +40,7 @@ pub struct WholeBody {
     /// of legs and waist.
     pub targets: Vec<f64>,
     /// Number of the last command, from 0, and the command.
-    commanded: Option<(u64, fiatlux_wbc::Command)>,
+    commanded: Option<(u64, BodyCommand)>,
 }
 
 enum Moves {
@@ -100,9 +96,9 @@ impl WholeBody {
     }
 
     /// The command for standing upright.
-    pub fn upright(&self) -> fiatlux_wbc::Command {
+    pub fn upright(&self) -> BodyCommand {
         match self.controller {
-            Moves::Own(_) => fiatlux_wbc::Command::default(),
+            Moves::Own(_) => BodyCommand::default(),
             Moves::Gear(_) => UPRIGHT,
         }
     }
@@ -119,7 +115,7 @@ impl WholeBody {
     ///
     /// # Errors
     /// The observation lacks a term or is not finite, a network fails, or [`WholeBody::targets`] became too short.
-    pub fn step(&mut self, observation: &Observation, command: &fiatlux_wbc::Command) -> Result<Command, PolicyError> {
+    pub fn step(&mut self, observation: &Observation, command: &BodyCommand) -> Result<Command, PolicyError> {
         if self.targets.len() < BODY {
             let reason = format!("it has {} targets; legs, waist and arms need {BODY}", self.targets.len());
             return Err(PolicyError::Unfit { policy: self.senses.policy, reason });
@@ -151,7 +147,7 @@ impl WholeBody {
             index,
             values: numbers.into(),
             width: numbers.len() as u32,
-            keys: RECORDED.map(String::from).into(),
+            keys: BodyCommand::CHUNK_KEYS.map(String::from).into(),
             ..Chunk::default()
         })
     }

@@ -108,15 +108,7 @@ impl Episode {
         let mut sensed = Proprioception::zeros(JOINTS);
         self.observer.observe(self.world.row(), &mut sensed);
         let clock = Instant::now();
-        let sensed = Sensed {
-            base_angular_velocity: sensed.base_angular_velocity,
-            projected_gravity: sensed.projected_gravity,
-            base_linear_velocity: sensed.base_linear_velocity,
-            base_height: sensed.base_height,
-            joint_position: &sensed.joint_position,
-            joint_velocity: &sensed.joint_velocity,
-        };
-        let targets = self.balance.step(&sensed, &self.staged);
+        let targets = self.balance.step(&sensed.view(), &self.staged);
         let targets: [f64; JOINTS] = targets.unwrap().try_into().unwrap();
         self.thinking += clock.elapsed();
         let action: [f64; JOINTS] = std::array::from_fn(|joint| (targets[joint] - self.q0[joint]) / ACTION_SCALE);

@@ -10,7 +10,7 @@ use fiatlux_render::RobotMeshes;
 use fiatlux_robot::Robot;
 use fiatlux_world::SceneConfig;
 
-use crate::job::{EvaluateError, EvaluateOptions, Job, folder, grade_bags};
+use crate::job::{EvaluateError, EvaluateOptions, Job, folder, grade, job_bags};
 
 /// Jobs without a bag that can be scored. Bags that are cut, damaged, aborted, or of another version or model are
 /// removed, so that their episodes are played again. Two builds of one version count as the same.
@@ -55,7 +55,7 @@ pub(super) fn not_done(
     }
     if !kept.is_empty() {
         // The rows show whether a bag was changed.
-        let excluded = grade_bags(&kept, bags, options)?.excluded;
+        let excluded = grade(&job_bags(&kept, bags), options.workers, &options.out)?.excluded;
         let is_excluded = |job: &Job| excluded.iter().any(|bag| bag.bag.ends_with(&job.bag_name()));
         for job in kept.extract_if(.., |job| is_excluded(job)) {
             remove(&bags.join(job.bag_name()))?;

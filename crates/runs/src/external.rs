@@ -1,17 +1,19 @@
-//! Serves a policy that connects from elsewhere: a server that records its run here, and then grades it.
+//! Serves a run: a server that records it here, and then grades it. Its policy connects from elsewhere, or plays in this process.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
 use std::time::Duration;
 
 use fiatlux_bag::run::{EpisodeState, Ledger, journal_of};
 use fiatlux_carrier::Carrier;
-use fiatlux_grading::{GradeOptions, Results, grade};
+use fiatlux_client::{EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress};
 use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
 
+use super::Outcome;
+use super::job::{EvaluateError, folder, grade};
 use super::lock::lock;
-use super::{EvaluateError, Outcome, folder};
 
 /// Time between two reads of the ledger.
 const PERIOD: Duration = Duration::from_millis(250);
@@ -44,18 +46,8 @@ pub enum ExternalProgress {
         run: String,
         /// Name of its policy.
         policy: String,
-        /// Number of episodes in the run.
-        episodes: usize,
-        /// Number of episodes that are played or failed.
-        done: usize,
-        /// Number of those that succeeded.
-        successes: usize,
-        /// Task and seed of each open episode.
-        open: Vec<(String, u64)>,
-        /// Control steps of the episodes that were played since this call began.
-        steps: u64,
-        /// Largest number of steps still to come, if every episode goes on to its horizon.
-        steps_left: u64,
+        /// Its episodes. How far an open one has come is not known, and its steps do not count before its end.
+        progress: RunProgress,
     },
 }
 
@@ -97,6 +89,42 @@ pub fn evaluate_external(
         // Without the server, open episodes are decided or can be begun again.
         Some(journal) => outcome(options, &journal, &read(&journal)?, stop.load(Ordering::Relaxed)),
         None => Err(EvaluateError::Nothing { lost: "no run was registered".into() }),
+    }
+}
+
+/// Serves a run in this process, lets `play` play it there, and grades it. A later call with the same options continues it.
+///
+/// # Errors
+/// As for [`evaluate_external`]; or the run cannot be played.
+pub fn evaluate_run(
+    options: &ExternalOptions,
+    play: impl FnOnce(&Carrier) -> Result<RunOutcome, RunError>,
+) -> Result<Outcome, EvaluateError> {
+    let (sender, waiting) = mpsc::channel();
+    let (carrier, over) = (fiatlux_carrier::memory(), AtomicBool::new(false));
+    let (played, outcome) = std::thread::scope(|scope| {
+        let server = scope.spawn(|| {
+            // Moved in here: if the server cannot start, dropping it ends the wait below.
+            let sender = sender;
+            evaluate_external(carrier.clone(), options, &over, &mut |progress| {
+                if matches!(progress, ExternalProgress::Waiting) {
+                    let _ = sender.send(());
+                }
+            })
+        });
+        // A run that is already finished starts no server.
+        let played = waiting.recv().ok().map(|()| play(&carrier));
+        let is_whole = matches!(&played, Some(Ok(outcome)) if outcome.finished);
+        over.store(!is_whole, Ordering::Relaxed);
+        (played, server.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    match (played.transpose()?, outcome) {
+        // The client knows more about it than the server's journal.
+        (Some(run), Err(EvaluateError::Nothing { .. })) => {
+            let reason = |one: &EpisodeOutcome| format!("{} seed {}: {}", one.task, one.seed.unwrap_or(0), one.cause);
+            Err(EvaluateError::Unplayed { lost: run.episodes.iter().map(reason).collect::<Vec<_>>().join("\n  ") })
+        }
+        (_, outcome) => outcome,
     }
 }
 
@@ -151,32 +179,28 @@ fn steps(ledger: &Ledger) -> u64 {
 
 fn look(ledger: &Ledger, steps_before: u64) -> ExternalProgress {
     let registration = ledger.registration();
-    let (mut done, mut successes, mut open, mut steps_left) = (0, 0, Vec::new(), 0);
+    let mut progress = RunProgress {
+        episodes: ledger.episodes().len(),
+        steps: steps(ledger).saturating_sub(steps_before),
+        ..RunProgress::default()
+    };
     for (episode, planned) in ledger.episodes().iter().zip(&registration.episodes) {
         let horizon = planned.task.parse::<Task>().map_or(0, |task| task.horizon_steps());
         match &episode.state {
             EpisodeState::Played(played) => {
-                done += 1;
-                successes += usize::from(played.success);
+                progress.done += 1;
+                progress.successes += usize::from(played.success);
             }
-            EpisodeState::Failed { .. } => done += 1,
+            EpisodeState::Failed { .. } => progress.done += 1,
             EpisodeState::Open { .. } => {
-                open.push((planned.task.clone(), planned.seed));
-                steps_left += horizon;
+                let (task, seed) = (planned.task.clone(), Some(planned.seed));
+                progress.playing.push(Playing { task, seed, ..Playing::default() });
+                progress.steps_left += horizon;
             }
-            EpisodeState::Waiting => steps_left += horizon,
+            EpisodeState::Waiting => progress.steps_left += horizon,
         }
     }
-    ExternalProgress::Playing {
-        run: registration.run.clone(),
-        policy: registration.spec.policy.clone(),
-        episodes: ledger.episodes().len(),
-        done,
-        successes,
-        open,
-        steps: steps(ledger).saturating_sub(steps_before),
-        steps_left,
-    }
+    ExternalProgress::Playing { run: registration.run.clone(), policy: registration.spec.policy.clone(), progress }
 }
 
 /// Grades the run: what was registered and not played counts as a failure.
@@ -200,9 +224,7 @@ fn outcome(
         let lost = if lost.is_empty() { "no episode was played to its end".into() } else { lost.join("\n  ") };
         return Err(EvaluateError::Nothing { lost });
     }
-    let grading =
-        GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
-    let results: Results = grade(&[bags.to_path_buf()], &grading, &|_| {})?;
+    let results = grade(&[bags.to_path_buf()], options.workers, &options.out)?;
     lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
     Ok(Outcome { results, resumed: 0, lost, stopped: stopped && !ledger.is_finished() })
 }

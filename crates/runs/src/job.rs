@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use fiatlux_client::{Policy, PolicyError, SessionArgs};
-use fiatlux_grading::{GradeOptions, Results, ScoreError, grade};
+use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs};
+use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
@@ -111,6 +111,15 @@ pub enum EvaluateError {
         /// The reason for each episode, on its own line.
         lost: String,
     },
+    /// No episode of a run was played to its end.
+    #[error("no episode was played to its end:\n  {lost}")]
+    Unplayed {
+        /// The client's reason for each episode, on its own line.
+        lost: String,
+    },
+    /// The run cannot be played.
+    #[error(transparent)]
+    Run(#[from] RunError),
     /// The ledger of a run cannot be read.
     #[error("cannot read the state of the run")]
     Ledger(#[from] fiatlux_bag::run::LedgerError),
@@ -119,12 +128,15 @@ pub enum EvaluateError {
     Score(#[from] ScoreError),
 }
 
-/// Grades the bags of some jobs, with names relative to the output folder.
-pub(super) fn grade_bags(jobs: &[Job], bags: &Path, options: &EvaluateOptions) -> Result<Results, ScoreError> {
-    let paths: Vec<PathBuf> = jobs.iter().map(|job| bags.join(job.bag_name())).collect();
-    let grading =
-        GradeOptions { workers: options.workers, relative_to: options.out.clone(), ..GradeOptions::default() };
-    grade(&paths, &grading, &|_| {})
+/// The bags of some jobs.
+pub(super) fn job_bags(jobs: &[Job], bags: &Path) -> Vec<PathBuf> {
+    jobs.iter().map(|job| bags.join(job.bag_name())).collect()
+}
+
+/// Grades bags, with names relative to the output folder.
+pub(super) fn grade(bags: &[PathBuf], workers: usize, out: &Path) -> Result<Results, ScoreError> {
+    let options = GradeOptions { workers, relative_to: out.into(), ..GradeOptions::default() };
+    fiatlux_grading::grade(bags, &options, &|_| {})
 }
 
 pub(super) fn folder(path: &Path, problem: impl ToString) -> EvaluateError {

@@ -8,22 +8,19 @@ mod job;
 mod lock;
 mod losses;
 mod play;
-mod progress;
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fiatlux_client::check_tasks;
+use fiatlux_client::{RunProgress, check_tasks};
 use fiatlux_grading::Results;
 use fiatlux_server::ServerOptions;
 
-pub use external::{ExternalOptions, ExternalProgress, evaluate_external};
+pub use external::{ExternalOptions, ExternalProgress, evaluate_external, evaluate_run};
 pub use job::{EvaluateError, EvaluateOptions};
-use job::{Job, SERVER, folder, grade_bags};
+use job::{Job, SERVER, folder, grade, job_bags};
 use lock::lock;
 use losses::Played;
-pub use progress::Progress;
 
 /// The outcome of an evaluation.
 #[derive(Debug)]
@@ -45,8 +42,8 @@ pub struct Outcome {
 /// [`EvaluateError`]; finished bags stay in the folder.
 pub fn evaluate(
     options: &EvaluateOptions,
-    stop: &Arc<AtomicBool>,
-    progress: &mut dyn FnMut(&Progress),
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&RunProgress),
 ) -> Result<Outcome, EvaluateError> {
     // Report a wrong name before anything is played.
     let policy = options.policies.make(&options.policy)?;
@@ -79,7 +76,7 @@ pub fn evaluate(
         let lost = if lost.is_empty() { "it was stopped before one was over".into() } else { lost.join("\n  ") };
         return Err(EvaluateError::Nothing { lost });
     }
-    let results = grade_bags(&recorded, &bags, options)?;
+    let results = grade(&job_bags(&recorded, &bags), options.workers, &options.out)?;
     lost.extend(results.excluded.iter().map(|bag| {
         // The client's reason says more than an aborted bag does.
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));

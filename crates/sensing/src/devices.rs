@@ -8,6 +8,7 @@ use fiatlux_world::{Scene, SceneError};
 use thiserror::Error;
 
 use crate::noise::{Noise, NoiseSeed};
+use crate::observer::sense;
 use crate::{Lidar, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
@@ -155,8 +156,7 @@ impl Devices {
     pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
         let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
         if body.is_due(view.row.step) {
-            body.by.measure(view.row, view.scene.robot.q0());
-            body.by.add_noise(&mut self.noise, view.row.step);
+            sense(view.row, view.scene.robot.q0(), &mut self.noise, &mut body.by);
         }
         Ok(&body.by)
     }

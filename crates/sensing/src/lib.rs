@@ -45,12 +45,13 @@ mod suite;
 mod view;
 
 pub use devices::SenseError;
+pub use fiatlux_proto::Proprioception;
 pub use foot_force::{FOOT_FORCE_HEIGHT, foot_force_estimate};
 pub use kinematics::world_from_link;
 pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar, Sight};
 pub use message::{camera_messages, term_messages};
 pub use noise::NoiseSeed;
-pub use observer::{Observer, Proprioception};
+pub use observer::Observer;
 pub use registry::Sensor;
 pub use sensor::{Class, Cost, Setup, Term};
 pub use sensors::{ClimbPrivileged, Privileged, hand_force, limb_force};

@@ -1,19 +1,9 @@
 //! A policy's command to the robot, and its check, which both ends of a session share.
 
+use fiatlux_proto::BodyCommand;
 use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
-use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo, WholeBodyCommand};
+use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo};
 use thiserror::Error;
-
-/// Fields of a whole-body command, in the order of `SessionInfo.whole_body_range`.
-const WHOLE_BODY: [&str; 7] = [
-    "whole_body.vx",
-    "whole_body.vy",
-    "whole_body.wz",
-    "whole_body.height",
-    "whole_body.roll",
-    "whole_body.pitch",
-    "whole_body.yaw",
-];
 
 /// A command for one step. Lists have a number for each joint, in the order of `SessionInfo.joints`.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +14,7 @@ pub enum Command {
     JointTarget(Vec<f64>),
     /// Legs and waist follow the server's whole-body controller. The list has the angles at which arms and hands shall rest,
     /// rad; those of legs and waist are ignored. If it is empty, arms and hands keep their targets.
-    WholeBody(WholeBodyCommand, Vec<f64>),
+    WholeBody(BodyCommand, Vec<f64>),
 }
 
 /// Why a command is refused.
@@ -116,7 +106,7 @@ impl Command {
     /// [`CommandError`]: the form, the length, or a number that is not finite or out of range.
     pub fn of(action: &Action, info: &SessionInfo) -> Result<Self, CommandError> {
         let command = match (action.whole_body, action.action.is_empty(), action.joint_target.is_empty()) {
-            (Some(command), true, _) => Self::WholeBody(command, action.joint_target.clone()),
+            (Some(command), true, _) => Self::WholeBody(command.into(), action.joint_target.clone()),
             (Some(_), false, _) => return Err(CommandError::Mixed),
             (None, false, true) => Self::Action(action.action.clone()),
             (None, true, false) => Self::JointTarget(action.joint_target.clone()),
@@ -171,26 +161,19 @@ impl Command {
         let (action, joint_target, whole_body) = match self {
             Self::Action(numbers) => (numbers, Vec::new(), None),
             Self::JointTarget(numbers) => (Vec::new(), numbers, None),
-            Self::WholeBody(command, numbers) => (Vec::new(), numbers, Some(command)),
+            Self::WholeBody(command, numbers) => (Vec::new(), numbers, Some(command.into())),
         };
         Action { episode, step, action, joint_target, chunk: None, whole_body }
     }
 }
 
 /// Checks a whole-body command against the ranges that the session announces; NaN is within none.
-fn check_whole_body(command: &WholeBodyCommand, info: &SessionInfo) -> Result<(), CommandError> {
+fn check_whole_body(command: &BodyCommand, info: &SessionInfo) -> Result<(), CommandError> {
     let (ranges, rest) = info.whole_body_range.as_chunks::<2>();
-    if ranges.len() != WHOLE_BODY.len() || !rest.is_empty() {
-        return Err(CommandError::NoController);
-    }
-    let WholeBodyCommand { vx, vy, wz, height, roll, pitch, yaw } = *command;
-    for ((field, value), [low, high]) in WHOLE_BODY.into_iter().zip([vx, vy, wz, height, roll, pitch, yaw]).zip(ranges)
-    {
-        if !(low..=high).contains(&&value) {
-            return Err(CommandError::WholeBody { field, value, low: *low, high: *high });
-        }
-    }
-    Ok(())
+    let (Ok(ranges), []) = (<&[[f64; 2]; 7]>::try_from(ranges), rest) else { return Err(CommandError::NoController) };
+    let Some((index, value)) = command.outside(ranges) else { return Ok(()) };
+    let [low, high] = ranges[index];
+    Err(CommandError::WholeBody { field: BodyCommand::FIELDS[index], value, low, high })
 }
 
 /// Checks the bounds of a model's chunk.

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
 use fiatlux_render::{Camera, Image, Lighting, Renderer, Visuals};
-use fiatlux_wbc::{Command, Network, Swing};
+use fiatlux_wbc::{BodyCommand, Network, Swing};
 use fiatlux_world::{AppliedWrench, Push, Target};
 use nalgebra::Vector3;
 
@@ -82,7 +82,7 @@ fn main() {
             if step == clip.before {
                 play.push = clip.push.map(|[x, y]| Push { linear: Vector3::new(x, y, 0.0), angular: Vector3::zeros() });
             }
-            let command = Command { velocity: (clip.velocity)(step), ..Command::default() };
+            let command = BodyCommand { velocity: (clip.velocity)(step), ..BodyCommand::default() };
             swing.step(&command, play.controller.stride(), is_free, &mut play.targets);
             assert!(play.step(&command).is_some(), "{} falls at step {step}", clip.name);
             let row = play.world.row();

@@ -8,7 +8,7 @@ mod play;
 use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
-use fiatlux_wbc::{ARMS, BODY, Command, MOVED, NOMINAL_HEIGHT, Network};
+use fiatlux_wbc::{ARMS, BODY, BodyCommand, MOVED, NOMINAL_HEIGHT, Network};
 use fiatlux_world::{AppliedWrench, Push, Random, Target};
 use nalgebra::Vector3;
 
@@ -32,7 +32,7 @@ fn main() {
     let scene = floor();
     let robot = &scene.robot;
     let network = Arc::new(Network::shipped().unwrap());
-    let upright = Command::default();
+    let upright = BodyCommand::default();
 
     if on("reach") {
         let (mut pelvis, mut hand, mut fell) = (Vec::new(), Vec::new(), 0);
@@ -121,7 +121,7 @@ fn main() {
         for number in 0..50 * count {
             let within = |random: &mut Random, [low, high]: [f64; 2]| random.uniform(low, high);
             let r = &mut play.random;
-            let command = Command {
+            let command = BodyCommand {
                 velocity: [0.0; 3],
                 height: within(r, [0.55, 0.79]),
                 torso: [within(r, [-0.3, 0.3]), within(r, [-0.1, 0.6]), within(r, [-0.5, 0.5])],
@@ -217,7 +217,7 @@ fn main() {
                         wrench: Wrench { force: pull[hand] - Vector3::z() * weights[hand], torque: Vector3::zeros() },
                     })
                     .collect();
-                if play.step(&Command { height: NOMINAL_HEIGHT, ..upright }).is_none() {
+                if play.step(&BodyCommand { height: NOMINAL_HEIGHT, ..upright }).is_none() {
                     fell += 1;
                     break;
                 }

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed, WbcError};
+use fiatlux_wbc::{ARMS, BodyCommand, Controller, MOVED, Network, Sensed, WbcError};
 
 fn main() -> Result<(), WbcError> {
     let mut controller = Controller::new(Arc::new(Network::shipped()?));
@@ -14,7 +14,7 @@ fn main() -> Result<(), WbcError> {
     let mut times: Vec<f64> = Vec::new();
     for _ in 0..2000 {
         let start = Instant::now();
-        controller.step(&sensed, &Command::default(), &mut targets)?;
+        controller.step(&sensed, &BodyCommand::default(), &mut targets)?;
         times.push(start.elapsed().as_secs_f64() * 1e6);
     }
     times.sort_by(f64::total_cmp);

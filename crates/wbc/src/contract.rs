@@ -118,6 +118,12 @@ impl Contract {
         })
     }
 
+    /// Range of each number of a command, from low to high, while walking or while standing.
+    pub fn command_ranges(&self, walks: bool) -> [[f64; 2]; 7] {
+        let [vx, vy, wz, walking, standing, roll, pitch, yaw] = self.command;
+        [vx, vy, wz, if walks { walking } else { standing }, roll, pitch, yaw]
+    }
+
     /// Reads what [`Contract::to_json`] wrote, and refuses what was made for another engine or layout.
     pub(crate) fn from_json(text: &str) -> Result<Self, WbcError> {
         let contract: Self = serde_json::from_str(text).map_err(WbcError::Contract)?;

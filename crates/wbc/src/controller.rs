@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::network::Scratch;
 use crate::standing::Standing;
 use crate::{
-    ACTION_CLAMP, BODY, Clock, Command, History, MOVED, NOMINAL_HEIGHT, Network, Sensed, Setpoint, WbcError,
+    ACTION_CLAMP, BODY, BodyCommand, Clock, History, MOVED, NOMINAL_HEIGHT, Network, Sensed, Setpoint, WbcError,
     first_unsound, scale,
 };
 
@@ -55,16 +55,11 @@ impl Controller {
     ///
     /// # Errors
     /// [`WbcError::Command`], with the field's name.
-    pub fn check(&self, command: &Command) -> Result<(), WbcError> {
-        let ranges = &self.network.contract().command;
-        let height = ranges[if command.walks() { 3 } else { 4 }];
-        let ranges = [ranges[0], ranges[1], ranges[2], height, ranges[5], ranges[6], ranges[7]];
-        for ((field, value), [low, high]) in Command::NAMES.into_iter().zip(command.numbers()).zip(ranges) {
-            if !(low..=high).contains(&value) {
-                return Err(WbcError::Command { field, value, low, high });
-            }
-        }
-        Ok(())
+    pub fn check(&self, command: &BodyCommand) -> Result<(), WbcError> {
+        let ranges = self.network.contract().command_ranges(command.walks());
+        let Some((index, value)) = command.outside(&ranges) else { return Ok(()) };
+        let [low, high] = ranges[index];
+        Err(WbcError::Command { field: BodyCommand::NAMES[index], value, low, high })
     }
 
     /// Takes what is sensed and commanded, and writes the targets of legs and waist, the first 15 joints, rad. Commands beyond
@@ -72,11 +67,11 @@ impl Controller {
     ///
     /// # Errors
     /// [`WbcError::Sensed`]: an observation that lacks a term or is not finite; nothing is written then.
-    pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command, targets: &mut [f64]) -> Result<(), WbcError> {
+    pub fn step(&mut self, sensed: &Sensed<'_>, command: &BodyCommand, targets: &mut [f64]) -> Result<(), WbcError> {
         check_sensed(sensed)?;
         let command = self.within_range(command);
         let is_first = self.setpoint.is_none();
-        let start = || Setpoint::at(Command { height: NOMINAL_HEIGHT, torso: [0.0; 3], ..command });
+        let start = || Setpoint::at(BodyCommand { height: NOMINAL_HEIGHT, torso: [0.0; 3], ..command });
         let setpoint = self.setpoint.get_or_insert_with(start);
         if !is_first {
             setpoint.advance(&command);
@@ -121,16 +116,13 @@ impl Controller {
         self.standing.has_taken_over()
     }
 
-    fn within_range(&self, command: &Command) -> Command {
-        let ranges = &self.network.contract().command;
+    fn within_range(&self, command: &BodyCommand) -> BodyCommand {
+        let contract = self.network.contract();
         let within = |value: f64, [low, high]: [f64; 2]| if value.is_finite() { value.clamp(low, high) } else { 0.0 };
-        let mut command = *command;
-        for axis in 0..3 {
-            command.velocity[axis] = within(command.velocity[axis], ranges[axis]);
-            command.torso[axis] = within(command.torso[axis], ranges[5 + axis]);
-        }
-        command.height = within(command.height, ranges[if command.walks() { 3 } else { 4 }]);
-        command
+        let (numbers, ranges) = (command.numbers(), contract.command_ranges(false));
+        let mut clamped = BodyCommand::from(std::array::from_fn(|index| within(numbers[index], ranges[index])));
+        clamped.height = within(command.height, contract.command_ranges(clamped.walks())[3]);
+        clamped
     }
 }
 

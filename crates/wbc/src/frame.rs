@@ -1,8 +1,9 @@
 //! What the controller observes.
 
+use fiatlux_proto::Proprioception;
 use serde::{Deserialize, Serialize};
 
-use crate::{Command, NOMINAL_HEIGHT};
+use crate::BodyCommand;
 
 /// Joints of the robot's body, legs, waist and arms: the first ones of the public joint order.
 pub const BODY: usize = MOVED + ARMS;
@@ -29,36 +30,8 @@ pub const FRAME: [(&str, usize); 10] = [
 /// Numbers of one frame.
 pub const FRAME_LENGTH: usize = 80;
 
-/// What the standard observation says of the robot's own body, as far as the controller reads it.
-#[derive(Debug, Clone, Copy)]
-pub struct Sensed<'a> {
-    /// Angular velocity of the pelvis, pelvis frame, rad/s.
-    pub base_angular_velocity: [f64; 3],
-    /// Pelvis frame, about a unit vector.
-    pub projected_gravity: [f64; 3],
-    /// Velocity of the pelvis, pelvis frame, m/s.
-    pub base_linear_velocity: [f64; 3],
-    /// Of the pelvis in the world, m.
-    pub base_height: f64,
-    /// Less the standing posture, rad; legs, waist and arms at least.
-    pub joint_position: &'a [f64],
-    /// rad/s; legs and waist at least.
-    pub joint_velocity: &'a [f64],
-}
-
-impl<'a> Sensed<'a> {
-    /// Of a robot that stands upright and at rest, with these positions and velocities of its joints.
-    pub fn upright(joint_position: &'a [f64], joint_velocity: &'a [f64]) -> Self {
-        Self {
-            base_angular_velocity: [0.0; 3],
-            projected_gravity: [0.0, 0.0, -1.0],
-            base_linear_velocity: [0.0; 3],
-            base_height: NOMINAL_HEIGHT,
-            joint_position,
-            joint_velocity,
-        }
-    }
-}
+/// What a controller reads of the standard observation: positions of legs, waist and arms at least, velocities of legs and waist.
+pub type Sensed<'a> = Proprioception<&'a [f64]>;
 
 /// The first of some terms of an observation that has fewer numbers than are needed, or one among these that is not finite;
 /// with what is wrong with it.
@@ -96,7 +69,7 @@ impl History {
     pub fn push(
         &mut self,
         sensed: &Sensed<'_>,
-        command: &Command,
+        command: &BodyCommand,
         clock: [f64; 4],
         last_action: &[f64; MOVED],
         is_first: bool,

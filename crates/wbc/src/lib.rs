@@ -1,6 +1,6 @@
 //! The whole-body controller: it owns legs and waist, and walks, stands, bends and turns on command whatever the arms do.
 //!
-//! Training and use share what stands here, so that a controller meets what it was trained on: the [`Command`] and how it
+//! Training and use share what stands here, so that a controller meets what it was trained on: the [`BodyCommand`] and how it
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
 //! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it, and
 //! stands by [`balance`] where nothing asks for steps. [`Arms`] adds
@@ -8,30 +8,29 @@
 mod arms;
 pub mod balance;
 mod clock;
-mod command;
 mod contract;
 mod controller;
 mod error;
 mod frame;
 mod network;
 mod reach;
-mod senses;
+mod setpoint;
 mod standing;
 mod swing;
 
 pub use arms::Arms;
 pub use balance::{Balance, BalanceError};
 pub use clock::Clock;
-pub use command::{Command, NOMINAL_HEIGHT, Setpoint};
 pub use contract::{Contract, Joint, Training};
 pub use controller::Controller;
 pub use error::WbcError;
+pub use fiatlux_proto::{BodyCommand, NOMINAL_HEIGHT, Proprioception};
 pub use frame::{
     ARMS, BODY, FRAME, FRAME_LENGTH, History, LEGS, MOVED, Sensed, first_unsound, mirrored_action, mirrored_frame,
 };
 pub use network::Network;
 pub use reach::{HandGoal, Reach};
-pub use senses::{SensedTerms, Senses};
+pub use setpoint::Setpoint;
 pub use swing::Swing;
 
 /// Length of a control step, s.

@@ -12,8 +12,8 @@ use fiatlux_rules::GRAVITY;
 use nalgebra::{Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 use crate::balance::{Balance, Pendulum};
-use crate::command::towards;
-use crate::{BODY, CONTROL_DT, Command, Joint, LEGS, MOVED, Sensed, WbcError};
+use crate::setpoint::towards;
+use crate::{BODY, BodyCommand, CONTROL_DT, Joint, LEGS, MOVED, Sensed, WbcError};
 
 /// How far the capture point may be from the middle between the soles, fore and aft and sideways, m: while the robot comes to
 /// rest, and afterwards. The sole is 0.101 m long either way.
@@ -124,7 +124,7 @@ impl Standing {
 
     /// Takes what is sensed and commanded in a control step in which both feet are due down; targets of all joints, rad, where
     /// it has taken over.
-    pub fn step(&mut self, sensed: &Sensed<'_>, command: &Command) -> Result<Option<&[f64]>, WbcError> {
+    pub fn step(&mut self, sensed: &Sensed<'_>, command: &BodyCommand) -> Result<Option<&[f64]>, WbcError> {
         let sensed = Sensed { joint_position: &sensed.joint_position[..BODY], ..*sensed };
         let pendulum = self.balance.observe(&sensed)?;
         let q = self.balance.joint_position();
@@ -211,7 +211,7 @@ impl Stance {
     }
 
     /// Goes on by a control step towards a command.
-    fn advance(&mut self, command: &Command) {
+    fn advance(&mut self, command: &BodyCommand) {
         self.pelvis.z = towards(self.pelvis.z, command.height, PELVIS_RATE[0]);
         let [roll, pitch, _] = command.torso;
         self.turned[0] = towards(self.turned[0], PELVIS_SHARE[0] * roll, PELVIS_RATE[1]);

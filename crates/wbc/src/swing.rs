@@ -1,7 +1,7 @@
 //! Free arms, which hang and swing as the legs walk.
 
-use crate::command::towards;
-use crate::{ARMS, CONTROL_DT, Command, MOVED};
+use crate::setpoint::towards;
+use crate::{ARMS, BodyCommand, CONTROL_DT, MOVED};
 
 /// Shoulder pitch, shoulder roll and elbow in an arm.
 const JOINTS: [usize; 3] = [0, 1, 3];
@@ -38,7 +38,7 @@ impl Swing {
     /// hand, left first, that it holds nothing.
     ///
     /// [`Controller::stride`]: crate::Controller::stride
-    pub fn step(&mut self, command: &Command, stride: f64, is_free: [bool; 2], targets: &mut [f64]) {
+    pub fn step(&mut self, command: &BodyCommand, stride: f64, is_free: [bool; 2], targets: &mut [f64]) {
         let (walks, [speed, ..]) = (command.walks(), command.velocity);
         for side in 0..2 {
             let share = if is_free[1 - side] { 1.0 } else { LOADED_SHARE };

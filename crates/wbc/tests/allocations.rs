@@ -4,7 +4,7 @@
 use std::alloc::System;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Command, Controller, MOVED, Network, Sensed, Swing};
+use fiatlux_wbc::{ARMS, BodyCommand, Controller, MOVED, Network, Sensed, Swing};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -15,7 +15,7 @@ fn walking_allocates_nothing() {
     let mut controller = Controller::new(Arc::new(Network::shipped().unwrap()));
     let zeros = [0.0; MOVED + ARMS];
     let sensed = Sensed::upright(&zeros, &zeros);
-    let command = Command { velocity: [0.4, 0.0, 0.2], ..Command::default() };
+    let command = BodyCommand { velocity: [0.4, 0.0, 0.2], ..BodyCommand::default() };
     let mut targets = [0.0; MOVED + ARMS];
     let mut swing = Swing::new(&targets);
     // The first step is one of standing, which looks where the links are.

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use fiatlux_cli::ProgressLine;
+use fiatlux_client::RunProgress;
 use fiatlux_proto::keys::is_name;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, evaluate_external};
@@ -98,13 +99,14 @@ fn greet(args: &EvaluateArgs, endpoint: &str) -> std::io::Result<()> {
 }
 
 fn look(line: &ProgressLine, progress: &ExternalProgress) -> String {
-    let ExternalProgress::Playing { run, policy, episodes, done, successes, open, steps, steps_left } = progress else {
+    let ExternalProgress::Playing { run, policy, progress } = progress else {
         return "waiting for a run".into();
     };
+    let RunProgress { episodes, done, successes, steps, steps_left, playing, .. } = progress;
     let left = if *steps > 0 { line.left(*steps, steps + steps_left) } else { "?".into() };
     let mut text = format!("{policy}, run {run}: {done}/{episodes} episodes, {successes} succeeded, about {left} left");
-    for (task, seed) in open {
-        text += &format!("  {task}/{seed}");
+    for episode in playing {
+        text += &format!("  {}", episode.name());
     }
     text
 }

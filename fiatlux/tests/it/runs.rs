@@ -352,6 +352,38 @@ fn tasks_that_a_policy_does_not_play_do_not_end_the_run() {
     assert!(failed.len() == 4 && failed.iter().all(says_why), "{failed:?}");
 }
 
+/// To find out in the middle of an episode that a session does not fit is a failure of the policy, not a task that it refuses: the
+/// run stays open, and the next call plays those episodes.
+#[test]
+fn a_policy_that_gives_up_after_its_first_step_loses_its_episode() {
+    struct Late(Zero, bool);
+    impl Policy for Late {
+        fn name(&self) -> String {
+            "slow".into()
+        }
+        fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+            self.1 = info.task.as_ref().is_some_and(|task| task.task == "S05");
+            self.0.reset(info, first)
+        }
+        fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+            let unfit = || PolicyError::Unfit { policy: "slow", reason: "no pose".into() };
+            if self.1 && observation.step == 3 { Err(unfit()) } else { self.0.act(observation) }
+        }
+    }
+    let (folder, link) = (folder("late"), fiatlux_link::Link::embedded().unwrap().session().clone());
+    let _server = server(&link, "lab", &folder);
+    let make = || Ok(Box::new(Late(Zero::default(), false)) as Box<dyn Policy>);
+    let (carrier, options) = (fiatlux_link::carrier(&link), options(&folder, "lab"));
+    let outcome = Client::evaluate(&carrier, &options, make, &mut |_| (), &AtomicBool::new(false)).unwrap();
+    let is_as_expected = |episode: &fiatlux_client::EpisodeOutcome| match episode.task.as_str() {
+        "S05" => episode.fate == EpisodeFate::Lost && episode.cause.contains("no pose"),
+        _ => episode.fate == EpisodeFate::Played,
+    };
+    assert!(!outcome.finished && outcome.episodes.iter().all(is_as_expected), "{outcome:?}");
+    let outcome = play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false));
+    assert_eq!(digests(&outcome), undisturbed(), "the next call plays them");
+}
+
 /// A policy that plans by exact poses gets as much of a hosted room as of a public one: the same rows.
 #[test]
 fn walk_plays_hosted_rooms_as_public_ones() {

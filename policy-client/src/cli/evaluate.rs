@@ -150,8 +150,7 @@ fn look(line: &ProgressLine, progress: &RunProgress, protocol: &str) -> String {
         text += ", waiting for a server";
     }
     for episode in playing.iter().take(MOST_SHOWN) {
-        let seed = episode.seed.map_or_else(String::new, |seed| format!("/{seed}"));
-        text += &format!("  {}{seed} at {:.0} s", episode.task, episode.step as f64 * CONTROL_DT);
+        text += &format!("  {} at {:.0} s", episode.name(), episode.step as f64 * CONTROL_DT);
         if servers.len() > 1 {
             text += &format!(" on {}", episode.server);
         }

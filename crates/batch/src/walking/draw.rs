@@ -1,7 +1,7 @@
 //! What a learner's robot is asked for.
 
 use fiatlux_rules::CONTROL_DT;
-use fiatlux_wbc::{Command, NOMINAL_HEIGHT};
+use fiatlux_wbc::{BodyCommand, NOMINAL_HEIGHT};
 use fiatlux_world::Random;
 
 use super::WalkingOptions;
@@ -15,7 +15,7 @@ const ONE_AXIS: f64 = 0.34;
 const UPRIGHT: f64 = 0.35;
 
 /// A command, and for how many control steps it holds.
-pub(super) fn draw_command(options: &WalkingOptions, random: &mut Random) -> (Command, u32) {
+pub(super) fn draw_command(options: &WalkingOptions, random: &mut Random) -> (BodyCommand, u32) {
     let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);
     let kind = random.unit();
     let mut velocity = options.command.map(|range| within(range, random));
@@ -31,8 +31,8 @@ pub(super) fn draw_command(options: &WalkingOptions, random: &mut Random) -> (Co
     let height = within(range, random);
     let torso = options.torso.map(|range| within(range, random));
     let command = match is_upright {
-        true => Command { velocity, height: NOMINAL_HEIGHT.clamp(range[0], range[1]), torso: [0.0; 3] },
-        false => Command { velocity, height, torso },
+        true => BodyCommand { velocity, height: NOMINAL_HEIGHT.clamp(range[0], range[1]), torso: [0.0; 3] },
+        false => BodyCommand { velocity, height, torso },
     };
     (command, (within(COMMAND_S, random) / CONTROL_DT) as u32)
 }

@@ -1,7 +1,7 @@
 //! What a walker remembers of its episode, for snapshots.
 
 use fiatlux_sensing::NoiseSeed;
-use fiatlux_wbc::{Clock, Command, History, MOVED, Setpoint};
+use fiatlux_wbc::{BodyCommand, Clock, History, MOVED, Setpoint};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ struct State {
     /// Seed and episode.
     noise: Option<(u64, u64)>,
     history: History,
-    command: Command,
+    command: BodyCommand,
     command_left: u32,
     setpoint: Setpoint,
     clock: Clock,

@@ -52,13 +52,6 @@ impl Content for RunInfo {
     }
 }
 
-/// The outcome of a request that its link proves.
-enum Said<T> {
-    Taken(T),
-    /// The server does not know the link, or somebody in its place says so.
-    NoLink,
-}
-
 impl Calls<'_> {
     /// Registers the run, or resumes it.
     pub(super) fn register(&self, server: &str, spec: &RunSpec) -> Result<RunInfo, ClientError> {
@@ -135,11 +128,11 @@ impl Calls<'_> {
             let (attachment, number) = link.sealing.seal("run", &payload);
             let question = question([&key, "RunRequest"], payload, attachment, TIMEOUT_S);
             let no_link = std::cell::Cell::new(false);
-            let said = ask(
+            let reply = ask(
                 self.link,
                 &question,
                 |reply| match link.sealing.answer("run", number, reply) {
-                    Some(Ok(bytes)) => Some(read(server, &bytes).map(Said::Taken)),
+                    Some(Ok(bytes)) => Some(read(server, &bytes)),
                     _ if says_no_link(reply) => {
                         no_link.set(true);
                         None
@@ -148,18 +141,16 @@ impl Calls<'_> {
                 },
                 || no_link.get(),
             );
-            // The server's own answer takes precedence over what others say.
-            let said = match said {
-                Err(ClientError::Unanswered { .. }) if no_link.get() => Said::NoLink,
-                said => said?,
-            };
-            match said {
-                Said::Taken((run_reply::Reply::Run(info), _)) => return Ok(info),
-                Said::Taken((run_reply::Reply::Refusal(refusal), _)) => {
-                    return Err(ClientError::refused(server, refusal));
+            match reply {
+                // The server's own answer takes precedence over what others say.
+                Err(ClientError::Unanswered { .. }) if no_link.get() => self.forget(server),
+                reply => {
+                    return match reply?.0 {
+                        run_reply::Reply::Run(info) => Ok(info),
+                        run_reply::Reply::Refusal(refusal) => Err(ClientError::refused(server, refusal)),
+                        run_reply::Reply::Session(_) => Err(other_kind()),
+                    };
                 }
-                Said::Taken(_) => return Err(other_kind()),
-                Said::NoLink => self.forget(server),
             }
         }
         Err(unknown_link(server))

@@ -57,7 +57,7 @@ impl RunOutcome {
 }
 
 /// An episode that is being played.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Playing {
     /// Id of the task, such as `S01`.
     pub task: String,
@@ -67,6 +67,14 @@ pub struct Playing {
     pub server: String,
     /// Control step that it has reached.
     pub step: u64,
+}
+
+impl Playing {
+    /// Task and seed, such as `S01/0`; the task alone if the seed is hosted.
+    pub fn name(&self) -> String {
+        let seed = self.seed.map_or_else(String::new, |seed| format!("/{seed}"));
+        format!("{}{seed}", self.task)
+    }
 }
 
 /// The progress of a run.

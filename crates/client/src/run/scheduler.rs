@@ -114,14 +114,14 @@ impl Scheduler {
         }
     }
 
-    /// The current moment, for [`Scheduler::told`].
+    /// The current moment, for [`Scheduler::merge_ledger`].
     pub(super) fn moment(&self) -> u64 {
         self.moment
     }
 
     /// Takes in the ledger of a server, as an answer to a query of that moment. Returns the episodes to break off:
     /// those that this client plays but the server does not, or that are decided elsewhere.
-    pub(super) fn told(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
+    pub(super) fn merge_ledger(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
         let mut broken_off = Vec::new();
         for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
             // Servers that share a folder list each other's episodes.
@@ -203,6 +203,15 @@ impl Scheduler {
                 server.room = (server.room + 1).min(server.full_room);
             }
             *standing = Standing::Ended { server, since: self.moment };
+        }
+    }
+
+    /// An episode was played to its end where there is no ledger to confirm it.
+    pub(super) fn played(&mut self, index: usize, success: bool) {
+        self.ended(index);
+        if let Standing::Ended { server, .. } = &mut self.episodes[index].standing {
+            let (server, entry) = (std::mem::take(server), RunEpisode { success, ..RunEpisode::default() });
+            self.episodes[index].standing = Standing::Decided { server, entry };
         }
     }
 

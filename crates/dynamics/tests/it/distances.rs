@@ -58,7 +58,8 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
     let mut builder = ModelBuilder::new();
     builder.add_body(free_body("a")).unwrap();
     let ball = || Geometry::Sphere { radius: 0.1 };
-    let shapes = [("floor", Geometry::HalfSpace, 0.0), ("high", ball(), 3.0), ("low", ball(), 0.25), ("deep", ball(), -0.05)];
+    let shapes =
+        [("floor", Geometry::HalfSpace, 0.0), ("high", ball(), 3.0), ("low", ball(), 0.25), ("deep", ball(), -0.05)];
     for (index, (name, geometry, height)) in shapes.into_iter().enumerate() {
         let shape = ShapeSpec {
             name: name.into(),

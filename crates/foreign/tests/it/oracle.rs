@@ -5,7 +5,7 @@ use std::process::Command as Program;
 
 use fiatlux_foreign::{BODY, Gear, Reading, Sonic, TOKEN};
 use fiatlux_safetensors::File;
-use fiatlux_wbc::{Command, MOVED, Sensed};
+use fiatlux_wbc::{BodyCommand, MOVED, Sensed};
 
 const STEPS: usize = 240;
 /// Maximum difference of a target, rad.
@@ -25,7 +25,7 @@ struct StepInput {
     position: [f64; BODY],
     velocity: [f64; BODY],
     token: [f32; TOKEN],
-    command: Command,
+    command: BodyCommand,
 }
 
 impl StepInput {
@@ -52,7 +52,7 @@ fn sequence() -> Vec<StepInput> {
         position: std::array::from_fn(|_| draw(0.5)),
         velocity: std::array::from_fn(|_| draw(4.0)),
         token: std::array::from_fn(|_| draw(1.0) as f32),
-        command: Command {
+        command: BodyCommand {
             velocity: VELOCITIES[step / 60],
             height: 0.74 - 0.001 * (step % 60) as f64,
             torso: [0.1, -0.2, 0.3].map(|angle| angle * (step % 7) as f64),

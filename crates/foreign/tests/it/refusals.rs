@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use fiatlux_foreign::{DECODER, ForeignError, GEAR_FILES, Gear, Model, Reading, SHA256_LIST, Sonic};
-use fiatlux_wbc::{Command, Sensed};
+use fiatlux_wbc::{BodyCommand, Sensed};
 
 use crate::networks::{bytes, operator, pb, perceptron};
 use crate::oracle::Q0;
@@ -195,12 +195,12 @@ fn nothing_moves_on_a_bad_observation_or_command() {
     let (zeros, mut targets) = ([0.0; 29], [7.0; 29]);
     let upright = Sensed::upright(&zeros, &zeros);
     let tilted = Sensed { projected_gravity: [0.0, f64::NAN, 0.0], ..upright };
-    let command = Command::default();
+    let command = BodyCommand::default();
     let error = gear.step(&tilted, &command, &mut targets).unwrap_err();
     assert!(matches!(error, ForeignError::Sensed { term: "projected_gravity", problem: "is not finite", .. }));
     let error = gear.step(&Sensed::upright(&zeros, &zeros[..28]), &command, &mut targets).unwrap_err();
     assert!(matches!(error, ForeignError::Sensed { term: "joint_velocity", .. }));
-    let error = gear.step(&upright, &Command { height: f64::INFINITY, ..command }, &mut targets).unwrap_err();
+    let error = gear.step(&upright, &BodyCommand { height: f64::INFINITY, ..command }, &mut targets).unwrap_err();
     assert!(matches!(error, ForeignError::Command { field: "height", .. }));
     let mut sonic = Sonic::new(&Sonic::read(&fixtures()).unwrap(), &Q0).unwrap();
     let mut token = [0.0; 64];

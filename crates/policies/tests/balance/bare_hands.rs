@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use fiatlux_client::Command;
-use fiatlux_proto::v3::{Joint, Observation, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Joint, Observation, SessionInfo};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_sensing::{NoiseSeed, Observer, Proprioception as Sensed};
+use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_world::{ACTION_SCALE, Random, Scene, SceneConfig, SceneSpec, Stream, World};
 use nalgebra::UnitQuaternion;
 
@@ -45,22 +45,14 @@ fn stand_stands_for_120_seconds() {
         world.reset_to(&row).unwrap();
 
         let mut observer = Observer::new(robot.q0().to_vec(), Some(NoiseSeed { seed, episode: 0 }));
-        let mut sensed = Sensed::zeros(29);
+        let mut sensed = Proprioception::zeros(29);
         let mut policy = fiatlux_policies::Policies::default().make("stand").unwrap();
         for step in 0..STEPS {
             observer.observe(world.row(), &mut sensed);
-            let list = |values: &[f64]| values.iter().map(|value| *value as f32).collect();
             let observation = Observation {
                 step: step as u64,
                 last_action: vec![0.0; 29],
-                proprioception: Some(Proprioception {
-                    base_angular_velocity: list(&sensed.base_angular_velocity),
-                    projected_gravity: list(&sensed.projected_gravity),
-                    base_linear_velocity: list(&sensed.base_linear_velocity),
-                    base_height: sensed.base_height as f32,
-                    joint_position: list(&sensed.joint_position),
-                    joint_velocity: list(&sensed.joint_velocity),
-                }),
+                proprioception: Some((&sensed).into()),
                 ..Observation::default()
             };
             if step == 0 {

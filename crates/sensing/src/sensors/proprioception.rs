@@ -1,7 +1,5 @@
 //! The robot's own body, with noise.
 
-use fiatlux_proto::v3;
-
 use crate::Setup;
 use crate::observer::NOISE;
 use crate::sensor::{Class, Entry, Needs, Term};
@@ -23,15 +21,7 @@ pub(crate) const ENTRY: Entry = Entry {
         Ok(())
     },
     encode: |view, devices, observation| {
-        let sensed = devices.body(view)?;
-        observation.proprioception = Some(v3::Proprioception {
-            base_angular_velocity: singles(&sensed.base_angular_velocity),
-            projected_gravity: singles(&sensed.projected_gravity),
-            base_linear_velocity: singles(&sensed.base_linear_velocity),
-            base_height: sensed.base_height as f32,
-            joint_position: singles(&sensed.joint_position),
-            joint_velocity: singles(&sensed.joint_velocity),
-        });
+        observation.proprioception = Some(devices.body(view)?.into());
         Ok(())
     },
 };
@@ -63,8 +53,4 @@ fn terms(setup: &Setup) -> Vec<Term> {
         term("joint_position", "proprioception.joint_position", &[joints], "rad", "joint angles less those of q0"),
         term("joint_velocity", "proprioception.joint_velocity", &[joints], "rad/s", "joint velocities"),
     ]
-}
-
-fn singles(numbers: &[f64]) -> Vec<f32> {
-    numbers.iter().map(|number| *number as f32).collect()
 }

@@ -10,9 +10,9 @@ use std::sync::Arc;
 use fiatlux_access::{Identity, sign_result};
 use fiatlux_cli::in_full;
 use fiatlux_features::ResNet18;
-use fiatlux_proto::Message;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord, WholeBodyCommand};
+use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
+use fiatlux_proto::{BodyCommand, Message};
 use fiatlux_render::Lighting;
 use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::{Command, Host};
@@ -196,12 +196,7 @@ impl Host for Simulation {
 
 impl Run {
     /// Joint targets that follow a whole-body command, rad. The controller sees what a client would, with the same noise.
-    fn follow(
-        &mut self,
-        suite: &mut SensorSuite,
-        command: &WholeBodyCommand,
-        named: &[f64],
-    ) -> Result<Vec<f64>, Refusal> {
+    fn follow(&mut self, suite: &mut SensorSuite, command: &BodyCommand, named: &[f64]) -> Result<Vec<f64>, Refusal> {
         const SENSES: Sensors = Sensors::of(&[Sensor::Proprioception]);
         let refused = |error: &dyn std::error::Error| Refusal::new(Code::Value, "whole_body", in_full(error));
         let seen = suite.observe(&View::of(&self.episode), SENSES).map_err(|error| refused(&error))?;

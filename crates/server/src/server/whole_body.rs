@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, LazyLock};
 
-use fiatlux_proto::v3::{Proprioception, WholeBodyCommand};
-use fiatlux_wbc::{ARMS, Arms, BODY, Command, Controller, Joint, MOVED, Network, SensedTerms, Senses, WbcError};
+use fiatlux_proto::v3;
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, Joint, MOVED, Network, Proprioception, WbcError};
 use fiatlux_world::{ACTION_SCALE, Scene};
 
 /// The shipped network, read when the first session opens.
@@ -14,10 +14,13 @@ static NETWORK: LazyLock<Result<Arc<Network>, WbcError>> = LazyLock::new(|| Netw
 pub(super) fn ranges(scene: &Scene) -> Vec<f64> {
     let fits = |network: &&Arc<Network>| network.contract().fits_joints(&joints(scene)).is_ok();
     let Some(network) = NETWORK.as_ref().ok().filter(fits) else { return Vec::new() };
-    let [vx, vy, wz, walking, standing, roll, pitch, yaw] = network.contract().command;
-    // The controller itself keeps a robot that walks within the narrower one.
-    let height = [walking[0].min(standing[0]), walking[1].max(standing[1])];
-    [vx, vy, wz, height, roll, pitch, yaw].concat()
+    let [walking, standing] = [true, false].map(|walks| network.contract().command_ranges(walks));
+    // The controller itself keeps a robot that walks within the narrower range of heights.
+    walking
+        .iter()
+        .zip(standing)
+        .flat_map(|(walking, standing)| [walking[0].min(standing[0]), walking[1].max(standing[1])])
+        .collect()
 }
 
 fn joints(scene: &Scene) -> Vec<Joint> {
@@ -29,7 +32,7 @@ fn joints(scene: &Scene) -> Vec<Joint> {
 pub(super) struct WholeBody {
     controller: Controller,
     arms: Arms,
-    senses: Senses,
+    sensed: Proprioception,
     /// Of all joints, rad. Those of arms and hands are as they are wanted.
     targets: Vec<f64>,
     /// Whether the client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
@@ -48,7 +51,7 @@ impl WholeBody {
         Ok(Self {
             controller: Controller::new(Arc::clone(network)),
             arms: Arms::new(&joints)?,
-            senses: Senses::default(),
+            sensed: Proprioception::default(),
             targets,
             is_named: false,
         })
@@ -60,25 +63,16 @@ impl WholeBody {
     /// [`WbcError`]: what is sensed is not finite.
     pub fn step(
         &mut self,
-        seen: &Proprioception,
-        command: &WholeBodyCommand,
+        seen: &v3::Proprioception,
+        command: &BodyCommand,
         named: &[f64],
     ) -> Result<Vec<f64>, WbcError> {
-        let sensed = self.senses.read(&SensedTerms {
-            base_angular_velocity: &seen.base_angular_velocity,
-            projected_gravity: &seen.projected_gravity,
-            base_linear_velocity: &seen.base_linear_velocity,
-            base_height: seen.base_height,
-            joint_position: &seen.joint_position,
-            joint_velocity: &seen.joint_velocity,
-        });
+        let sensed = self.sensed.read(seen);
         if named.len() == self.targets.len() {
             self.targets[MOVED..].copy_from_slice(&named[MOVED..]);
             self.is_named = true;
         }
-        let WholeBodyCommand { vx, vy, wz, height, roll, pitch, yaw } = *command;
-        let command = Command { velocity: [vx, vy, wz], height, torso: [roll, pitch, yaw] };
-        self.controller.step(&sensed, &command, &mut self.targets)?;
+        self.controller.step(&sensed, command, &mut self.targets)?;
         let mut targets = self.targets.clone();
         if self.is_named {
             let mut angles = [0.0; ARMS];

@@ -35,10 +35,9 @@ impl ReceivedAction {
     /// Takes the velocity out of a whole-body command; returns whether there was one.
     fn stand(&mut self) -> bool {
         let Command::WholeBody(command, _) = &mut self.command else { return false };
-        let moves = [command.vx, command.vy, command.wz].iter().any(|velocity| *velocity != 0.0);
-        (command.vx, command.vy, command.wz) = (0.0, 0.0, 0.0);
-        self.action.whole_body = Some(*command);
-        moves
+        let velocity = std::mem::take(&mut command.velocity);
+        self.action.whole_body = Some((*command).into());
+        velocity.iter().any(|velocity| *velocity != 0.0)
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{BodyCommand, Controller, MOVED, Network};
 use fiatlux_world::{AppliedWrench, ControlInput, Push, Random, Scene, SceneConfig, SceneSpec, Stream, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -56,17 +56,9 @@ impl Play {
     }
 
     /// Pelvis and hand, m, or none where it has fallen.
-    pub fn step(&mut self, command: &Command) -> Option<[Vector3<f64>; 2]> {
+    pub fn step(&mut self, command: &BodyCommand) -> Option<[Vector3<f64>; 2]> {
         self.observer.observe(self.world.row(), &mut self.seen);
-        let sensed = Sensed {
-            base_angular_velocity: self.seen.base_angular_velocity,
-            projected_gravity: self.seen.projected_gravity,
-            base_linear_velocity: self.seen.base_linear_velocity,
-            base_height: self.seen.base_height,
-            joint_position: &self.seen.joint_position,
-            joint_velocity: &self.seen.joint_velocity,
-        };
-        self.controller.step(&sensed, command, &mut self.targets[..MOVED]).unwrap();
+        self.controller.step(&self.seen.view(), command, &mut self.targets[..MOVED]).unwrap();
         self.stood += usize::from(self.controller.is_standing());
         self.steps += 1;
         let action = vec![0.0; self.targets.len()];

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_robot::Robot;
-use fiatlux_wbc::{ARMS, Arms, Command, Controller, MOVED, Network, Sensed, WbcError};
+use fiatlux_wbc::{ARMS, Arms, BodyCommand, Controller, MOVED, Network, Sensed, WbcError};
 
 const SHIPPED: &[u8] = include_bytes!("../../weights/wbc.safetensors");
 
@@ -30,7 +30,7 @@ fn standing_upright_it_is_content_and_mirrored_states_give_mirrored_targets() {
     let mut controller = Controller::new(Arc::clone(&network));
     let mut targets = [0.0; MOVED];
     for _ in 0..10 {
-        controller.step(&upright(&ZEROS), &Command::default(), &mut targets).unwrap();
+        controller.step(&upright(&ZEROS), &BodyCommand::default(), &mut targets).unwrap();
     }
     for (index, (target, joint)) in targets.iter().zip(&network.contract().joints).enumerate() {
         assert!((target - joint.q0).abs() < 1.2, "{} {target}", joint.name);
@@ -92,15 +92,15 @@ fn nothing_moves_on_a_bad_observation_or_command() {
     let mut controller = Controller::new(Arc::new(Network::shipped().unwrap()));
     let mut targets = [7.0; MOVED];
     let sensed = Sensed { base_linear_velocity: [0.0, f64::NAN, 0.0], ..upright(&ZEROS) };
-    let error = controller.step(&sensed, &Command::default(), &mut targets).unwrap_err();
+    let error = controller.step(&sensed, &BodyCommand::default(), &mut targets).unwrap_err();
     assert!(matches!(error, WbcError::Sensed { term: "base_linear_velocity", .. }));
-    let error = controller.step(&upright(&ZEROS[..20]), &Command::default(), &mut targets).unwrap_err();
+    let error = controller.step(&upright(&ZEROS[..20]), &BodyCommand::default(), &mut targets).unwrap_err();
     assert!(matches!(error, WbcError::Sensed { term: "joint_position", .. }));
     assert_eq!(targets, [7.0; MOVED]);
-    let fast = Command { velocity: [2.0, 0.0, 0.0], ..Command::default() };
+    let fast = BodyCommand { velocity: [2.0, 0.0, 0.0], ..BodyCommand::default() };
     assert!(controller.check(&fast).unwrap_err().to_string().contains("command vx is 2"));
-    controller.check(&Command { height: 0.56, ..Command::default() }).unwrap();
-    let low = Command { velocity: [0.3, 0.0, 0.0], height: 0.56, ..Command::default() };
+    controller.check(&BodyCommand { height: 0.56, ..BodyCommand::default() }).unwrap();
+    let low = BodyCommand { velocity: [0.3, 0.0, 0.0], height: 0.56, ..BodyCommand::default() };
     assert!(controller.check(&low).unwrap_err().to_string().contains("command height is 0.56"));
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
-use fiatlux_wbc::{Command, Controller, MOVED, Network, Sensed};
+use fiatlux_wbc::{BodyCommand, Controller, MOVED, Network};
 use fiatlux_world::{ControlInput, Push, Scene, SceneConfig, SceneSpec, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -36,18 +36,10 @@ impl OnFloor {
     }
 
     /// Where the pelvis is after a control step, m.
-    fn step(&mut self, command: &Command, push: Option<Push>) -> Vector3<f64> {
+    fn step(&mut self, command: &BodyCommand, push: Option<Push>) -> Vector3<f64> {
         let mut seen = Proprioception::zeros(0);
         self.observer.observe(self.world.row(), &mut seen);
-        let sensed = Sensed {
-            base_angular_velocity: seen.base_angular_velocity,
-            projected_gravity: seen.projected_gravity,
-            base_linear_velocity: seen.base_linear_velocity,
-            base_height: seen.base_height,
-            joint_position: &seen.joint_position,
-            joint_velocity: &seen.joint_velocity,
-        };
-        self.controller.step(&sensed, command, &mut self.targets[..MOVED]).unwrap();
+        self.controller.step(&seen.view(), command, &mut self.targets[..MOVED]).unwrap();
         let action = vec![0.0; self.targets.len()];
         let input = ControlInput { push, ..ControlInput::new(&action, &self.targets) };
         self.world.step_with(&input).unwrap().robot.pose.translation.vector
@@ -56,7 +48,7 @@ impl OnFloor {
 
 #[test]
 fn it_stands_still_and_where_it_is_while_the_arms_move() {
-    let (mut robot, command) = (OnFloor::new(), Command::default());
+    let (mut robot, command) = (OnFloor::new(), BodyCommand::default());
     for _ in 0..3 * SECOND {
         robot.step(&command, None);
     }
@@ -90,7 +82,7 @@ fn it_stands_still_and_where_it_is_while_the_arms_move() {
 #[test]
 fn it_comes_to_a_height_and_a_lean() {
     let mut robot = OnFloor::new();
-    let command = Command { height: 0.62, torso: [0.1, 0.4, -0.2], ..Command::default() };
+    let command = BodyCommand { height: 0.62, torso: [0.1, 0.4, -0.2], ..BodyCommand::default() };
     let mut height = 0.0;
     for step in 0..10 * SECOND {
         let place = robot.step(&command, None);
@@ -112,7 +104,7 @@ fn it_comes_to_a_height_and_a_lean() {
 
 #[test]
 fn a_push_and_a_command_to_walk_give_the_robot_back() {
-    let (mut robot, command) = (OnFloor::new(), Command::default());
+    let (mut robot, command) = (OnFloor::new(), BodyCommand::default());
     for _ in 0..3 * SECOND {
         robot.step(&command, None);
     }
@@ -127,7 +119,7 @@ fn a_push_and_a_command_to_walk_give_the_robot_back() {
     }
     let gave_back = stood.iter().position(|stands| !stands).expect("the push is too much for feet that stay");
     assert!(stood[gave_back..].contains(&true), "it stands again");
-    robot.step(&Command { velocity: [0.3, 0.0, 0.0], ..command }, None);
-    robot.step(&Command { velocity: [0.3, 0.0, 0.0], ..command }, None);
+    robot.step(&BodyCommand { velocity: [0.3, 0.0, 0.0], ..command }, None);
+    robot.step(&BodyCommand { velocity: [0.3, 0.0, 0.0], ..command }, None);
     assert!(!robot.controller.is_standing());
 }

@@ -1,10 +1,10 @@
 //! Arms that are free swing with the legs; one whose hand holds something stays where it is.
 
 use fiatlux_robot::Robot;
-use fiatlux_wbc::{BODY, CONTROL_DT, Clock, Command, MOVED, Swing};
+use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, Clock, MOVED, Swing};
 
 const SECOND: usize = 50;
-const WALKS: Command = Command { velocity: [0.45, 0.0, 0.2], height: 0.75, torso: [0.0; 3] };
+const WALKS: BodyCommand = BodyCommand { velocity: [0.45, 0.0, 0.2], height: 0.75, torso: [0.0; 3] };
 
 /// Shoulder pitch, roll and elbow of the left arm, then of the right one.
 const JOINTS: [usize; 6] = [MOVED, MOVED + 1, MOVED + 3, MOVED + 7, MOVED + 8, MOVED + 10];
@@ -14,7 +14,7 @@ fn play(is_free: [bool; 2], walking: usize, standing: usize) -> (Vec<(f64, Vec<f
     let start = Robot::by_name("g1_bare").unwrap().q0().to_vec();
     let (mut clock, mut swing, mut targets) = (Clock::default(), Swing::new(&start), start.clone());
     let step = |step| {
-        let command = if step < walking * SECOND { WALKS } else { Command::default() };
+        let command = if step < walking * SECOND { WALKS } else { BodyCommand::default() };
         swing.step(&command, clock.stride(), is_free, &mut targets);
         clock.advance(command.walks());
         (clock.stride(), targets.clone())

@@ -32,7 +32,7 @@ fn ledger(states: &str) -> Vec<RunEpisode> {
 }
 
 fn tell(scheduler: &mut Scheduler, server: &str, states: &str) -> Vec<usize> {
-    scheduler.told(server, scheduler.moment() + 1, &ledger(states))
+    scheduler.merge_ledger(server, scheduler.moment() + 1, &ledger(states))
 }
 
 #[test]
@@ -107,9 +107,9 @@ fn an_answer_older_than_the_session_breaks_nothing_off() {
     let mut run = scheduler(2, &[("a", 2)]);
     let asked = run.moment();
     hand_out(&mut run);
-    assert!(run.told("a", asked, &ledger("..")).is_empty());
+    assert!(run.merge_ledger("a", asked, &ledger("..")).is_empty());
     run.ended(0);
-    assert!(run.told("a", asked, &ledger("..")).is_empty());
+    assert!(run.merge_ledger("a", asked, &ledger("..")).is_empty());
     assert!(matches!(run.standings().next(), Some((Standing::Ended { .. }, None))));
 }
 

@@ -6,7 +6,8 @@ use std::time::Duration;
 use fiatlux_bag::{Bag, BagWriter, Completeness};
 use fiatlux_proto::v3::{
     Action, ActionRecord, CloseRequest, EpisodeResult, Event, LookReply, LookRequest, Notice, OpenRequest, ResetReply,
-    ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, look_reply, notice, reset_reply,
+    ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, WholeBodyCommand, look_reply, notice,
+    reset_reply,
 };
 use fiatlux_proto::{Bytes, PROTOCOL, limits};
 use fiatlux_session::server::{Input, MAX_EVENTS, Output, Timeouts};

@@ -1,13 +1,11 @@
-//! Carries out a run: manages the threads that play episodes, the servers that come and go, and the queries to their
+//! Carries out a run: manages the episodes that are played, the servers that come and go, and the queries to their
 //! ledgers.
 
-mod members;
-mod play;
 mod report;
+mod servers;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread::Scope;
 use std::time::{Duration, Instant};
@@ -15,15 +13,15 @@ use std::time::{Duration, Instant};
 use fiatlux_carrier::Declaration;
 use fiatlux_proto::keys::{any_alive, server_of};
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{EpisodeEnd, RunEpisode, RunInfo, ServerInfo};
+use fiatlux_proto::v3::{RunInfo, ServerInfo};
 
 use super::calls::Calls;
+use super::episodes::{Attempt, AttemptEnd, AttemptEvent, EpisodeLoop, REPORT_PERIOD, TICK, WantedEpisode};
 use super::outcome::{RunOutcome, RunProgress};
-use super::scheduler::{Scheduler, Setback, Standing};
+use super::scheduler::{Setback, Standing};
 use super::{Group, RunError, RunOptions};
-use crate::{ClientError, Policy, PolicyError};
-use members::{Build, Known, cannot_keep};
-use play::{Job, setback};
+use crate::{Client, ClientError, Policy, PolicyError};
+use servers::{Build, ServerState, cannot_keep};
 
 /// Longest time for a server to close the run: it waits for clients that are gone.
 const FINISHING_TIME: Duration = Duration::from_secs(30);
@@ -34,44 +32,38 @@ const AT_WORK: Duration = Duration::from_secs(2);
 /// Time between two requests to a server to close the run.
 const FINISHING_PERIOD: Duration = Duration::from_millis(500);
 
-/// Time between two checks of everything.
-const TICK: Duration = Duration::from_millis(50);
-
-/// Time between two reports of progress.
-const REPORT_PERIOD: Duration = Duration::from_millis(200);
-
 type MakePolicy<'a> = dyn Fn() -> Result<Box<dyn Policy>, PolicyError> + Sync + 'a;
 
-/// Messages to the crew from its threads.
+/// Messages to the driver from its threads.
 enum Event {
     Token { server: String, is_there: bool },
-    Joined { server: String, asked: u64, said: Result<Box<(ServerInfo, RunInfo)>, ClientError> },
-    Told { server: String, asked: u64, said: Result<Box<RunInfo>, ClientError> },
-    Opened(usize),
-    Over { index: usize, steps: u64, end: Result<EpisodeEnd, ClientError> },
+    JoinReply { server: String, asked: u64, result: Result<Box<(ServerInfo, RunInfo)>, ClientError> },
+    StatusReply { server: String, asked: u64, result: Result<Box<RunInfo>, ClientError> },
+    Attempt(AttemptEvent),
 }
 
-pub(super) struct Crew<'scope, 'env> {
+impl From<AttemptEvent> for Event {
+    fn from(event: AttemptEvent) -> Self {
+        Self::Attempt(event)
+    }
+}
+
+pub(super) struct RunDriver<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     calls: Calls<'env>,
     options: &'env RunOptions,
     make_policy: &'env MakePolicy<'env>,
     stop: &'env AtomicBool,
     group: Group,
-    scheduler: Scheduler,
-    /// Task and seed of each episode; empty until a server has accepted the run.
-    episodes: Vec<RunEpisode>,
-    horizons: BTreeMap<String, u64>,
+    /// Has no episodes until a server has accepted the run.
+    episodes: EpisodeLoop<'scope, 'env, Event>,
     build: Option<Build>,
-    servers: BTreeMap<String, Known>,
-    jobs: BTreeMap<usize, Job>,
-    /// Steps of finished jobs.
-    steps: u64,
+    servers: BTreeMap<String, ServerState>,
     finished: bool,
     /// The last error that kept a server from taking part.
     problem: Option<ClientError>,
     /// Time since which nothing has been played, by this client or another.
-    quiet_since: Instant,
+    idle_since: Instant,
     /// Number of episodes decided or given up at that time.
     decided: usize,
     /// Why the last episode was not opened.
@@ -83,7 +75,7 @@ pub(super) struct Crew<'scope, 'env> {
     _tokens: Declaration,
 }
 
-impl<'scope, 'env> Crew<'scope, 'env> {
+impl<'scope, 'env> RunDriver<'scope, 'env> {
     pub(super) fn new(
         scope: &'scope Scope<'scope, 'env>,
         calls: Calls<'env>,
@@ -96,7 +88,7 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         let (tell, members) = (sender.clone(), group.clone());
         let tokens = calls.link.watch_tokens(&any_alive(), move |key, is_there| {
             if let Some(server) = server_of(key).filter(|server| members.has(server)) {
-                // The crew may already be gone.
+                // The driver may already be gone.
                 let _ = tell.send(Event::Token { server: server.into(), is_there });
             }
         });
@@ -107,16 +99,12 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             make_policy,
             stop,
             group,
-            scheduler: Scheduler::new(0, 0),
-            episodes: Vec::new(),
-            horizons: BTreeMap::new(),
+            episodes: EpisodeLoop::new(scope, sender.clone()),
             build: None,
             servers: BTreeMap::new(),
-            jobs: BTreeMap::new(),
-            steps: 0,
             finished: false,
             problem: None,
-            quiet_since: Instant::now(),
+            idle_since: Instant::now(),
             decided: 0,
             refusal: None,
             ending: None,
@@ -128,29 +116,34 @@ impl<'scope, 'env> Crew<'scope, 'env> {
 
     /// Plays until nothing is left to do, or nothing can be done.
     pub(super) fn play(mut self, progress: &mut dyn FnMut(&RunProgress)) -> Result<RunOutcome, RunError> {
-        let played = self.play_on(progress);
-        // Whatever happened, wait for the threads of the jobs: they end soon.
-        self.jobs.values().for_each(Job::break_off);
-        while !self.jobs.is_empty() {
+        let played = self.run_loop(progress);
+        // Whatever happened, wait for the threads of the episodes: they end soon.
+        self.episodes.attempts().for_each(Attempt::break_off);
+        while self.episodes.attempts().next().is_some() {
             match self.events.recv_timeout(TICK) {
-                Ok(Event::Over { index, steps, end }) => drop(self.on_over(index, steps, end)),
+                Ok(Event::Attempt(AttemptEvent::Over { index, end })) => drop(self.on_over(index, end)),
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
         played?;
-        let is_over = !self.episodes.is_empty() && self.scheduler.is_over();
+        let is_over = self.is_registered() && self.episodes.scheduler.is_over();
         let stopped = self.stop.load(Ordering::Relaxed) && !is_over;
         let is_lost = |(standing, _): (&Standing, _)| *standing == Standing::Lost;
-        let may_finish = self.options.give_up_lost || !self.scheduler.standings().any(is_lost);
+        let may_finish = self.options.give_up_lost || !self.episodes.scheduler.standings().any(is_lost);
         if is_over && may_finish && !self.finished {
             self.finish();
         }
-        progress(&self.look());
+        progress(&self.episodes.progress());
         Ok(self.outcome(stopped))
     }
 
-    fn play_on(&mut self, progress: &mut dyn FnMut(&RunProgress)) -> Result<(), RunError> {
+    /// Whether a server has accepted the run.
+    fn is_registered(&self) -> bool {
+        !self.episodes.wanted.is_empty()
+    }
+
+    fn run_loop(&mut self, progress: &mut dyn FnMut(&RunProgress)) -> Result<(), RunError> {
         let start = Instant::now();
         let (mut reported, mut last_seen) = (start, start);
         let mut has_begun = false;
@@ -166,13 +159,13 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(());
             }
-            if self.episodes.is_empty() {
+            if !self.is_registered() {
                 self.give_up_joining(start)?;
-            } else if self.scheduler.is_over() && self.is_settled(start.elapsed()) {
+            } else if self.episodes.scheduler.is_over() && self.is_settled(start.elapsed()) {
                 // Tell every server that is present that the run has ended.
                 return Ok(());
             }
-            if self.scheduler.has_server() || self.episodes.is_empty() {
+            if self.episodes.scheduler.has_server() || !self.is_registered() {
                 last_seen = Instant::now();
             } else if self.all_refuse() {
                 self.ending = self.problem.as_ref().map(ToString::to_string);
@@ -183,21 +176,23 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                 self.ending = Some(ending);
                 return Ok(());
             }
-            if self.is_quiet() {
+            if self.is_idle() {
                 return Ok(());
             }
             self.miss_servers();
             self.ask_servers();
-            for index in self.scheduler.strays() {
-                self.break_off(index);
+            for index in self.episodes.scheduler.strays() {
+                self.episodes.break_off(index);
             }
             has_begun |= self.is_settled(start.elapsed());
-            while has_begun && let Some((index, server)) = self.scheduler.next() {
-                self.begin(index, server);
+            if has_begun {
+                let (calls, make_policy, stop) = (self.calls, self.make_policy, self.stop);
+                self.episodes
+                    .begin(move |index, attempt, opened| play(calls, index, attempt, make_policy, stop, opened));
             }
             if reported.elapsed() >= REPORT_PERIOD {
                 reported = Instant::now();
-                progress(&self.look());
+                progress(&self.episodes.progress());
             }
         }
     }
@@ -205,29 +200,29 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     fn on(&mut self, event: Event) -> Result<(), RunError> {
         match event {
             Event::Token { server, is_there } => {
-                let known = self.servers.entry(server.clone()).or_default();
-                known.is_there = is_there;
+                let state = self.servers.entry(server.clone()).or_default();
+                state.is_there = is_there;
                 // A token that reappears may belong to a new process: query the ledger again.
-                known.has_joined = false;
-                known.refused &= !is_there;
-                known.missing_since = (!is_there).then(Instant::now);
+                state.has_joined = false;
+                state.refused &= !is_there;
+                state.missing_since = (!is_there).then(Instant::now);
                 if !is_there {
-                    self.scheduler.server_is_missed(&server);
+                    self.episodes.scheduler.server_is_missed(&server);
                 }
             }
-            Event::Joined { server, asked, said } => {
+            Event::JoinReply { server, asked, result } => {
                 self.servers.entry(server.clone()).or_default().is_asked = false;
-                match said {
-                    Ok(said) => self.on_joined(&server, asked, &said.0, &said.1),
+                match result {
+                    Ok(reply) => self.on_joined(&server, asked, &reply.0, &reply.1),
                     Err(error) => {
                         let is_final = matches!(error, ClientError::Refused { .. } | ClientError::Version { .. });
                         self.refuse(&server, is_final, error);
                     }
                 }
             }
-            Event::Told { server, asked, said } => {
+            Event::StatusReply { server, asked, result } => {
                 self.servers.entry(server.clone()).or_default().is_asked = false;
-                match said {
+                match result {
                     Ok(info) => self.on_ledger(&server, asked, &info),
                     Err(error) if cannot_keep(&error) => self.set_aside(&server, error),
                     Err(error) => {
@@ -238,31 +233,30 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                     }
                 }
             }
-            Event::Opened(index) => self.scheduler.opened(index),
-            Event::Over { index, steps, end } => self.on_over(index, steps, end)?,
+            Event::Attempt(AttemptEvent::Opened(index)) => self.episodes.scheduler.opened(index),
+            Event::Attempt(AttemptEvent::Over { index, end }) => self.on_over(index, end)?,
         }
         Ok(())
     }
 
-    fn on_over(&mut self, index: usize, steps: u64, end: Result<EpisodeEnd, ClientError>) -> Result<(), RunError> {
-        let server = self.jobs.remove(&index).map(|job| job.server).unwrap_or_default();
-        self.steps += steps;
+    fn on_over(&mut self, index: usize, end: AttemptEnd) -> Result<(), RunError> {
+        let Some(attempt) = self.episodes.over(index) else { return Ok(()) };
+        let (EpisodeLoop { scheduler, wanted, .. }, server) = (&mut self.episodes, &attempt.server);
         match end {
-            Ok(_) => self.scheduler.ended(index),
-            Err(ClientError::Policy(error @ (PolicyError::Sensor { .. } | PolicyError::Unfit { .. }))) => {
-                let task = &self.episodes[index].task;
-                let of_task: Vec<usize> =
-                    (0..self.episodes.len()).filter(|other| self.episodes[*other].task == *task).collect();
+            Ok(_) => scheduler.ended(index),
+            Err(ClientError::Policy(error)) if attempt.is_refused() => {
+                let task = &wanted[index].task;
+                let of_task: Vec<usize> = (0..wanted.len()).filter(|other| wanted[*other].task == *task).collect();
                 tracing::warn!("the policy refuses {task}: {error}; its episodes count as failures");
-                self.scheduler.refused_by_policy(index, &of_task, &error.to_string());
+                scheduler.refused_by_policy(index, &of_task, &error.to_string());
                 // A policy that fits no session is an error of the call, and nothing is lost by it.
-                if self.scheduler.standings().all(|(standing, _)| *standing == Standing::Unplayable) {
+                if scheduler.standings().all(|(standing, _)| *standing == Standing::Unplayable) {
                     return Err(error.into());
                 }
             }
             Err(error) if cannot_keep(&error) => {
-                self.scheduler.set_back(index, Setback::BrokenOff);
-                self.set_aside(&server, error);
+                scheduler.set_back(index, Setback::BrokenOff);
+                self.set_aside(server, error);
             }
             Err(error) => {
                 let setback = setback(&error);
@@ -270,12 +264,13 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                     self.refusal = Some(error.to_string());
                 }
                 if !matches!(setback, Setback::BrokenOff | Setback::Busy) {
-                    let RunEpisode { task, seed, .. } = &self.episodes[index];
+                    let WantedEpisode { task, seed, .. } = &wanted[index];
+                    let seed = seed.map_or_else(|| "hosted".into(), |seed| seed.to_string());
                     tracing::debug!("{task} seed {seed} was not played to its end: {error}");
                 }
-                self.scheduler.set_back(index, setback);
+                scheduler.set_back(index, setback);
                 if matches!(error, ClientError::Unanswered { .. }) {
-                    self.on_silence(&server);
+                    self.on_silence(server);
                 }
             }
         }
@@ -283,13 +278,16 @@ impl<'scope, 'env> Crew<'scope, 'env> {
     }
 
     /// Whether nothing has been played for so long that nothing can be expected; notes the reason.
-    fn is_quiet(&mut self) -> bool {
-        let look = self.look();
-        let is_at_work = |job: &Job| job.since.elapsed() >= AT_WORK;
-        if look.done + look.lost != self.decided || !self.scheduler.has_server() || self.jobs.values().any(is_at_work) {
-            (self.decided, self.quiet_since) = (look.done + look.lost, Instant::now());
+    fn is_idle(&mut self) -> bool {
+        let RunProgress { done, lost, .. } = self.episodes.progress();
+        let is_at_work = |attempt: &Attempt| attempt.since.elapsed() >= AT_WORK;
+        if done + lost != self.decided
+            || !self.episodes.scheduler.has_server()
+            || self.episodes.attempts().any(is_at_work)
+        {
+            (self.decided, self.idle_since) = (done + lost, Instant::now());
         }
-        if self.quiet_since.elapsed() <= self.options.patience {
+        if self.idle_since.elapsed() <= self.options.patience {
             return false;
         }
         let reason =
@@ -300,30 +298,14 @@ impl<'scope, 'env> Crew<'scope, 'env> {
         true
     }
 
-    fn begin(&mut self, index: usize, server: String) {
-        let job = Job { server, since: Instant::now(), broken_off: Arc::default(), step: Arc::new(AtomicU64::new(0)) };
-        self.jobs.insert(index, job.clone());
-        let (calls, make_policy, sender, stop) = (self.calls, self.make_policy, self.sender.clone(), self.stop);
-        self.scope.spawn(move || {
-            let end = job.play(calls, index, make_policy, stop, &|| drop(sender.send(Event::Opened(index))));
-            let _ = sender.send(Event::Over { index, steps: job.step.load(Ordering::Relaxed), end });
-        });
-    }
-
-    fn break_off(&self, index: usize) {
-        if let Some(job) = self.jobs.get(&index) {
-            job.break_off();
-        }
-    }
-
     /// Closes the run on all servers.
     fn finish(&mut self) {
-        let live: Vec<String> = self.scheduler.live().map(str::to_owned).collect();
-        let asked = self.scheduler.moment() + 1;
+        let live: Vec<String> = self.episodes.scheduler.live().map(str::to_owned).collect();
+        let asked = self.episodes.scheduler.moment() + 1;
         let start = Instant::now();
         let mut finished = !live.is_empty();
         for server in live {
-            let said = loop {
+            let result = loop {
                 match self.calls.finish(&server) {
                     // A session that was broken off there is still open.
                     Err(ClientError::Refused { code: Code::Busy, .. })
@@ -331,10 +313,10 @@ impl<'scope, 'env> Crew<'scope, 'env> {
                     {
                         std::thread::sleep(FINISHING_PERIOD);
                     }
-                    said => break said,
+                    result => break result,
                 }
             };
-            match said {
+            match result {
                 Ok(info) => self.on_ledger(&server, asked, &info),
                 Err(error) => {
                     tracing::warn!("cannot close the run on server {server}: {error}");
@@ -343,5 +325,38 @@ impl<'scope, 'env> Crew<'scope, 'env> {
             }
         }
         self.finished = finished;
+    }
+}
+
+/// Plays an episode to its end; `opened` is called when its session is open.
+fn play(
+    calls: Calls<'_>,
+    index: usize,
+    attempt: &Attempt,
+    make_policy: &MakePolicy<'_>,
+    stop: &AtomicBool,
+    opened: &dyn Fn(),
+) -> AttemptEnd {
+    // The session does not wait for a policy that is slow to load.
+    let mut policy = make_policy()?;
+    if attempt.is_broken_off() {
+        return Err(ClientError::Stopped);
+    }
+    let (info, secrets) = calls.open(&attempt.server, index)?;
+    opened();
+    let client = Client::enter(calls.link, &attempt.server, info, &secrets)?;
+    attempt.play(client, policy.as_mut(), stop)
+}
+
+/// What an error means for the episode.
+fn setback(error: &ClientError) -> Setback {
+    match error {
+        ClientError::Stopped => Setback::BrokenOff,
+        ClientError::Refused { code: Code::Busy, field, .. } if field == "open" => Setback::Held,
+        ClientError::Refused { code: Code::Busy, .. } => Setback::Busy,
+        ClientError::Refused { .. } => Setback::Refused(error.to_string()),
+        // A deterministic policy would fail again.
+        ClientError::Policy(_) => Setback::Hopeless(error.to_string()),
+        _ => Setback::Failed(error.to_string()),
     }
 }

@@ -1,5 +1,6 @@
 //! The servers of a run: which are present, which take part, and what their ledgers say.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use fiatlux_proto::v3::refusal::Code;
@@ -7,8 +8,9 @@ use fiatlux_proto::v3::run_episode::State as Ledger;
 use fiatlux_proto::v3::{RunEpisode, RunInfo, ServerInfo};
 
 use super::super::RunError;
-use super::super::scheduler::{Scheduler, Standing};
-use super::{Crew, Event};
+use super::super::episodes::WantedEpisode;
+use super::super::scheduler::Standing;
+use super::{Event, RunDriver};
 use crate::ClientError;
 
 /// Largest number of episodes at once on a server if neither side sets one: the client does not know its cores.
@@ -29,7 +31,7 @@ const SETTLING_TIMES: [Duration; 2] = [Duration::from_millis(500), Duration::fro
 
 /// A server of the group.
 #[derive(Debug, Default)]
-pub(super) struct Known {
+pub(super) struct ServerState {
     pub is_there: bool,
     pub missing_since: Option<Instant>,
     /// It has accepted the run since it last appeared.
@@ -51,15 +53,13 @@ pub(super) struct Build {
     scene: String,
 }
 
-impl Crew<'_, '_> {
+impl RunDriver<'_, '_> {
     pub(super) fn on_joined(&mut self, server: &str, asked: u64, info: &ServerInfo, run: &RunInfo) {
         let build =
             Build { version: info.version.clone(), model: info.model_digest.clone(), scene: info.scene_digest.clone() };
         let same_build = self.build.as_ref().is_none_or(|first| *first == build);
-        let same_run = |(left, right): (&RunEpisode, &RunEpisode)| left.task == right.task && left.seed == right.seed;
-        let same_episodes = self.episodes.is_empty()
-            || self.finished
-            || self.episodes.len() == run.episodes.len() && self.episodes.iter().zip(&run.episodes).all(same_run);
+        let wanted = self.wanted(info, run);
+        let same_episodes = !self.is_registered() || self.finished || self.episodes.wanted == wanted;
         if run.episodes.is_empty() || !same_build || !same_episodes {
             let reason = match (same_build, run.episodes.is_empty()) {
                 (false, _) => {
@@ -71,41 +71,54 @@ impl Crew<'_, '_> {
             return self.refuse(server, true, ClientError::Session { reason });
         }
         self.problem = None;
-        if self.episodes.is_empty() {
-            self.episodes.clone_from(&run.episodes);
-            self.scheduler = Scheduler::new(run.episodes.len(), self.options.parallel.unwrap_or(usize::MAX).max(1));
-            self.horizons = info.tasks.iter().map(|task| (task.task.clone(), task.horizon_steps)).collect();
+        if !self.is_registered() {
+            self.episodes.want(wanted, self.options.parallel.unwrap_or(usize::MAX).max(1));
             self.build = Some(build);
         }
-        let known = self.servers.entry(server.into()).or_default();
-        if !known.is_there {
+        let state = self.servers.entry(server.into()).or_default();
+        if !state.is_there {
             return;
         }
-        if known.took_part {
+        if state.took_part {
             tracing::info!("server {server} is back");
         }
-        (known.has_joined, known.took_part, known.missing_since) = (true, true, None);
+        (state.has_joined, state.took_part, state.missing_since) = (true, true, None);
         let capacity = usize::try_from(info.capacity).unwrap_or(usize::MAX);
         let room = if self.options.parallel.is_some() { capacity } else { capacity.min(USUAL_ROOM) };
-        self.scheduler.server_joins(server, room);
+        self.episodes.scheduler.server_joins(server, room);
         self.on_ledger(server, asked, run);
+    }
+
+    /// The episodes of a run as one of its servers describes them.
+    fn wanted(&self, info: &ServerInfo, run: &RunInfo) -> Vec<WantedEpisode> {
+        let horizons: BTreeMap<&str, u64> =
+            info.tasks.iter().map(|task| (task.task.as_str(), task.horizon_steps)).collect();
+        let is_hosted = self.options.file.spec.hosted_seeds > 0;
+        let wanted = |episode: &RunEpisode| WantedEpisode {
+            task: episode.task.clone(),
+            seed: (!is_hosted).then_some(episode.seed),
+            horizon_steps: horizons.get(episode.task.as_str()).copied().unwrap_or(0),
+        };
+        run.episodes.iter().map(wanted).collect()
     }
 
     pub(super) fn on_ledger(&mut self, server: &str, asked: u64, info: &RunInfo) {
         self.finished |= info.finished;
-        if info.finished && info.episodes.len() == self.episodes.len() {
+        if info.finished && info.episodes.len() == self.episodes.wanted.len() {
             // Hosted seeds are disclosed at the end.
-            self.episodes.clone_from(&info.episodes);
+            for (wanted, episode) in self.episodes.wanted.iter_mut().zip(&info.episodes) {
+                wanted.seed = Some(episode.seed);
+            }
         }
         let is_held = |((standing, _), entry): ((&Standing, _), &RunEpisode)| {
             matches!(standing, Standing::Held { server: by } if by == server) && entry.state() == Ledger::Open
         };
-        if self.scheduler.standings().zip(&info.episodes).any(is_held) {
+        if self.episodes.scheduler.standings().zip(&info.episodes).any(is_held) {
             // Another client plays it there.
-            self.quiet_since = Instant::now();
+            self.idle_since = Instant::now();
         }
-        for index in self.scheduler.told(server, asked, &info.episodes) {
-            self.break_off(index);
+        for index in self.episodes.scheduler.merge_ledger(server, asked, &info.episodes) {
+            self.episodes.break_off(index);
         }
     }
 
@@ -114,7 +127,7 @@ impl Crew<'_, '_> {
         if is_final {
             self.servers.entry(server.into()).or_default().refused = true;
         }
-        if self.episodes.is_empty() {
+        if !self.is_registered() {
             self.problem = Some(error);
         } else if is_final {
             tracing::warn!("{error}; it does not take part");
@@ -125,27 +138,27 @@ impl Crew<'_, '_> {
     pub(super) fn set_aside(&mut self, server: &str, error: ClientError) {
         tracing::warn!("{error}; it no longer takes part");
         self.servers.entry(server.into()).or_default().refused = true;
-        self.scheduler.server_leaves(server);
+        self.episodes.scheduler.server_leaves(server);
         self.problem = Some(error);
     }
 
     /// Notes that a server does not answer: it gets no new episode until it does.
     pub(super) fn on_silence(&mut self, server: &str) {
-        if let Some(known) = self.servers.get_mut(server) {
-            known.has_joined = false;
-            self.scheduler.server_is_missed(server);
+        if let Some(state) = self.servers.get_mut(server) {
+            state.has_joined = false;
+            self.episodes.scheduler.server_is_missed(server);
         }
     }
 
     /// Whether every server has refused for good.
     pub(super) fn all_refuse(&self) -> bool {
-        !self.servers.is_empty() && self.servers.values().all(|known| known.refused)
+        !self.servers.is_empty() && self.servers.values().all(|state| state.refused)
     }
 
     /// Stops waiting for a first server when none can be expected.
     pub(super) fn give_up_joining(&mut self, start: Instant) -> Result<(), RunError> {
-        let there = || self.servers.values().filter(|known| known.is_there);
-        let all_refuse = there().next().is_some() && there().all(|known| known.refused);
+        let there = || self.servers.values().filter(|state| state.is_there);
+        let all_refuse = there().next().is_some() && there().all(|state| state.refused);
         if !all_refuse && start.elapsed() < JOINING_TIME {
             return Ok(());
         }
@@ -156,16 +169,16 @@ impl Crew<'_, '_> {
 
     pub(super) fn is_settled(&self, elapsed: Duration) -> bool {
         let [heard_of, joined] = SETTLING_TIMES;
-        let joins = |known: &Known| known.is_there && !known.has_joined && !known.refused;
+        let joins = |state: &ServerState| state.is_there && !state.has_joined && !state.refused;
         elapsed >= heard_of && (elapsed >= joined || !self.servers.values().any(joins))
     }
 
     pub(super) fn miss_servers(&mut self) {
-        for (name, known) in &mut self.servers {
-            if known.missing_since.is_some_and(|since| since.elapsed() >= MISSING_TIME) {
-                known.missing_since = None;
-                self.scheduler.server_leaves(name);
-                if known.took_part {
+        for (name, state) in &mut self.servers {
+            if state.missing_since.is_some_and(|since| since.elapsed() >= MISSING_TIME) {
+                state.missing_since = None;
+                self.episodes.scheduler.server_leaves(name);
+                if state.took_part {
                     tracing::warn!(
                         "server {name} is gone; its unfinished episodes are played elsewhere, or when it is back"
                     );
@@ -176,26 +189,26 @@ impl Crew<'_, '_> {
 
     /// Asks servers to accept the run, and queries ledgers for news.
     pub(super) fn ask_servers(&mut self) {
-        let ledgers = self.scheduler.to_ask();
-        let asked = self.scheduler.moment() + 1;
-        for (name, known) in &mut self.servers {
-            let is_due = known.asked_at.is_none_or(|at| at.elapsed() >= ASKING_PERIOD);
-            let joins = !known.has_joined;
-            if known.is_asked || known.refused || !known.is_there || !is_due || !(joins || ledgers.contains(name)) {
+        let ledgers = self.episodes.scheduler.to_ask();
+        let asked = self.episodes.scheduler.moment() + 1;
+        for (name, state) in &mut self.servers {
+            let is_due = state.asked_at.is_none_or(|at| at.elapsed() >= ASKING_PERIOD);
+            let joins = !state.has_joined;
+            if state.is_asked || state.refused || !state.is_there || !is_due || !(joins || ledgers.contains(name)) {
                 continue;
             }
-            (known.is_asked, known.asked_at) = (true, Some(Instant::now()));
+            (state.is_asked, state.asked_at) = (true, Some(Instant::now()));
             let (calls, sender, server, spec) =
                 (self.calls, self.sender.clone(), name.clone(), &self.options.file.spec);
             self.scope.spawn(move || {
                 let event = if joins {
-                    let said = calls.describe(&server).and_then(|info| {
+                    let result = calls.describe(&server).and_then(|info| {
                         let run = calls.register(&server, spec)?;
                         Ok(Box::new((info, run)))
                     });
-                    Event::Joined { server, asked, said }
+                    Event::JoinReply { server, asked, result }
                 } else {
-                    Event::Told { asked, said: calls.status(&server).map(Box::new), server }
+                    Event::StatusReply { asked, result: calls.status(&server).map(Box::new), server }
                 };
                 let _ = sender.send(event);
             });
