@@ -1,0 +1,247 @@
+//! S08: takes the fresh bulb from the bench.
+//!
+//! The robot raises its right hand, steps up to the bench, brings the open hand beside the glass, moves it sideways around the
+//! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::Command;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::arm::{Angles, RightArm, heading};
+use super::skill::{Seen, Skill};
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Params {
+    stand: Stand,
+    grasp: Grasp,
+    motion: Motion,
+    close: Close,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stand {
+    ahead: f64,
+    left: f64,
+    tolerance: f64,
+    speed: f64,
+    height: f64,
+    settle: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grasp {
+    glass_height: f64,
+    hand_from_glass: [f64; 3],
+    tilt: [f64; 2],
+    turn: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Motion {
+    ready: [f64; 3],
+    ready_rate: f64,
+    pre_grasp: [f64; 3],
+    speed: f64,
+    approach_speed: f64,
+    lift: f64,
+    lift_speed: f64,
+    error: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Close {
+    thumb_delay: f64,
+    time: f64,
+    hold: f64,
+    risen: f64,
+    open: Angles,
+    grip: Angles,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Raise,
+    StepUp,
+    Settle,
+    PreGrasp,
+    Approach,
+    Close,
+    Lift,
+    Hold,
+    Open,
+    Retreat,
+}
+
+/// State of an episode.
+pub(super) struct Grab {
+    params: Params,
+    phase: Phase,
+    /// When the phase began, s.
+    since: f64,
+    /// Height of the bulb before it was lifted, m.
+    bulb_height: f64,
+    /// Goal of the hand in the phase.
+    goal: Isometry3<f64>,
+    raised: Option<[f64; 7]>,
+}
+
+impl Grab {
+    /// With parameters of the form of `grab.toml`, which are also the default.
+    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
+        let params = toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
+        Ok(Self {
+            params,
+            phase: Phase::Raise,
+            since: 0.0,
+            bulb_height: 0.0,
+            goal: Isometry3::identity(),
+            raised: None,
+        })
+    }
+
+    /// The hand around the bulb, its fingers pointing where the robot looks.
+    fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
+        let grasp = &self.params.grasp;
+        let glass = seen.fresh_bulb * nalgebra::Point3::new(0.0, 0.0, grasp.glass_height);
+        let turn = heading(&seen.pelvis) + grasp.turn - std::f64::consts::FRAC_PI_2;
+        let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
+        let [about_x, about_y] = grasp.tilt;
+        let hand_from_glass = Isometry3::from_parts(
+            Translation3::from(grasp.hand_from_glass),
+            UnitQuaternion::from_euler_angles(std::f64::consts::PI + about_x, about_y, 0.0),
+        );
+        world_from_glass * hand_from_glass.inverse()
+    }
+
+    /// The same once the bulb is at a place before the pelvis, for a robot that has not moved yet.
+    fn grasp_from(&self, seen: &Seen, [ahead, left]: [f64; 2]) -> Isometry3<f64> {
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading(&seen.pelvis));
+        let there = seen.pelvis.translation.vector + turned * Vector3::new(ahead, left, 0.0);
+        let mut grasp = self.world_from_grasp(seen);
+        let change = there - seen.fresh_bulb.translation.vector;
+        grasp.translation.vector += Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.params.stand.height);
+        grasp
+    }
+
+    /// Velocity that brings the bulb to its place before the robot, and the distance from it, m.
+    fn step_up(&self, seen: &Seen) -> ([f64; 3], f64) {
+        let stand = &self.params.stand;
+        let away = seen.fresh_bulb.translation.vector - seen.pelvis.translation.vector;
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading(&seen.pelvis)) * away;
+        let left = Vector3::new(turned.x - stand.ahead, turned.y - stand.left, 0.0);
+        let distance = left.norm();
+        let speed = (1.5 * distance).clamp(0.08, stand.speed);
+        let velocity = left * (speed / distance.max(1e-6));
+        ([velocity.x, velocity.y, 0.0], distance)
+    }
+}
+
+impl Skill for Grab {
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<Command, PolicyError> {
+        let params = self.params.clone();
+        let (motion, close) = (&params.motion, &params.close);
+        let mut command = Command { height: params.stand.height, ..Command::default() };
+        let elapsed = seen.time - self.since;
+        let ready = Translation3::from(motion.ready);
+        let back_off = Translation3::from(motion.pre_grasp);
+        let (mut fingers, mut thumb) = (0.0, 0.0);
+        let next = match self.phase {
+            Phase::Raise => {
+                let raised = match self.raised {
+                    Some(raised) => raised,
+                    None => {
+                        let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
+                        if std::env::var("SCAN").is_ok() {
+                            for turn in [-0.6, -0.3, 0.0, 0.3, 0.6] {
+                                self.params.grasp.turn = turn;
+                                for ahead in [0.34, 0.38, 0.42, 0.46] {
+                                    for left in [-0.2, -0.15, -0.1, -0.05, 0.0] {
+                                        let goal = self.grasp_from(seen, [ahead, left]);
+                                        let a = arm.posture(&goal)?;
+                                        let b = arm.posture(&(goal * back_off))?;
+                                        println!("{turn:.1} {ahead:.2} {left:.2} {:.0} {:.0} mm {:.2?} {:.2?}", a.1 * 1e3, b.1 * 1e3, a.0, b.0);
+                                    }
+                                }
+                            }
+                        }
+                        *self.raised.insert(arm.posture(&goal)?.0)
+                    }
+                };
+                (arm.turn_to(&raised, motion.ready_rate) < 0.01).then_some(Phase::StepUp)
+            }
+            Phase::StepUp => {
+                let (velocity, distance) = self.step_up(seen);
+                command.velocity = velocity;
+                (distance < params.stand.tolerance).then_some(Phase::Settle)
+            }
+            Phase::Settle => (elapsed > params.stand.settle).then(|| {
+                let is_near = self.step_up(seen).1 < 2.0 * params.stand.tolerance;
+                if is_near { Phase::PreGrasp } else { Phase::StepUp }
+            }),
+            Phase::PreGrasp => {
+                let goal = self.world_from_grasp(seen) * back_off;
+                let left = arm.move_to(&goal, motion.speed)?;
+                (left < 0.002 && (arm.distance_to(&goal) < motion.error || elapsed > motion.patience))
+                    .then_some(Phase::Approach)
+            }
+            Phase::Approach => {
+                if elapsed < 0.1 {
+                    self.goal = self.world_from_grasp(seen);
+                }
+                let goal = self.goal;
+                let left = arm.move_to(&goal, motion.approach_speed)?;
+                (left < 0.002 && (arm.distance_to(&goal) < motion.error || elapsed > motion.patience))
+                    .then_some(Phase::Close)
+            }
+            Phase::Close => {
+                fingers = elapsed / close.time;
+                thumb = (elapsed - close.thumb_delay) / close.time;
+                let goal = self.goal;
+                arm.move_to(&goal, motion.approach_speed)?;
+                self.bulb_height = seen.fresh_bulb.translation.vector.z;
+                (elapsed > close.time + close.thumb_delay + close.hold).then(|| {
+                    self.goal.translation.vector.z += motion.lift;
+                    Phase::Lift
+                })
+            }
+            Phase::Lift | Phase::Hold => {
+                (fingers, thumb) = (1.0, 1.0);
+                let goal = self.goal;
+                let left = arm.move_to(&goal, motion.lift_speed)?;
+                let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
+                if left < 0.001 && elapsed > 2.0 {
+                    Some(if risen > close.risen { Phase::Hold } else { Phase::Open }).filter(|next| *next != self.phase)
+                } else {
+                    None
+                }
+            }
+            Phase::Open => {
+                fingers = 1.0 - elapsed / close.time;
+                thumb = fingers;
+                (elapsed > close.time).then_some(Phase::Retreat)
+            }
+            Phase::Retreat => {
+                let goal = self.goal * back_off;
+                (arm.move_to(&goal, motion.speed)? < 0.002).then_some(Phase::PreGrasp)
+            }
+        };
+        arm.write(targets);
+        arm.write_fingers(&close.open, &close.grip, fingers, thumb, targets);
+        if let Some(next) = next {
+            tracing::debug!(time = seen.time, from = ?self.phase, to = ?next, "phase ends");
+            (self.phase, self.since) = (next, seen.time);
+        }
+        Ok(command)
+    }
+
+    fn phase(&self) -> String {
+        format!("{:?}", self.phase)
+    }
+}
