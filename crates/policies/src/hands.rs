@@ -103,7 +103,7 @@ impl Policy for Hands {
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let Some(Played { body, arm, skill }) = &mut self.episode else { return Err(PolicyError::not_reset("hands")) };
-        let seen = seen(observation)?;
+        let seen = seen(observation, body.is_standing())?;
         let joints = observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
         arm.sense(&seen.pelvis, joints);
         let command = skill.step(&seen, arm, &mut body.targets)?;
@@ -115,13 +115,14 @@ impl Policy for Hands {
     }
 }
 
-fn seen(observation: &Observation) -> Result<Seen, PolicyError> {
+fn seen(observation: &Observation, stands: bool) -> Result<Seen, PolicyError> {
     let poses = observation.privileged.as_ref();
     let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
     // The right hand comes first.
     let right = &observation.hand_contact_force[..observation.hand_contact_force.len() / 2];
     let forces = right.as_chunks().0.iter().map(|&[x, y, z]| Vector3::new(x, y, z).cast::<f64>().norm());
     Ok(Seen {
+        stands,
         time: observation.step as f64 * CONTROL_DT,
         pelvis: pose(poses.robot.as_ref())?,
         fresh_bulb: pose(poses.fresh_bulb.as_ref())?,

@@ -22,6 +22,17 @@ const TURN_M: f64 = 0.3;
 /// Angles or targets of joints by name, rad.
 pub(super) type Angles = BTreeMap<String, f64>;
 
+/// A posture of the arm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Posture {
+    /// Angles from the shoulder down, rad.
+    pub angles: [f64; ARMS / 2],
+    /// How far the hand stays from where it is wanted, m, a turn counting as a way.
+    pub error: f64,
+    /// Least room of a joint to its limits, and of the elbow until the arm is straight, rad.
+    pub margin: f64,
+}
+
 /// The right arm of an episode.
 pub(super) struct RightArm {
     model: Model,
@@ -139,9 +150,12 @@ impl RightArm {
         }
     }
 
-    /// Angles at which the hand has a pose, from the posture of rest, and how far it stays from it, m.
-    pub fn posture(&mut self, goal: &Isometry3<f64>) -> Result<([f64; ARMS / 2], f64), PolicyError> {
-        self.solve(goal, &REST, 40)
+    /// The posture in which the hand has a pose, found from the posture of rest.
+    pub fn posture(&mut self, goal: &Isometry3<f64>) -> Result<Posture, PolicyError> {
+        let (angles, error) = self.solve(goal, &REST, TRIES)?;
+        let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
+        let margin = angles.iter().zip(&self.limits[ARM]).map(room).fold(f64::INFINITY, f64::min);
+        Ok(Posture { angles, error, margin: margin.min(STRAIGHT - angles[ELBOW]) })
     }
 
     fn solve(
@@ -204,7 +218,7 @@ impl RightArm {
 
     /// Writes targets of the hand's joints between two postures: 0 the first, 1 the second. Joints of the thumb have a share of
     /// their own.
-    pub fn write_fingers(&self, open: &Angles, closed: &Angles, fingers: f64, thumb: f64, targets: &mut [f64]) {
+    pub fn write_fingers(&self, open: &Angles, closed: &Angles, [fingers, thumb]: [f64; 2], targets: &mut [f64]) {
         for (joint, name) in self.names.iter().enumerate().skip(BODY) {
             let Some(closed) = closed.get(name) else { continue };
             let open = open.get(name).copied().unwrap_or_default();
@@ -217,10 +231,15 @@ impl RightArm {
 
 /// Fastest turn of a joint on a straight way of the hand, rad/s.
 const MAX_TURN_RATE: f64 = 1.0;
+/// Postures from which a search starts at most.
+const TRIES: usize = 12;
+/// Index of the elbow in the arm, and its angle where the arm is straight, rad.
+const ELBOW: usize = 3;
+const STRAIGHT: f64 = 1.57;
 /// Where the arm's joints rest, from the shoulder down, rad, and how strongly they are pulled there where the hand's pose leaves
 /// them free.
-const REST: [f64; ARMS / 2] = [-0.5, -0.3, 0.0, 0.0, 0.0, 0.0, 0.0];
-const REST_PULL: f64 = 0.05;
+const REST: [f64; ARMS / 2] = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
+const REST_PULL: f64 = 0.1;
 
 /// Turn about the vertical of a pose's x axis, rad.
 pub(super) fn heading(pose: &Isometry3<f64>) -> f64 {

@@ -4,12 +4,17 @@
 //! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
 
 use fiatlux_client::PolicyError;
-use fiatlux_wbc::Command;
+use fiatlux_wbc::{CONTROL_DT, Command};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, RightArm, heading};
 use super::skill::{Seen, Skill};
+
+/// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
+const TURNS: u32 = 11;
+const LARGEST_TURN: f64 = 1.1;
+const REACHED: f64 = 0.003;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -28,6 +33,7 @@ struct Stand {
     tolerance: f64,
     speed: f64,
     height: f64,
+    walk_height: f64,
     settle: f64,
 }
 
@@ -46,6 +52,7 @@ struct Motion {
     ready: [f64; 3],
     ready_rate: f64,
     pre_grasp: [f64; 3],
+    rate: f64,
     speed: f64,
     approach_speed: f64,
     lift: f64,
@@ -58,6 +65,7 @@ struct Motion {
 #[serde(deny_unknown_fields)]
 struct Close {
     thumb_delay: f64,
+    force: f64,
     time: f64,
     hold: f64,
     risen: f64,
@@ -90,19 +98,29 @@ pub(super) struct Grab {
     /// Goal of the hand in the phase.
     goal: Isometry3<f64>,
     raised: Option<[f64; 7]>,
+    turning: bool,
+    /// Turn of the fingers from straight ahead, to the left, rad, and where the robot is to look.
+    turn: f64,
+    heading: f64,
+    /// How far fingers and thumb are closed, from 0 to 1.
+    closed: [f64; 2],
 }
 
 impl Grab {
     /// With parameters of the form of `grab.toml`, which are also the default.
     pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
-        let params = toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
+        let params: Params = toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
         Ok(Self {
-            params,
             phase: Phase::Raise,
             since: 0.0,
             bulb_height: 0.0,
             goal: Isometry3::identity(),
             raised: None,
+            turning: false,
+            turn: params.grasp.turn,
+            heading: 0.0,
+            closed: [0.0; 2],
+            params,
         })
     }
 
@@ -110,7 +128,7 @@ impl Grab {
     fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
         let grasp = &self.params.grasp;
         let glass = seen.fresh_bulb * nalgebra::Point3::new(0.0, 0.0, grasp.glass_height);
-        let turn = heading(&seen.pelvis) + grasp.turn - std::f64::consts::FRAC_PI_2;
+        let turn = heading(&seen.pelvis) + self.turn - std::f64::consts::FRAC_PI_2;
         let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
         let [about_x, about_y] = grasp.tilt;
         let hand_from_glass = Isometry3::from_parts(
@@ -130,6 +148,27 @@ impl Grab {
         grasp
     }
 
+    /// Chooses the turn of the fingers at which the arm has the most room, and the posture before the grasp; false where it cannot
+    /// reach.
+    fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let back_off = Translation3::from(self.params.motion.pre_grasp);
+        let mut best: Option<(f64, f64)> = None;
+        for step in 0..=TURNS {
+            self.turn = LARGEST_TURN * step as f64 / TURNS as f64;
+            let grasp = self.world_from_grasp(seen);
+            let (at, before) = (arm.posture(&grasp)?, arm.posture(&(grasp * back_off))?);
+            let margin = at.margin.min(before.margin);
+            if at.error.max(before.error) < REACHED && best.is_none_or(|(_, most)| margin > most) {
+                best = Some((self.turn, margin));
+                self.raised = Some(before.angles);
+            }
+        }
+        self.turn = best.map_or(self.params.grasp.turn, |(turn, _)| turn);
+        tracing::debug!(?best, "turn");
+        if std::env::var("TURN").is_ok() { println!("{best:?}"); }
+        Ok(best.is_some())
+    }
+
     /// Velocity that brings the bulb to its place before the robot, and the distance from it, m.
     fn step_up(&self, seen: &Seen) -> ([f64; 3], f64) {
         let stand = &self.params.stand;
@@ -137,9 +176,11 @@ impl Grab {
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading(&seen.pelvis)) * away;
         let left = Vector3::new(turned.x - stand.ahead, turned.y - stand.left, 0.0);
         let distance = left.norm();
-        let speed = (1.5 * distance).clamp(0.08, stand.speed);
+        let speed = (1.5 * distance).clamp(0.1, stand.speed);
         let velocity = left * (speed / distance.max(1e-6));
-        ([velocity.x, velocity.y, 0.0], distance)
+        let turn = self.heading - heading(&seen.pelvis);
+        let turn = libm::atan2(libm::sin(turn), libm::cos(turn));
+        ([velocity.x, velocity.y, (1.5 * turn).clamp(-0.4, 0.4)], distance)
     }
 }
 
@@ -151,43 +192,36 @@ impl Skill for Grab {
         let elapsed = seen.time - self.since;
         let ready = Translation3::from(motion.ready);
         let back_off = Translation3::from(motion.pre_grasp);
-        let (mut fingers, mut thumb) = (0.0, 0.0);
+        let closing = CONTROL_DT / close.time;
         let next = match self.phase {
             Phase::Raise => {
                 let raised = match self.raised {
                     Some(raised) => raised,
                     None => {
                         let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
-                        if std::env::var("SCAN").is_ok() {
-                            for turn in [-0.6, -0.3, 0.0, 0.3, 0.6] {
-                                self.params.grasp.turn = turn;
-                                for ahead in [0.34, 0.38, 0.42, 0.46] {
-                                    for left in [-0.2, -0.15, -0.1, -0.05, 0.0] {
-                                        let goal = self.grasp_from(seen, [ahead, left]);
-                                        let a = arm.posture(&goal)?;
-                                        let b = arm.posture(&(goal * back_off))?;
-                                        println!("{turn:.1} {ahead:.2} {left:.2} {:.0} {:.0} mm {:.2?} {:.2?}", a.1 * 1e3, b.1 * 1e3, a.0, b.0);
-                                    }
-                                }
-                            }
-                        }
-                        *self.raised.insert(arm.posture(&goal)?.0)
+                        self.heading = heading(&seen.pelvis);
+                        *self.raised.insert(arm.posture(&goal)?.angles)
                     }
                 };
                 (arm.turn_to(&raised, motion.ready_rate) < 0.01).then_some(Phase::StepUp)
             }
             Phase::StepUp => {
                 let (velocity, distance) = self.step_up(seen);
-                command.velocity = velocity;
+                (command.velocity, command.height) = (velocity, params.stand.walk_height);
                 (distance < params.stand.tolerance).then_some(Phase::Settle)
             }
-            Phase::Settle => (elapsed > params.stand.settle).then(|| {
+            Phase::Settle if elapsed > params.stand.settle && seen.stands => {
                 let is_near = self.step_up(seen).1 < 2.0 * params.stand.tolerance;
-                if is_near { Phase::PreGrasp } else { Phase::StepUp }
-            }),
+                Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
+            }
+            Phase::Settle => None,
             Phase::PreGrasp => {
                 let goal = self.world_from_grasp(seen) * back_off;
-                let left = arm.move_to(&goal, motion.speed)?;
+                let posture = self.raised.unwrap_or_default();
+                if elapsed < 0.01 || self.turning {
+                    self.turning = arm.turn_to(&posture, motion.rate) > 0.01;
+                }
+                let left = if self.turning { 1.0 } else { arm.move_to(&goal, motion.speed)? };
                 (left < 0.002 && (arm.distance_to(&goal) < motion.error || elapsed > motion.patience))
                     .then_some(Phase::Approach)
             }
@@ -201,8 +235,10 @@ impl Skill for Grab {
                     .then_some(Phase::Close)
             }
             Phase::Close => {
-                fingers = elapsed / close.time;
-                thumb = (elapsed - close.thumb_delay) / close.time;
+                if seen.force < close.force {
+                    self.closed[0] += closing;
+                    self.closed[1] += if elapsed > close.thumb_delay { closing } else { 0.0 };
+                }
                 let goal = self.goal;
                 arm.move_to(&goal, motion.approach_speed)?;
                 self.bulb_height = seen.fresh_bulb.translation.vector.z;
@@ -212,7 +248,6 @@ impl Skill for Grab {
                 })
             }
             Phase::Lift | Phase::Hold => {
-                (fingers, thumb) = (1.0, 1.0);
                 let goal = self.goal;
                 let left = arm.move_to(&goal, motion.lift_speed)?;
                 let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
@@ -223,8 +258,7 @@ impl Skill for Grab {
                 }
             }
             Phase::Open => {
-                fingers = 1.0 - elapsed / close.time;
-                thumb = fingers;
+                self.closed.iter_mut().for_each(|closed| *closed -= closing);
                 (elapsed > close.time).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
@@ -233,7 +267,8 @@ impl Skill for Grab {
             }
         };
         arm.write(targets);
-        arm.write_fingers(&close.open, &close.grip, fingers, thumb, targets);
+        self.closed.iter_mut().for_each(|closed| *closed = closed.clamp(0.0, 1.0));
+        arm.write_fingers(&close.open, &close.grip, self.closed, targets);
         if let Some(next) = next {
             tracing::debug!(time = seen.time, from = ?self.phase, to = ?next, "phase ends");
             (self.phase, self.since) = (next, seen.time);

@@ -10,6 +10,8 @@ use super::arm::RightArm;
 pub(super) struct Seen {
     /// Since the episode began, s.
     pub time: f64,
+    /// The robot is kept over its feet where they are.
+    pub stands: bool,
     /// Poses in the room.
     pub pelvis: Isometry3<f64>,
     pub fresh_bulb: Isometry3<f64>,
