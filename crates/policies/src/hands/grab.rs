@@ -160,7 +160,7 @@ impl Grab {
             let margin = at.margin.min(before.margin);
             if at.error.max(before.error) < REACHED && best.is_none_or(|(_, most)| margin > most) {
                 best = Some((self.turn, margin));
-                self.raised = Some(before.angles);
+                (self.raised, self.turning) = (Some(before.angles), true);
             }
         }
         self.turn = best.map_or(self.params.grasp.turn, |(turn, _)| turn);
@@ -181,6 +181,15 @@ impl Grab {
         let turn = self.heading - heading(&seen.pelvis);
         let turn = libm::atan2(libm::sin(turn), libm::cos(turn));
         ([velocity.x, velocity.y, (1.5 * turn).clamp(-0.4, 0.4)], distance)
+    }
+}
+
+/// The next phase once the hand is where it should be, or back if it does not get there.
+fn arrival(left: f64, elapsed: f64, distance: f64, motion: &Motion, next: Phase) -> Option<Phase> {
+    if left < 0.002 && distance < motion.error {
+        Some(next)
+    } else {
+        (elapsed > motion.patience).then_some(Phase::Retreat)
     }
 }
 
@@ -218,12 +227,11 @@ impl Skill for Grab {
             Phase::PreGrasp => {
                 let goal = self.world_from_grasp(seen) * back_off;
                 let posture = self.raised.unwrap_or_default();
-                if elapsed < 0.01 || self.turning {
+                if self.turning {
                     self.turning = arm.turn_to(&posture, motion.rate) > 0.01;
                 }
                 let left = if self.turning { 1.0 } else { arm.move_to(&goal, motion.speed)? };
-                (left < 0.002 && (arm.distance_to(&goal) < motion.error || elapsed > motion.patience))
-                    .then_some(Phase::Approach)
+                arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
             }
             Phase::Approach => {
                 if elapsed < 0.1 {
@@ -231,8 +239,7 @@ impl Skill for Grab {
                 }
                 let goal = self.goal;
                 let left = arm.move_to(&goal, motion.approach_speed)?;
-                (left < 0.002 && (arm.distance_to(&goal) < motion.error || elapsed > motion.patience))
-                    .then_some(Phase::Close)
+                arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
             }
             Phase::Close => {
                 if seen.force < close.force {
@@ -263,7 +270,7 @@ impl Skill for Grab {
             }
             Phase::Retreat => {
                 let goal = self.goal * back_off;
-                (arm.move_to(&goal, motion.speed)? < 0.002).then_some(Phase::PreGrasp)
+                (arm.move_to(&goal, motion.speed)? < 0.002 || elapsed > motion.patience).then_some(Phase::Settle)
             }
         };
         arm.write(targets);
