@@ -42,6 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let info = SessionInfo {
             task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
             joints: robot.joints().iter().zip(robot.q0()).zip(&gains.0).map(joint).collect(),
+            hand_bodies: robot.hand_links().iter().map(|&link| robot.links()[link].name.clone()).collect(),
             action_scale: ACTION_SCALE,
             control_dt: 0.02,
             ..SessionInfo::default()

@@ -14,7 +14,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use self::arm::RightArm;
 use self::grab::Grab;
-use self::skill::{Seen, Skill};
+use self::skill::{FINGERS, Seen, Skill};
 use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
@@ -40,6 +40,8 @@ struct Played {
     body: WholeBody,
     arm: RightArm,
     skill: Box<dyn Skill>,
+    /// Names of the hands' bodies, right hand first.
+    bodies: Vec<String>,
 }
 
 impl Hands {
@@ -97,13 +99,13 @@ impl Policy for Hands {
         };
         let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
         let arm = RightArm::new(info, &body.targets)?;
-        self.episode = Some(Played { body, arm, skill });
+        self.episode = Some(Played { body, arm, skill, bodies: info.hand_bodies.clone() });
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let Some(Played { body, arm, skill }) = &mut self.episode else { return Err(PolicyError::not_reset("hands")) };
-        let seen = seen(observation, body.is_standing())?;
+        let Some(Played { body, arm, skill, bodies }) = &mut self.episode else { return Err(PolicyError::not_reset("hands")) };
+        let seen = seen(observation, bodies, body.is_standing())?;
         let joints = observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
         arm.sense(&seen.pelvis, joints);
         let command = skill.step(&seen, arm, &mut body.targets)?;
@@ -115,12 +117,17 @@ impl Policy for Hands {
     }
 }
 
-fn seen(observation: &Observation, stands: bool) -> Result<Seen, PolicyError> {
+fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Seen, PolicyError> {
     let poses = observation.privileged.as_ref();
     let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
     // The right hand comes first.
     let right = &observation.hand_contact_force[..observation.hand_contact_force.len() / 2];
-    let forces = right.as_chunks().0.iter().map(|&[x, y, z]| Vector3::new(x, y, z).cast::<f64>().norm());
+    let mut force = [0.0_f64; FINGERS.len()];
+    for (&[x, y, z], name) in right.as_chunks().0.iter().zip(bodies) {
+        if let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) {
+            force[finger] = force[finger].max(Vector3::new(x, y, z).cast::<f64>().norm());
+        }
+    }
     Ok(Seen {
         stands,
         time: observation.step as f64 * CONTROL_DT,
@@ -128,7 +135,7 @@ fn seen(observation: &Observation, stands: bool) -> Result<Seen, PolicyError> {
         fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
         old_bulb: pose(poses.old_bulb.as_ref())?,
         crate_: pose(poses.crate_.as_ref())?,
-        force: forces.fold(0.0, f64::max),
+        force,
     })
 }
 

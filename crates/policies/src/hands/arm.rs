@@ -8,6 +8,7 @@ use fiatlux_kinematics::{Goal, InverseKinematics};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
+use super::skill::FINGERS;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// The hand's frame: its x axis comes out of the back of the hand, the fingers point along -y, the thumb is on the side of -z.
@@ -52,6 +53,8 @@ pub(super) struct RightArm {
     /// Where the hand is on its way.
     way: Option<Isometry3<f64>>,
     names: Vec<String>,
+    /// Of the drives, N m/rad.
+    stiffness: Vec<f64>,
 }
 
 impl RightArm {
@@ -86,6 +89,7 @@ impl RightArm {
             angles,
             way: None,
             names,
+            stiffness: info.joints.iter().map(|joint| joint.stiffness.max(1e-3)).collect(),
             model,
         })
     }
@@ -216,17 +220,31 @@ impl RightArm {
         targets[ARM].copy_from_slice(&self.angles);
     }
 
-    /// Writes targets of the hand's joints between two postures: 0 the first, 1 the second. Joints of the thumb have a share of
-    /// their own.
-    pub fn write_fingers(&self, open: &Angles, closed: &Angles, [fingers, thumb]: [f64; 2], targets: &mut [f64]) {
+    /// Writes targets of the hand's joints: for each finger of [`FINGERS`] its share of the way from open to closed. Fingers with
+    /// a torque, N m, do not press harder than that.
+    pub fn write_fingers(&self, open: &Angles, closed: &Angles, fingers: &[Finger; FINGERS.len()], targets: &mut [f64]) {
         for (joint, name) in self.names.iter().enumerate().skip(BODY) {
             let Some(closed) = closed.get(name) else { continue };
+            let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) else { continue };
             let open = open.get(name).copied().unwrap_or_default();
-            let share = if name.contains("thumb") { thumb } else { fingers }.clamp(0.0, 1.0);
             let [lower, upper] = self.limits[joint];
-            targets[joint] = (open + share * (closed - open)).clamp(lower, upper);
+            let mut target = (open + fingers[finger].share * (closed - open)).clamp(lower, upper);
+            if let (Some(torque), Some(sensed)) = (fingers[finger].torque, &self.sensed) {
+                let bend = torque / self.stiffness[joint];
+                target = target.clamp(sensed[joint] - bend, sensed[joint] + bend);
+            }
+            targets[joint] = target;
         }
     }
+}
+
+/// How a finger is closed.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Finger {
+    /// From 0, open, to 1, closed.
+    pub share: f64,
+    /// Most that its joints press with, N m; `None`: what their drives can.
+    pub torque: Option<f64>,
 }
 
 /// Fastest turn of a joint on a straight way of the hand, rad/s.

@@ -8,8 +8,8 @@ use fiatlux_wbc::{CONTROL_DT, Command};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, RightArm, heading};
-use super::skill::{Seen, Skill};
+use super::arm::{Angles, Finger, RightArm, heading};
+use super::skill::{FINGERS, Seen, Skill};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
 const TURNS: u32 = 11;
@@ -65,7 +65,9 @@ struct Motion {
 #[serde(deny_unknown_fields)]
 struct Close {
     thumb_delay: f64,
-    force: f64,
+    finger_delay: f64,
+    touch: f64,
+    torque: f64,
     time: f64,
     hold: f64,
     risen: f64,
@@ -102,8 +104,7 @@ pub(super) struct Grab {
     /// Turn of the fingers from straight ahead, to the left, rad, and where the robot is to look.
     turn: f64,
     heading: f64,
-    /// How far fingers and thumb are closed, from 0 to 1.
-    closed: [f64; 2],
+    fingers: [Finger; FINGERS.len()],
 }
 
 impl Grab {
@@ -119,7 +120,7 @@ impl Grab {
             turning: false,
             turn: params.grasp.turn,
             heading: 0.0,
-            closed: [0.0; 2],
+            fingers: Default::default(),
             params,
         })
     }
@@ -242,14 +243,15 @@ impl Skill for Grab {
                 arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
             }
             Phase::Close => {
-                if seen.force < close.force {
-                    self.closed[0] += closing;
-                    self.closed[1] += if elapsed > close.thumb_delay { closing } else { 0.0 };
+                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
+                    let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
+                    finger.share += if elapsed > delay { closing } else { 0.0 };
+                    finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
                 }
                 let goal = self.goal;
                 arm.move_to(&goal, motion.approach_speed)?;
                 self.bulb_height = seen.fresh_bulb.translation.vector.z;
-                (elapsed > close.time + close.thumb_delay + close.hold).then(|| {
+                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
                     self.goal.translation.vector.z += motion.lift;
                     Phase::Lift
                 })
@@ -265,7 +267,9 @@ impl Skill for Grab {
                 }
             }
             Phase::Open => {
-                self.closed.iter_mut().for_each(|closed| *closed -= closing);
+                for finger in &mut self.fingers {
+                    *finger = Finger { share: finger.share - closing, torque: None };
+                }
                 (elapsed > close.time).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
@@ -274,8 +278,8 @@ impl Skill for Grab {
             }
         };
         arm.write(targets);
-        self.closed.iter_mut().for_each(|closed| *closed = closed.clamp(0.0, 1.0));
-        arm.write_fingers(&close.open, &close.grip, self.closed, targets);
+        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
+        arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
         if let Some(next) = next {
             tracing::debug!(time = seen.time, from = ?self.phase, to = ?next, "phase ends");
             (self.phase, self.since) = (next, seen.time);

@@ -6,6 +6,9 @@ use nalgebra::Isometry3;
 
 use super::arm::RightArm;
 
+/// Fingers of a hand, as the names of its bodies and joints have them.
+pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
+
 /// What an expert sees in a control step.
 pub(super) struct Seen {
     /// Since the episode began, s.
@@ -17,8 +20,8 @@ pub(super) struct Seen {
     pub fresh_bulb: Isometry3<f64>,
     pub old_bulb: Isometry3<f64>,
     pub crate_: Isometry3<f64>,
-    /// Largest force of a bulb on a body of the right hand, N.
-    pub force: f64,
+    /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
+    pub force: [f64; FINGERS.len()],
 }
 
 /// An expert. It moves the right arm and its hand, and commands the whole-body controller.
