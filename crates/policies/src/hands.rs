@@ -60,18 +60,11 @@ impl Hands {
         Self { parameters: Some(parameters), ..self }
     }
 
-    /// Name of the phase that an episode is in.
-    pub fn phase(&self) -> Option<String> {
-        self.episode.as_ref().map(|episode| episode.skill.phase())
-    }
-
-    /// Where the hand is, and how far from where it is commanded to be.
-    pub fn report(&mut self) -> String {
-        let Some(episode) = &mut self.episode else { return String::new() };
-        let (wanted, felt) = (episode.arm.world_from_hand(), episode.arm.sensed_hand());
-        let off = wanted.translation.vector - felt.translation.vector;
-        let at = felt.translation.vector;
-        format!("hand {:.3} {:.3} {:.3} off {:.0} mm stands {}", at.x, at.y, at.z, off.norm() * 1e3, episode.body.is_standing()) + &episode.arm.joints()
+    /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
+    pub fn progress(&mut self) -> Option<(String, f64)> {
+        let Played { arm, skill, .. } = self.episode.as_mut()?;
+        let wanted = arm.world_from_hand();
+        Some((skill.phase(), arm.distance_to(&wanted)))
     }
 }
 
@@ -104,7 +97,9 @@ impl Policy for Hands {
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let Some(Played { body, arm, skill, bodies }) = &mut self.episode else { return Err(PolicyError::not_reset("hands")) };
+        let Some(Played { body, arm, skill, bodies }) = &mut self.episode else {
+            return Err(PolicyError::not_reset("hands"));
+        };
         let seen = seen(observation, bodies, body.is_standing())?;
         let joints = observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
         arm.sense(&seen.pelvis, joints);
@@ -133,8 +128,6 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
         time: observation.step as f64 * CONTROL_DT,
         pelvis: pose(poses.robot.as_ref())?,
         fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
-        old_bulb: pose(poses.old_bulb.as_ref())?,
-        crate_: pose(poses.crate_.as_ref())?,
         force,
     })
 }
@@ -145,5 +138,8 @@ fn pose(pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
     let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
         return Err(missing());
     };
-    Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k))))
+    Ok(Isometry3::from_parts(
+        Vector3::new(x, y, z).into(),
+        UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)),
+    ))
 }

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use super::skill::FINGERS;
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::{Mechanics, Model, ModelBuilder, Site, State};
 use fiatlux_kinematics::{Goal, InverseKinematics};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
-use super::skill::FINGERS;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// The hand's frame: its x axis comes out of the back of the hand, the fingers point along -y, the thumb is on the side of -z.
@@ -70,8 +70,7 @@ impl RightArm {
         let ids = placed.ids(&model).map_err(PolicyError::of("hands"))?;
         let site = RobotSite { name: HAND.into(), link, link_from_site: Isometry3::identity() };
         let bodies: Vec<_> = ids.joints[ARM].iter().map(|ids| ids.body).collect();
-        let mut inverse =
-            InverseKinematics::new(&model, ids.root, &bodies, false).map_err(PolicyError::of("hands"))?;
+        let mut inverse = InverseKinematics::new(&model, ids.root, &bodies, false).map_err(PolicyError::of("hands"))?;
         inverse.options.limit_margin = 0.03;
         inverse.options.rest_pull = REST_PULL;
         inverse.set_rest(&REST).map_err(PolicyError::of("hands"))?;
@@ -133,13 +132,6 @@ impl RightArm {
     pub fn distance_to(&mut self, goal: &Isometry3<f64>) -> f64 {
         let off = self.sensed_hand().inv_mul(goal);
         off.translation.vector.norm().max(TURN_M * off.rotation.angle())
-    }
-
-    /// Commanded angles and what is sensed beyond them, rad.
-    pub fn joints(&self) -> String {
-        let Some(sensed) = &self.sensed else { return String::new() };
-        let pairs = self.angles.iter().zip(&sensed[ARM]);
-        pairs.map(|(angle, sensed)| format!(" {angle:.2}{:+.2}", sensed - angle)).collect()
     }
 
     fn place(&mut self, angles: &[f64; ARMS / 2]) -> Isometry3<f64> {
@@ -222,7 +214,13 @@ impl RightArm {
 
     /// Writes targets of the hand's joints: for each finger of [`FINGERS`] its share of the way from open to closed. Fingers with
     /// a torque, N m, do not press harder than that.
-    pub fn write_fingers(&self, open: &Angles, closed: &Angles, fingers: &[Finger; FINGERS.len()], targets: &mut [f64]) {
+    pub fn write_fingers(
+        &self,
+        open: &Angles,
+        closed: &Angles,
+        fingers: &[Finger; FINGERS.len()],
+        targets: &mut [f64],
+    ) {
         for (joint, name) in self.names.iter().enumerate().skip(BODY) {
             let Some(closed) = closed.get(name) else { continue };
             let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) else { continue };

@@ -4,8 +4,8 @@
 //! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
 
 use fiatlux_client::PolicyError;
-use fiatlux_wbc::{CONTROL_DT, Command};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use fiatlux_wbc::{ARMS, CONTROL_DT, Command};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, Finger, RightArm, heading};
@@ -15,6 +15,15 @@ use super::skill::{FINGERS, Seen, Skill};
 const TURNS: u32 = 11;
 const LARGEST_TURN: f64 = 1.1;
 const REACHED: f64 = 0.003;
+/// What is left where the hand has come to the end of its way, m, and the arm to a posture, rad.
+const ARRIVED: f64 = 0.002;
+const TURNED: f64 = 0.01;
+/// How fast the robot steps at least, m/s, how its speeds grow with what is left, 1/s, and how fast it turns at most, rad/s.
+const LEAST_SPEED: f64 = 0.1;
+const GAIN: f64 = 1.5;
+const TURN_RATE: f64 = 0.4;
+/// Cosine of the tilt at which a bulb still stands.
+const UPRIGHT: f64 = 0.9;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -50,7 +59,6 @@ struct Grasp {
 #[serde(deny_unknown_fields)]
 struct Motion {
     ready: [f64; 3],
-    ready_rate: f64,
     pre_grasp: [f64; 3],
     rate: f64,
     speed: f64,
@@ -70,6 +78,7 @@ struct Close {
     torque: f64,
     time: f64,
     hold: f64,
+    verify: f64,
     risen: f64,
     open: Angles,
     grip: Angles,
@@ -77,15 +86,25 @@ struct Close {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
+    /// Brings the hand up where it will be clear of bench and bulb. Ends in the posture.
     Raise,
+    /// Steps until the bulb is at its place before the pelvis.
     StepUp,
+    /// Waits until the robot stands, and chooses from where the hand comes.
     Settle,
+    /// Brings the open hand beside the glass. Ends where the hand is felt to be there.
     PreGrasp,
+    /// Moves it around the glass. Ends likewise; or the hand retreats.
     Approach,
+    /// Closes the thumb and then the fingers, by time. A finger that feels the bulb presses no harder than it must.
     Close,
+    /// Lifts. Ends where the bulb has risen with the hand, or has not.
     Lift,
+    /// Holds the bulb where it is.
     Hold,
+    /// Opens the hand, by time.
     Open,
+    /// Takes the hand aside, and tries again.
     Retreat,
 }
 
@@ -99,10 +118,13 @@ pub(super) struct Grab {
     bulb_height: f64,
     /// Goal of the hand in the phase.
     goal: Isometry3<f64>,
-    raised: Option<[f64; 7]>,
+    /// Posture in which the arm waits until the robot stands, then the one before the grasp; none before it is found.
+    posture: Option<[f64; ARMS / 2]>,
+    /// The arm still turns to that posture.
     turning: bool,
-    /// Turn of the fingers from straight ahead, to the left, rad, and where the robot is to look.
+    /// Turn of the fingers from straight ahead, to the left, rad.
     turn: f64,
+    /// Where the robot looked first, rad, and keeps looking.
     heading: f64,
     fingers: [Finger; FINGERS.len()],
 }
@@ -110,13 +132,14 @@ pub(super) struct Grab {
 impl Grab {
     /// With parameters of the form of `grab.toml`, which are also the default.
     pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
-        let params: Params = toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
+        let params: Params =
+            toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
         Ok(Self {
             phase: Phase::Raise,
             since: 0.0,
             bulb_height: 0.0,
             goal: Isometry3::identity(),
-            raised: None,
+            posture: None,
             turning: false,
             turn: params.grasp.turn,
             heading: 0.0,
@@ -128,7 +151,7 @@ impl Grab {
     /// The hand around the bulb, its fingers pointing where the robot looks.
     fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
         let grasp = &self.params.grasp;
-        let glass = seen.fresh_bulb * nalgebra::Point3::new(0.0, 0.0, grasp.glass_height);
+        let glass = seen.fresh_bulb * Point3::new(0.0, 0.0, grasp.glass_height);
         let turn = heading(&seen.pelvis) + self.turn - std::f64::consts::FRAC_PI_2;
         let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
         let [about_x, about_y] = grasp.tilt;
@@ -145,7 +168,8 @@ impl Grab {
         let there = seen.pelvis.translation.vector + turned * Vector3::new(ahead, left, 0.0);
         let mut grasp = self.world_from_grasp(seen);
         let change = there - seen.fresh_bulb.translation.vector;
-        grasp.translation.vector += Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.params.stand.height);
+        grasp.translation.vector +=
+            Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.params.stand.height);
         grasp
     }
 
@@ -161,12 +185,10 @@ impl Grab {
             let margin = at.margin.min(before.margin);
             if at.error.max(before.error) < REACHED && best.is_none_or(|(_, most)| margin > most) {
                 best = Some((self.turn, margin));
-                (self.raised, self.turning) = (Some(before.angles), true);
+                (self.posture, self.turning) = (Some(before.angles), true);
             }
         }
         self.turn = best.map_or(self.params.grasp.turn, |(turn, _)| turn);
-        tracing::debug!(?best, "turn");
-        if std::env::var("TURN").is_ok() { println!("{best:?}"); }
         Ok(best.is_some())
     }
 
@@ -177,17 +199,21 @@ impl Grab {
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading(&seen.pelvis)) * away;
         let left = Vector3::new(turned.x - stand.ahead, turned.y - stand.left, 0.0);
         let distance = left.norm();
-        let speed = (1.5 * distance).clamp(0.1, stand.speed);
+        let speed = (GAIN * distance).clamp(LEAST_SPEED, stand.speed);
         let velocity = left * (speed / distance.max(1e-6));
         let turn = self.heading - heading(&seen.pelvis);
         let turn = libm::atan2(libm::sin(turn), libm::cos(turn));
-        ([velocity.x, velocity.y, (1.5 * turn).clamp(-0.4, 0.4)], distance)
+        ([velocity.x, velocity.y, (GAIN * turn).clamp(-TURN_RATE, TURN_RATE)], distance)
     }
+}
+
+fn is_upright(bulb: &Isometry3<f64>) -> bool {
+    (bulb.rotation * Vector3::z()).z > UPRIGHT
 }
 
 /// The next phase once the hand is where it should be, or back if it does not get there.
 fn arrival(left: f64, elapsed: f64, distance: f64, motion: &Motion, next: Phase) -> Option<Phase> {
-    if left < 0.002 && distance < motion.error {
+    if left < ARRIVED && distance < motion.error {
         Some(next)
     } else {
         (elapsed > motion.patience).then_some(Phase::Retreat)
@@ -205,39 +231,39 @@ impl Skill for Grab {
         let closing = CONTROL_DT / close.time;
         let next = match self.phase {
             Phase::Raise => {
-                let raised = match self.raised {
-                    Some(raised) => raised,
+                let posture = match self.posture {
+                    Some(posture) => posture,
                     None => {
-                        let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
                         self.heading = heading(&seen.pelvis);
-                        *self.raised.insert(arm.posture(&goal)?.angles)
+                        let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
+                        *self.posture.insert(arm.posture(&goal)?.angles)
                     }
                 };
-                (arm.turn_to(&raised, motion.ready_rate) < 0.01).then_some(Phase::StepUp)
+                (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::StepUp)
             }
             Phase::StepUp => {
                 let (velocity, distance) = self.step_up(seen);
                 (command.velocity, command.height) = (velocity, params.stand.walk_height);
                 (distance < params.stand.tolerance).then_some(Phase::Settle)
             }
-            Phase::Settle if elapsed > params.stand.settle && seen.stands => {
+            // A bulb that lies is left alone.
+            Phase::Settle if elapsed > params.stand.settle && seen.stands && is_upright(&seen.fresh_bulb) => {
                 let is_near = self.step_up(seen).1 < 2.0 * params.stand.tolerance;
                 Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
             }
             Phase::Settle => None,
             Phase::PreGrasp => {
-                let goal = self.world_from_grasp(seen) * back_off;
-                let posture = self.raised.unwrap_or_default();
-                if self.turning {
-                    self.turning = arm.turn_to(&posture, motion.rate) > 0.01;
+                self.goal = self.world_from_grasp(seen);
+                let goal = self.goal * back_off;
+                if let (true, Some(posture)) = (self.turning, self.posture) {
+                    self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
+                    None
+                } else {
+                    let left = arm.move_to(&goal, motion.speed)?;
+                    arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
                 }
-                let left = if self.turning { 1.0 } else { arm.move_to(&goal, motion.speed)? };
-                arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
             }
             Phase::Approach => {
-                if elapsed < 0.1 {
-                    self.goal = self.world_from_grasp(seen);
-                }
                 let goal = self.goal;
                 let left = arm.move_to(&goal, motion.approach_speed)?;
                 arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
@@ -260,11 +286,8 @@ impl Skill for Grab {
                 let goal = self.goal;
                 let left = arm.move_to(&goal, motion.lift_speed)?;
                 let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
-                if left < 0.001 && elapsed > 2.0 {
-                    Some(if risen > close.risen { Phase::Hold } else { Phase::Open }).filter(|next| *next != self.phase)
-                } else {
-                    None
-                }
+                let next = if risen > close.risen { Phase::Hold } else { Phase::Open };
+                (left < ARRIVED && elapsed > close.verify && next != self.phase).then_some(next)
             }
             Phase::Open => {
                 for finger in &mut self.fingers {
@@ -274,14 +297,13 @@ impl Skill for Grab {
             }
             Phase::Retreat => {
                 let goal = self.goal * back_off;
-                (arm.move_to(&goal, motion.speed)? < 0.002 || elapsed > motion.patience).then_some(Phase::Settle)
+                (arm.move_to(&goal, motion.speed)? < ARRIVED || elapsed > motion.patience).then_some(Phase::Settle)
             }
         };
         arm.write(targets);
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
         arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
         if let Some(next) = next {
-            tracing::debug!(time = seen.time, from = ?self.phase, to = ?next, "phase ends");
             (self.phase, self.since) = (next, seen.time);
         }
         Ok(command)

@@ -18,8 +18,6 @@ pub(super) struct Seen {
     /// Poses in the room.
     pub pelvis: Isometry3<f64>,
     pub fresh_bulb: Isometry3<f64>,
-    pub old_bulb: Isometry3<f64>,
-    pub crate_: Isometry3<f64>,
     /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
     pub force: [f64; FINGERS.len()],
 }
