@@ -12,9 +12,9 @@ use fiatlux_rules::Task;
 use fiatlux_wbc::{CONTROL_DT, Network};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use self::arm::RightArm;
+use self::arm::{FINGERS, RightArm};
 use self::grab::Grab;
-use self::skill::{FINGERS, Seen, Skill};
+use self::skill::{Seen, Skill};
 use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::skill::FINGERS;
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::{Mechanics, Model, ModelBuilder, Site, State};
 use fiatlux_kinematics::{Goal, InverseKinematics};
@@ -19,6 +18,9 @@ const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 const AVERAGE_GAIN: f64 = 0.15;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
 const TURN_M: f64 = 0.3;
+
+/// Fingers of a hand, as the names of its bodies and joints have them.
+pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 
 /// Angles or targets of joints by name, rad.
 pub(super) type Angles = BTreeMap<String, f64>;

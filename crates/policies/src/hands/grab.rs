@@ -8,8 +8,8 @@ use fiatlux_wbc::{ARMS, CONTROL_DT, Command};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, Finger, RightArm, heading};
-use super::skill::{FINGERS, Seen, Skill};
+use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
+use super::skill::{Seen, Skill};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
 const TURNS: u32 = 11;

@@ -4,10 +4,7 @@ use fiatlux_client::PolicyError;
 use fiatlux_wbc::Command;
 use nalgebra::Isometry3;
 
-use super::arm::RightArm;
-
-/// Fingers of a hand, as the names of its bodies and joints have them.
-pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
+use super::arm::{FINGERS, RightArm};
 
 /// What an expert sees in a control step.
 pub(super) struct Seen {
