@@ -3,6 +3,7 @@
 mod body;
 mod entry;
 mod foreign;
+mod hands;
 mod hold;
 mod random;
 mod registry;
@@ -18,6 +19,7 @@ use std::path::Path;
 
 pub use entry::Entry;
 pub use foreign::{Gear, Sonic};
+pub use hands::Hands;
 pub use hold::Hold;
 pub use random::Random;
 pub use registry::Policies;

@@ -1,0 +1,145 @@
+//! The policy `hands`: takes the fresh bulb from the bench (S08). The whole-body controller moves legs and waist, an expert for
+//! each task the right arm and its hand.
+
+mod arm;
+mod grab;
+mod skill;
+
+use std::sync::Arc;
+
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
+use fiatlux_rules::Task;
+use fiatlux_wbc::{CONTROL_DT, Network};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use self::arm::{FINGERS, RightArm};
+use self::grab::Grab;
+use self::skill::{Seen, Skill};
+use super::body;
+use super::whole_body::WholeBody;
+use fiatlux_client::{Command, Policy, PolicyError};
+
+use crate::entry::Entry;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "hands",
+    does: "takes the fresh bulb from the bench (S08) by exact poses",
+    make: |_| Ok(Box::new(Hands::new()?)),
+};
+
+/// Plays the tasks that are done by hand while the robot stands.
+pub struct Hands {
+    network: Arc<Network>,
+    parameters: Option<String>,
+    episode: Option<Played>,
+}
+
+/// State of an episode.
+struct Played {
+    body: WholeBody,
+    arm: RightArm,
+    skill: Box<dyn Skill>,
+    /// Names of the hands' bodies, right hand first.
+    bodies: Vec<String>,
+}
+
+impl Hands {
+    /// With the whole-body controller that comes with this version.
+    ///
+    /// # Errors
+    /// Its weights cannot be read.
+    pub fn new() -> Result<Self, PolicyError> {
+        let (_, network) = body::network("hands", "", "")?;
+        Ok(Self { network, parameters: None, episode: None })
+    }
+
+    /// With other parameters, of the form of the task's file, for a search.
+    #[must_use]
+    pub fn with_parameters(self, parameters: String) -> Self {
+        Self { parameters: Some(parameters), ..self }
+    }
+
+    /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
+    pub fn progress(&mut self) -> Option<(String, f64)> {
+        let Played { arm, skill, .. } = self.episode.as_mut()?;
+        let wanted = arm.world_from_hand();
+        Some((skill.phase(), arm.distance_to(&wanted)))
+    }
+}
+
+impl Policy for Hands {
+    fn name(&self) -> String {
+        "hands".into()
+    }
+
+    fn tasks(&self) -> &'static [Task] {
+        &[Task::S08]
+    }
+
+    fn sensors(&self) -> Vec<Sensor> {
+        ["proprioception", "hand_contact", "last_action", "privileged"].map(Sensor::from).into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        let skill: Box<dyn Skill> = match task {
+            "S08" => Box::new(Grab::new(self.parameters.as_deref())?),
+            _ => {
+                let reason = format!("it plays S08, but this is {task}; use another policy");
+                return Err(PolicyError::Unfit { policy: "hands", reason });
+            }
+        };
+        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
+        let arm = RightArm::new(info, &body.targets)?;
+        self.episode = Some(Played { body, arm, skill, bodies: info.hand_bodies.clone() });
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let Some(Played { body, arm, skill, bodies }) = &mut self.episode else {
+            return Err(PolicyError::not_reset("hands"));
+        };
+        let seen = seen(observation, bodies, body.is_standing())?;
+        let joints = observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
+        arm.sense(&seen.pelvis, joints);
+        let command = skill.step(&seen, arm, &mut body.targets)?;
+        body.step(observation, &command)
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.episode.as_ref()?.body.record()
+    }
+}
+
+fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Seen, PolicyError> {
+    let poses = observation.privileged.as_ref();
+    let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
+    // The right hand comes first.
+    let right = &observation.hand_contact_force[..observation.hand_contact_force.len() / 2];
+    let mut force = [0.0_f64; FINGERS.len()];
+    for (&[x, y, z], name) in right.as_chunks().0.iter().zip(bodies) {
+        if let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) {
+            force[finger] = force[finger].max(Vector3::new(x, y, z).cast::<f64>().norm());
+        }
+    }
+    Ok(Seen {
+        stands,
+        time: observation.step as f64 * CONTROL_DT,
+        pelvis: pose(poses.robot.as_ref())?,
+        fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
+        force,
+    })
+}
+
+fn pose(pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
+    let missing = || PolicyError::Unfit { policy: "hands", reason: "the privileged observation lacks a pose".into() };
+    let pose = pose.ok_or_else(missing)?;
+    let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
+        return Err(missing());
+    };
+    Ok(Isometry3::from_parts(
+        Vector3::new(x, y, z).into(),
+        UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)),
+    ))
+}

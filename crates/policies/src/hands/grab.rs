@@ -1,0 +1,315 @@
+//! S08: takes the fresh bulb from the bench.
+//!
+//! The robot raises its right hand, steps up to the bench, brings the open hand beside the glass, moves it sideways around the
+//! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
+use super::skill::{Seen, Skill};
+
+/// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
+const TURNS: u32 = 11;
+const LARGEST_TURN: f64 = 1.1;
+const REACHED: f64 = 0.003;
+/// What is left where the hand has come to the end of its way, m, and the arm to a posture, rad.
+const ARRIVED: f64 = 0.002;
+const TURNED: f64 = 0.01;
+/// How fast the robot steps at least, m/s, how its speeds grow with what is left, 1/s, and how fast it turns at most, rad/s.
+const LEAST_SPEED: f64 = 0.1;
+const GAIN: f64 = 1.5;
+const TURN_RATE: f64 = 0.4;
+/// Cosine of the tilt at which a bulb still stands.
+const UPRIGHT: f64 = 0.9;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Params {
+    stand: Stand,
+    grasp: Grasp,
+    motion: Motion,
+    close: Close,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stand {
+    ahead: f64,
+    left: f64,
+    tolerance: f64,
+    speed: f64,
+    height: f64,
+    walk_height: f64,
+    settle: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grasp {
+    glass_height: f64,
+    hand_from_glass: [f64; 3],
+    tilt: [f64; 2],
+    turn: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Motion {
+    ready: [f64; 3],
+    pre_grasp: [f64; 3],
+    rate: f64,
+    speed: f64,
+    approach_speed: f64,
+    lift: f64,
+    lift_speed: f64,
+    error: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Close {
+    thumb_delay: f64,
+    finger_delay: f64,
+    touch: f64,
+    torque: f64,
+    time: f64,
+    hold: f64,
+    verify: f64,
+    risen: f64,
+    open: Angles,
+    grip: Angles,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Brings the hand up where it will be clear of bench and bulb. Ends in the posture.
+    Raise,
+    /// Steps until the bulb is at its place before the pelvis.
+    StepUp,
+    /// Waits until the robot stands, and chooses from where the hand comes.
+    Settle,
+    /// Brings the open hand beside the glass. Ends where the hand is felt to be there.
+    PreGrasp,
+    /// Moves it around the glass. Ends likewise; or the hand retreats.
+    Approach,
+    /// Closes the thumb and then the fingers, by time. A finger that feels the bulb presses no harder than it must.
+    Close,
+    /// Lifts. Ends where the bulb has risen with the hand, or has not.
+    Lift,
+    /// Holds the bulb where it is.
+    Hold,
+    /// Opens the hand, by time.
+    Open,
+    /// Takes the hand aside, and tries again.
+    Retreat,
+}
+
+/// State of an episode.
+pub(super) struct Grab {
+    params: Params,
+    phase: Phase,
+    /// When the phase began, s.
+    since: f64,
+    /// Height of the bulb before it was lifted, m.
+    bulb_height: f64,
+    /// Goal of the hand in the phase.
+    goal: Isometry3<f64>,
+    /// Posture in which the arm waits until the robot stands, then the one before the grasp; none before it is found.
+    posture: Option<[f64; ARMS / 2]>,
+    /// The arm still turns to that posture.
+    turning: bool,
+    /// Turn of the fingers from straight ahead, to the left, rad.
+    turn: f64,
+    /// Where the robot looked first, rad, and keeps looking.
+    heading: f64,
+    fingers: [Finger; FINGERS.len()],
+}
+
+impl Grab {
+    /// With parameters of the form of `grab.toml`, which are also the default.
+    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
+        let params: Params =
+            toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
+        Ok(Self {
+            phase: Phase::Raise,
+            since: 0.0,
+            bulb_height: 0.0,
+            goal: Isometry3::identity(),
+            posture: None,
+            turning: false,
+            turn: params.grasp.turn,
+            heading: 0.0,
+            fingers: Default::default(),
+            params,
+        })
+    }
+
+    /// The hand around the bulb, its fingers pointing where the robot looks.
+    fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
+        let grasp = &self.params.grasp;
+        let glass = seen.fresh_bulb * Point3::new(0.0, 0.0, grasp.glass_height);
+        let turn = heading(&seen.pelvis) + self.turn - std::f64::consts::FRAC_PI_2;
+        let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
+        let [about_x, about_y] = grasp.tilt;
+        let hand_from_glass = Isometry3::from_parts(
+            Translation3::from(grasp.hand_from_glass),
+            UnitQuaternion::from_euler_angles(std::f64::consts::PI + about_x, about_y, 0.0),
+        );
+        world_from_glass * hand_from_glass.inverse()
+    }
+
+    /// The same once the bulb is at a place before the pelvis, for a robot that has not moved yet.
+    fn grasp_from(&self, seen: &Seen, [ahead, left]: [f64; 2]) -> Isometry3<f64> {
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading(&seen.pelvis));
+        let there = seen.pelvis.translation.vector + turned * Vector3::new(ahead, left, 0.0);
+        let mut grasp = self.world_from_grasp(seen);
+        let change = there - seen.fresh_bulb.translation.vector;
+        grasp.translation.vector +=
+            Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.params.stand.height);
+        grasp
+    }
+
+    /// Chooses the turn of the fingers at which the arm has the most room, and the posture before the grasp; false where it cannot
+    /// reach.
+    fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let back_off = Translation3::from(self.params.motion.pre_grasp);
+        let mut best: Option<(f64, f64)> = None;
+        for step in 0..=TURNS {
+            self.turn = LARGEST_TURN * step as f64 / TURNS as f64;
+            let grasp = self.world_from_grasp(seen);
+            let (at, before) = (arm.posture(&grasp)?, arm.posture(&(grasp * back_off))?);
+            let margin = at.margin.min(before.margin);
+            if at.error.max(before.error) < REACHED && best.is_none_or(|(_, most)| margin > most) {
+                best = Some((self.turn, margin));
+                (self.posture, self.turning) = (Some(before.angles), true);
+            }
+        }
+        self.turn = best.map_or(self.params.grasp.turn, |(turn, _)| turn);
+        Ok(best.is_some())
+    }
+
+    /// Velocity that brings the bulb to its place before the robot, and the distance from it, m.
+    fn step_up(&self, seen: &Seen) -> ([f64; 3], f64) {
+        let stand = &self.params.stand;
+        let away = seen.fresh_bulb.translation.vector - seen.pelvis.translation.vector;
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading(&seen.pelvis)) * away;
+        let left = Vector3::new(turned.x - stand.ahead, turned.y - stand.left, 0.0);
+        let distance = left.norm();
+        let speed = (GAIN * distance).clamp(LEAST_SPEED, stand.speed);
+        let velocity = left * (speed / distance.max(1e-6));
+        let turn = self.heading - heading(&seen.pelvis);
+        let turn = libm::atan2(libm::sin(turn), libm::cos(turn));
+        ([velocity.x, velocity.y, (GAIN * turn).clamp(-TURN_RATE, TURN_RATE)], distance)
+    }
+}
+
+fn is_upright(bulb: &Isometry3<f64>) -> bool {
+    (bulb.rotation * Vector3::z()).z > UPRIGHT
+}
+
+/// The next phase once the hand is where it should be, or back if it does not get there.
+fn arrival(left: f64, elapsed: f64, distance: f64, motion: &Motion, next: Phase) -> Option<Phase> {
+    if left < ARRIVED && distance < motion.error {
+        Some(next)
+    } else {
+        (elapsed > motion.patience).then_some(Phase::Retreat)
+    }
+}
+
+impl Skill for Grab {
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+        let params = self.params.clone();
+        let (motion, close) = (&params.motion, &params.close);
+        let mut command = BodyCommand { height: params.stand.height, ..BodyCommand::default() };
+        let elapsed = seen.time - self.since;
+        let ready = Translation3::from(motion.ready);
+        let back_off = Translation3::from(motion.pre_grasp);
+        let closing = CONTROL_DT / close.time;
+        let next = match self.phase {
+            Phase::Raise => {
+                let posture = match self.posture {
+                    Some(posture) => posture,
+                    None => {
+                        self.heading = heading(&seen.pelvis);
+                        let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
+                        *self.posture.insert(arm.posture(&goal)?.angles)
+                    }
+                };
+                (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::StepUp)
+            }
+            Phase::StepUp => {
+                let (velocity, distance) = self.step_up(seen);
+                (command.velocity, command.height) = (velocity, params.stand.walk_height);
+                (distance < params.stand.tolerance).then_some(Phase::Settle)
+            }
+            // A bulb that lies is left alone.
+            Phase::Settle if elapsed > params.stand.settle && seen.stands && is_upright(&seen.fresh_bulb) => {
+                let is_near = self.step_up(seen).1 < 2.0 * params.stand.tolerance;
+                Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
+            }
+            Phase::Settle => None,
+            Phase::PreGrasp => {
+                self.goal = self.world_from_grasp(seen);
+                let goal = self.goal * back_off;
+                if let (true, Some(posture)) = (self.turning, self.posture) {
+                    self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
+                    None
+                } else {
+                    let left = arm.move_to(&goal, motion.speed)?;
+                    arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
+                }
+            }
+            Phase::Approach => {
+                let goal = self.goal;
+                let left = arm.move_to(&goal, motion.approach_speed)?;
+                arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
+            }
+            Phase::Close => {
+                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
+                    let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
+                    finger.share += if elapsed > delay { closing } else { 0.0 };
+                    finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
+                }
+                let goal = self.goal;
+                arm.move_to(&goal, motion.approach_speed)?;
+                self.bulb_height = seen.fresh_bulb.translation.vector.z;
+                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
+                    self.goal.translation.vector.z += motion.lift;
+                    Phase::Lift
+                })
+            }
+            Phase::Lift | Phase::Hold => {
+                let goal = self.goal;
+                let left = arm.move_to(&goal, motion.lift_speed)?;
+                let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
+                let next = if risen > close.risen { Phase::Hold } else { Phase::Open };
+                (left < ARRIVED && elapsed > close.verify && next != self.phase).then_some(next)
+            }
+            Phase::Open => {
+                for finger in &mut self.fingers {
+                    *finger = Finger { share: finger.share - closing, torque: None };
+                }
+                (elapsed > close.time).then_some(Phase::Retreat)
+            }
+            Phase::Retreat => {
+                let goal = self.goal * back_off;
+                (arm.move_to(&goal, motion.speed)? < ARRIVED || elapsed > motion.patience).then_some(Phase::Settle)
+            }
+        };
+        arm.write(targets);
+        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
+        arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
+        if let Some(next) = next {
+            (self.phase, self.since) = (next, seen.time);
+        }
+        Ok(command)
+    }
+
+    fn phase(&self) -> String {
+        format!("{:?}", self.phase)
+    }
+}

@@ -1,0 +1,32 @@
+//! An expert of one task, and what it sees.
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::BodyCommand;
+use nalgebra::Isometry3;
+
+use super::arm::{FINGERS, RightArm};
+
+/// What an expert sees in a control step.
+pub(super) struct Seen {
+    /// Since the episode began, s.
+    pub time: f64,
+    /// The robot is kept over its feet where they are.
+    pub stands: bool,
+    /// Poses in the room.
+    pub pelvis: Isometry3<f64>,
+    pub fresh_bulb: Isometry3<f64>,
+    /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
+    pub force: [f64; FINGERS.len()],
+}
+
+/// An expert. It moves the right arm and its hand, and commands the whole-body controller.
+pub(super) trait Skill: Send {
+    /// Writes the targets of the arm and its fingers, and returns the command for legs and waist.
+    ///
+    /// # Errors
+    /// The arm's kinematics fail.
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError>;
+
+    /// Name of the phase that it is in.
+    fn phase(&self) -> String;
+}
