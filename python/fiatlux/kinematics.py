@@ -259,7 +259,7 @@ class Kinematics:
             ValueError: A name is unknown, an array has another shape, or a number is not finite.
         """
         states, lead = self._rows("qpos", qpos)
-        wanted = []
+        wanted: list[tuple[str | None, Array, list[float], list[float]]] = []
         for site, goal in goals.items():
             goal = np.asarray(goal, np.float64)
             is_pose = goal.shape[-1:] == (7,)
@@ -321,7 +321,7 @@ class Kinematics:
         count, joints = 3 * len(supports), len(self.joints)
         made = self._call("supports", (count + 2 * joints,), [qpos, qvel], given, wanted)
         forces, efforts, targets = np.split(made, [count, count + joints], axis=-1)
-        return SupportForces(~np.isnan(efforts).any(-1), forces.reshape(*lead, -1, 3), efforts, targets)
+        return SupportForces(np.asarray(~np.isnan(efforts).any(-1)), forces.reshape(*lead, -1, 3), efforts, targets)
 
     def _rows(self, name: str, array: ArrayLike) -> tuple[Array, tuple[int, ...]]:
         """An array with a row for each state, and the leading axes."""

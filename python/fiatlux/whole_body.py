@@ -133,7 +133,9 @@ class WholeBody:
         for side, pose in (("left", left), ("right", right)):
             given = None if pose is None else np.asarray(pose, np.float64)
             if given is not None and given.shape != (7,):
-                raise ValueError(f"{side}: shape {given.shape} instead of (7,); give position and quaternion of the palm")
+                raise ValueError(
+                    f"{side}: shape {given.shape} instead of (7,); give position and quaternion of the palm"
+                )
             goals.append(None if given is None else (given.tolist(), firm))
         return np.array(self._native.reach(position, goals))
 
