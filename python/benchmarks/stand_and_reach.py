@@ -1,4 +1,4 @@
-"""How still the whole-body controller stands while both arms reach: the figures of docs/training.md.
+"""How still the whole-body controller stands while both arms reach: the figures of docs/training_notes.md.
 
     python python/benchmarks/stand_and_reach.py --episodes 8
 
