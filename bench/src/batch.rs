@@ -23,12 +23,12 @@ use super::worlds::heap;
 
 /// Rounds of measurements, which alternate; the best of each counts.
 const ROUNDS: usize = 5;
-/// What a process of the comparison prints before it measures.
+/// Printed by a process of the comparison before it measures.
 const READY: &str = "ready";
 /// Control steps of each world from the start of its episode.
 const STEPS: usize = 50;
 
-/// What to measure, and what to compare it with.
+/// Cases to measure and to compare with.
 #[derive(Debug, Clone)]
 pub struct BatchOptions {
     /// Worlds of each batch.

@@ -33,7 +33,7 @@ pub enum BenchError {
     Start {
         /// Name of the case.
         case: &'static str,
-        /// What was expected and what happened.
+        /// The expected and the actual result.
         problem: String,
     },
     /// Rapier refused a joint.
@@ -55,9 +55,9 @@ pub enum BenchError {
              without them leave it out"
     )]
     Io {
-        /// What was attempted: a verb and its object, for the message.
+        /// Verb and object for the message.
         what: String,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: std::io::Error,
     },

@@ -79,7 +79,7 @@ impl MultibodyWorld {
         manifolds.flat_map(|m| &m.points).filter(|point| point.dist <= 0.0 || point.data.impulse > 0.0).count()
     }
 
-    /// Whether nothing moves faster than any real part of a robot. Links of a few grams sometimes gain energy without
+    /// True if nothing moves faster than any real part of a robot. Links of a few grams sometimes gain energy without
     /// limit, and finally cause a panic on NaN.
     pub fn is_sane(&self) -> bool {
         self.handles.iter().all(|&handle| self.world.bodies[handle].linvel().length() < FASTEST)

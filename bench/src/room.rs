@@ -1,4 +1,4 @@
-//! What fingers, ladder, furniture and bulbs add to a step of a robot that has nothing to do with them.
+//! Cost of fingers, ladder, furniture and bulbs in a step of a robot that touches none of them.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use super::{BenchError, RoomReport};
 /// their pitch targets are from q0, rad: the lever of the weight before the ankles needs as much.
 const FIRM_ANKLES: f64 = 8.0;
 const ANKLE_LEAN: f64 = 0.06;
-/// How far the arms wave, rad, and how often, Hz.
+/// Amplitude, rad, and frequency, Hz, of the waving arms.
 const WAVE: f64 = 0.3;
 const WAVE_RATE: f64 = 1.0;
 /// Physics steps to settle before the first measurement, and physics steps in a measurement. Of the measurements of a scene,

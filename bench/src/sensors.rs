@@ -30,7 +30,7 @@ const PLACES: [Task; 3] = [Task::S05, Task::S11, Task::S08];
 /// Rows in which each sensor is timed at each place.
 const ROWS: u64 = 60;
 
-/// What to measure, and for how long.
+/// Extent of the measurement.
 #[derive(Debug, Clone)]
 pub struct SensorOptions {
     /// Longest duration of each case, s.

@@ -27,7 +27,7 @@ const CLOSING_TIME: Duration = Duration::from_secs(15);
 /// Longest time for client processes to open their sessions.
 const START_TIME: Duration = Duration::from_secs(60);
 
-/// What to measure, and for how long.
+/// Extent of the measurement.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
     /// Number of sessions in the case with many of them, each with its own client process.
@@ -74,7 +74,7 @@ pub struct ServiceCase {
 pub struct ServiceError {
     /// Name of the case that failed.
     pub case: String,
-    /// What failed and what to do about it.
+    /// The problem and its remedy.
     pub problem: String,
 }
 

@@ -17,7 +17,7 @@ use super::report::write_table;
 pub use export::export;
 use trial::Trials;
 
-/// How many runs to make, and on how many threads.
+/// Number of runs and of threads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViolenceOptions {
     /// Runs of 10 s under violent targets.
@@ -41,7 +41,7 @@ pub struct ViolenceReport {
     pub accuracy: Vec<AccuracyReport>,
 }
 
-/// How well energy is conserved over 0.1 s.
+/// Conservation of energy over 0.1 s.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FlightReport {
     /// Speed of every joint at the start, rad/s, with a random sign.

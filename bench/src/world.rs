@@ -17,7 +17,7 @@ const MULTIBODY_SHARE: f64 = 0.05;
 /// Smallest number of runs from one start that are measured.
 const MIN_REPEATS: usize = 2;
 
-/// What to measure, for how long, and what to compare it with.
+/// Extent of the measurement, and engines to compare with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Simulated seconds of each case.

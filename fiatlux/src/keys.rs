@@ -23,7 +23,7 @@ use thiserror::Error;
 use certificates::Authority;
 pub use roles::Role;
 
-/// How the router authenticates programs.
+/// The router's way to authenticate programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Authentication {
@@ -44,11 +44,11 @@ pub struct KeysOptions {
     pub port: u16,
     /// Name of the simulation server, as in `sim-server --name`.
     pub server: String,
-    /// How the router tells who connects.
+    /// The router's way to authenticate programs.
     pub authentication: Authentication,
-    /// How long certificates are valid, days.
+    /// Validity of certificates, days.
     pub days: u16,
-    /// How many sessions the policy may have open at once.
+    /// Sessions that the policy may have open at once.
     pub sessions: u32,
 }
 
@@ -96,7 +96,7 @@ pub struct MadeFile {
     pub path: PathBuf,
     /// Whose machine needs it, and what for.
     pub purpose: &'static str,
-    /// Whether only its owner may read it.
+    /// Only its owner may read it.
     pub secret: bool,
 }
 
@@ -105,7 +105,7 @@ pub struct MadeFile {
 pub struct Made {
     /// All files, grouped by machine.
     pub files: Vec<MadeFile>,
-    /// How the router authenticates programs.
+    /// The router's way to authenticate programs.
     pub authentication: Authentication,
     /// Last day on which the certificates are valid, `YYYY-MM-DD`; `None` without certificates.
     pub valid_until: Option<String>,
@@ -234,7 +234,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
     Ok(Made { files, authentication: options.authentication, valid_until, commands })
 }
 
-/// Whether a certificate and an endpoint can name this host: an address, or a name without a port.
+/// True if a certificate and an endpoint can name this host: an address, or a name without a port.
 fn is_host(host: &str) -> bool {
     let fits = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
     host.parse::<IpAddr>().is_ok() || !host.is_empty() && host.chars().all(fits)

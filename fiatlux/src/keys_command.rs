@@ -30,10 +30,10 @@ pub struct KeysArgs {
     /// Name of the server, as in sim-server --name.
     #[arg(long, default_value = "local")]
     name: String,
-    /// How the router authenticates programs.
+    /// The router's way to authenticate programs.
     #[arg(long, value_enum, default_value_t = Auth::Mtls)]
     auth: Auth,
-    /// How long the certificates are valid, days.
+    /// Validity of the certificates, days.
     #[arg(long, default_value_t = 365, value_parser = whole::<u16>(1..=3650))]
     days: u16,
     /// Number of sessions that the policy's token allows at once.

@@ -1,4 +1,4 @@
-//! What the launcher does on a network. A first evaluation needs none of it, so it is a feature of the build.
+//! The launcher on a network. A first evaluation needs none of it, so it is a feature of the build.
 
 #[cfg(feature = "network")]
 pub use over_zenoh::{RouterArgs, listen, parse_endpoint, router};

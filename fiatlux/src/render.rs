@@ -34,11 +34,11 @@ pub use sink::Output;
 pub use view::{Picture, View};
 
 /// Most rows that are shown of a bag: the longest task has 72,001.
-const MOST_ROWS: usize = 200_000;
+const MAX_ROWS: usize = 200_000;
 /// Rows that a view is chosen by.
 const SAMPLES: usize = 8;
 
-/// What to render, and how.
+/// A clip or a still to render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOptions {
     /// Bags, shown one after the other.
@@ -63,7 +63,7 @@ pub struct RenderOptions {
     pub workers: NonZeroUsize,
 }
 
-/// How far it is.
+/// Progress of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Frames that are drawn.
@@ -72,14 +72,14 @@ pub struct Progress {
     pub all: u64,
 }
 
-/// What came of it.
+/// The outcome of rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Frames that were written.
     pub frames: u64,
     /// It was stopped before the end.
     pub stopped: bool,
-    /// What of the bags is not shown, with the reason.
+    /// Parts of the bags that are not shown, with the reason.
     pub lost: Vec<String>,
 }
 
@@ -117,24 +117,24 @@ pub enum RenderError {
     Output {
         /// The file or folder that was asked for.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// The problem and its remedy.
         problem: String,
     },
     /// A file could not be made, written or renamed.
     #[error("cannot {action} {}", path.display())]
     Io {
-        /// What was tried: a verb for the message, such as `make`.
+        /// Verb for the message, such as `make`.
         action: &'static str,
         /// The file or folder that it was tried on.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         source: io::Error,
     },
     /// The video encoder ended before it should, or failed.
     #[error("ffmpeg {how}; its last words:{said}")]
     Encoder {
-        /// How it ended, for the message.
+        /// Its end, for the message.
         how: String,
         /// Its last lines, each on a line of its own.
         said: String,
@@ -256,7 +256,7 @@ impl Episode {
         let mut spots = Vec::new();
         let mut beyond = false;
         for row in rows.by_ref() {
-            beyond = spots.len() >= MOST_ROWS;
+            beyond = spots.len() >= MAX_ROWS;
             if beyond {
                 break;
             }
@@ -265,7 +265,7 @@ impl Episode {
         let name = path.display();
         let mut lost: Vec<String> = rows.faults.phrases().iter().map(|what| format!("{name}: {what}")).collect();
         if beyond {
-            lost.push(format!("{name}: rows after the first {MOST_ROWS}, more than any episode has"));
+            lost.push(format!("{name}: rows after the first {MAX_ROWS}, more than any episode has"));
         }
         if let Completeness::Cut { reason, .. } = bag.completeness() {
             lost.push(format!("{name}: the bag is cut ({reason}); its rows up to there are shown"));

@@ -20,9 +20,9 @@ pub const EXAMPLES: &str = "Examples:
 Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with rows that are missing, or stopped.";
 
 /// Largest side of a picture, pixels.
-const MOST_PIXELS: usize = 4096;
+const MAX_PIXELS: usize = 4096;
 /// Most samples of a picture: with them a thread takes about 1 GB.
-const MOST_SAMPLES: usize = 4096 * 4096 * 4;
+const MAX_SAMPLES: usize = 4096 * 4096 * 4;
 
 /// Options of the command.
 #[derive(Debug, Args)]
@@ -40,7 +40,7 @@ pub struct RenderArgs {
     /// Where a camera of your own is, m in the world; z is up.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "target", allow_hyphen_values = true)]
     eye: Option<Vector3<f64>>,
-    /// What it looks at, m in the world.
+    /// The point that it looks at, m in the world.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "eye", allow_hyphen_values = true)]
     target: Option<Vector3<f64>>,
     /// Field of view from the upper to the lower edge, degrees; the head camera has its own.
@@ -113,13 +113,13 @@ fn point(text: &str) -> Result<Vector3<f64>, String> {
 }
 
 fn size(text: &str) -> Result<[usize; 2], String> {
-    let fits = |side: &usize| (16..=MOST_PIXELS).contains(side) && side.is_multiple_of(2);
+    let fits = |side: &usize| (16..=MAX_PIXELS).contains(side) && side.is_multiple_of(2);
     let side = |text: &str| text.trim().parse().ok().filter(fits);
     let parts = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
-    parts.ok_or_else(|| format!("give WIDTHxHEIGHT such as 1280x720: even numbers of 16 to {MOST_PIXELS}"))
+    parts.ok_or_else(|| format!("give WIDTHxHEIGHT such as 1280x720: even numbers of 16 to {MAX_PIXELS}"))
 }
 
-/// What the name of an output asks for.
+/// Kind of an output, by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Video,
@@ -173,7 +173,7 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<ExitCode> {
     Ok(tell(&clip, &outcome, begun.elapsed().as_secs_f64())?)
 }
 
-/// What is left to check once each option is right by itself.
+/// Checks options together, once each is right by itself.
 fn checked(args: &RenderArgs) -> Result<(Kind, u64), String> {
     let kind = kind(&args.out)?;
     if kind == Kind::Still && args.bags.len() > 1 {
@@ -194,7 +194,7 @@ fn checked(args: &RenderArgs) -> Result<(Kind, u64), String> {
         return Err("--view names a view twice".into());
     }
     let Picture { width, height, samples, .. } = picture(args, kind);
-    if width * samples * height * samples > MOST_SAMPLES {
+    if width * samples * height * samples > MAX_SAMPLES {
         return Err(format!(
             "{width}x{height} with {samples} by {samples} samples a pixel is too large; lower one of them"
         ));

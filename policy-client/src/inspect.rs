@@ -29,7 +29,7 @@ const SENSORS: [(&str, Option<f64>); 10] = [
     ("verdict", Some(0.0)),
 ];
 
-/// What to inspect, and how to print it.
+/// A session to inspect, and the form to print.
 pub struct Inspection {
     pub policy: Box<dyn Policy>,
     pub request: OpenRequest,

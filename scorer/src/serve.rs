@@ -15,7 +15,7 @@ use fiatlux_client::AccessArgs;
 use fiatlux_leaderboard::{Jobs, Limits, Service, ServiceOptions, Store, Verifier};
 use fiatlux_link::LinkArgs;
 
-/// How often it checks whether to stop.
+/// Period of its checks for a stop.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Serve the leaderboard: accept submissions, grade and verify them, and show them

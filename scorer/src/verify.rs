@@ -57,7 +57,7 @@ pub struct VerifyArgs {
     link: LinkArgs,
 }
 
-/// How often a worker without a bag looks whether another has put one back.
+/// Period at which a worker without a bag looks for one that another has put back.
 const LOOK: Duration = Duration::from_millis(50);
 /// Pause of a worker whose server has no room, and how often it tries before it gives up.
 const PAUSE: Duration = Duration::from_secs(2);
@@ -74,7 +74,7 @@ struct Queue {
     episodes: BTreeMap<(String, String), Vec<PathBuf>>,
 }
 
-/// What all workers share.
+/// Shared by all workers.
 struct Work<'a> {
     queue: Mutex<Queue>,
     all: usize,

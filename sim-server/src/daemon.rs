@@ -13,7 +13,7 @@ use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::SceneConfig;
 
-/// How long recorders have after an interrupt.
+/// Time that recorders have after an interrupt.
 const SHUTDOWN: Duration = Duration::from_secs(12);
 
 #[derive(Debug, Args)]
@@ -28,10 +28,10 @@ pub struct DaemonArgs {
     /// Sessions that can be open at once.
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = whole::<usize>(1..=65_536))]
     capacity: usize,
-    /// How long a session waits for a client that is gone, s.
+    /// Longest wait of a session for a client that is gone, s.
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     grace: Duration,
-    /// How long a session waits for an action, s.
+    /// Longest wait of a session for an action, s.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     action_timeout: Duration,
     /// Scene config; its values replace the published ones. Runs in another scene are not ranked.

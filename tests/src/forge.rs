@@ -12,7 +12,6 @@ use fiatlux_wire::{header_digest, layout_of, read_identity, read_row};
 /// A bag's parts that a second run is compared with.
 #[derive(Debug, Clone)]
 pub struct Parts {
-    /// What was set when it began.
     pub header: EpisodeHeader,
     /// Rows from row 0 on, one for each control step.
     pub states: Vec<State>,
@@ -61,9 +60,8 @@ impl Parts {
 /// A journal's parts.
 #[derive(Debug, Clone)]
 pub struct JournalParts {
-    /// What was agreed on.
     pub registration: Registration,
-    /// What happened, without the server's signature.
+    /// Without the server's signature.
     pub events: Vec<Event>,
 }
 

@@ -1,4 +1,4 @@
-//! What the checks share. A rig for checks of the world: a scene with its engine laid open, joints that can be locked and
+//! Shared by the checks. A rig for checks of the world: a scene with its engine laid open, joints that can be locked and
 //! forces that can be applied. [`programs`] starts our programs as processes; [`lossy`] loses messages between them.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
@@ -15,7 +15,7 @@ use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_world::{PHYSICS_DT, Random, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, Stream};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// Whether long checks run at full length: with `FIATLUX_SLOW_TESTS` set.
+/// True if long checks run at full length: with `FIATLUX_SLOW_TESTS` set.
 pub fn at_full_length() -> bool {
     std::env::var_os("FIATLUX_SLOW_TESTS").is_some()
 }

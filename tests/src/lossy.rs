@@ -28,7 +28,7 @@ struct Counts {
 }
 
 impl Counts {
-    /// Whether this message is lost. SplitMix64 over a counter.
+    /// SplitMix64 over a counter.
     fn loses(&self) -> bool {
         let mut x = self.draw.fetch_add(1, Ordering::Relaxed).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -16,7 +16,7 @@ pub use service::{
     Played, Service, Watch, alone, client, connect, endpoint, grade, played, record, router, wait_until,
 };
 
-/// How long a program may take to say or do something that a test waits for.
+/// Longest wait of a test for a program.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Path of one of our programs; the examples are in the folder next to it. They are built in the profile of the running test,
@@ -231,12 +231,11 @@ impl Running {
         assert!(done.expect("kill runs").success());
     }
 
-    /// Whether it still runs.
     pub fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
 
-    /// What it wrote to stderr so far.
+    /// Its stderr so far.
     pub fn log(&self) -> String {
         let mut text = String::new();
         if let Ok(mut file) = File::open(&self.log) {

@@ -18,7 +18,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 /// Control steps of a case: enough to fall and come to rest.
 const STEPS: usize = 500;
 
-/// What a case met while it was measured, so that none is measured in the air.
+/// Contacts of a case while it was measured, so that none is measured in the air.
 #[derive(Debug, Default)]
 struct Met {
     allocations: usize,

@@ -23,7 +23,7 @@ const START_SPEED: f64 = 5.0;
 const DEEP: f64 = 5e-3;
 const DEEP_ROWS: usize = 5;
 
-/// How targets are drawn in every control step.
+/// Draw of the targets in every control step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Pattern {
     /// All joints from one limit to the other and back, at 25 Hz.
@@ -75,7 +75,7 @@ impl Pattern {
     }
 }
 
-/// What all runs share.
+/// Shared by all runs.
 pub(super) struct Trials {
     robot: Arc<Robot>,
     config: SceneConfig,

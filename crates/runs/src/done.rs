@@ -82,7 +82,7 @@ fn check_same(header: &EpisodeHeader, path: &Path, wanted: &OpenRequest, meshes:
     Err(folder(path, format!("it holds {what}; name another folder with --out")))
 }
 
-/// Whether a bag is whole, was played to its end, and comes from the world that this build simulates.
+/// True if a bag is whole, was played to its end, and comes from the world that this build simulates.
 fn is_current(bag: &Bag, model: &str, scene: &str) -> bool {
     let header = bag.header();
     // A scorer refuses a bag whose result does not name its header.

@@ -22,7 +22,7 @@ const CLOSING_TIME: Duration = Duration::from_secs(15);
 /// Time for answering the client's last query before the server stops.
 const FAREWELL: Duration = Duration::from_millis(500);
 
-/// How to wait for a run from elsewhere.
+/// Options of an evaluation by a client from elsewhere.
 #[derive(Debug, Clone)]
 pub struct ExternalOptions {
     pub name: String,

@@ -1,4 +1,4 @@
-//! What to evaluate, one episode of it, and why that may fail.
+//! Options of an evaluation, one episode of it, and its errors.
 
 use std::path::{Path, PathBuf};
 
@@ -14,10 +14,10 @@ use thiserror::Error;
 /// Name of the server in this process.
 pub(super) const SERVER: &str = "evaluate";
 
-/// What to evaluate, where to put it, and how.
+/// Options of an evaluation.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
-    /// What can be played.
+    /// Policies that can be played.
     pub policies: Policies,
     /// Name of the one that is, such as `zero`.
     pub policy: String,
@@ -84,7 +84,7 @@ pub enum EvaluateError {
     Folder {
         /// The folder or a file in it.
         path: PathBuf,
-        /// What is wrong and what to do about it.
+        /// The problem and its remedy.
         problem: String,
     },
     /// The policy cannot be made.

@@ -31,7 +31,7 @@ pub struct Outcome {
     pub resumed: usize,
     /// Episodes that were not played or not recorded whole, each with the reason.
     pub lost: Vec<String>,
-    /// Whether it was stopped before the end.
+    /// It was stopped before the end.
     pub stopped: bool,
 }
 

@@ -2,7 +2,7 @@
 
 use super::Job;
 
-/// What became of the episodes that were played.
+/// Fates of the episodes that were played.
 #[derive(Debug, Default)]
 pub(super) struct Played {
     /// Episodes that have ended, with the reason if their client failed.

@@ -30,7 +30,7 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
     (header.encode_to_vec(), rows)
 }
 
-/// What a bag holds is enough: its header gives the scene, row 0 the state, and each row the action that led to it.
+/// A bag is enough: its header gives the scene, row 0 the state, and each row the action that led to it.
 /// Nothing is drawn again: another layout than the seed's is followed too.
 #[test]
 fn an_episode_is_rebuilt_from_what_was_recorded() {

@@ -29,7 +29,7 @@ const CORES_PER_WORKER: usize = 4;
 /// Time between two lines in the log about sessions of unknown servers.
 const TELLING_PERIOD: Duration = Duration::from_secs(60);
 
-/// How to name bags below their folder. If a name is taken, a number is added.
+/// Names of bags below their folder. If one is taken, a number is added.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Naming {
     /// A folder for each session: `SERVER/SESSION/TASK-sSEED-eEPISODE.mcap`.
@@ -54,7 +54,7 @@ pub enum RecordsFrom {
 /// Called with the key of a session and the number of its records that are in no bag.
 pub type OnLoss = Box<dyn Fn(&str, u64) + Send + Sync>;
 
-/// What to record, and where.
+/// Folder, servers and callbacks of a recorder.
 pub struct RecorderOptions {
     /// Folder of the bags.
     pub out: PathBuf,
@@ -62,7 +62,6 @@ pub struct RecorderOptions {
     pub server: Option<String>,
     /// Name of the recorder, which servers log.
     pub name: String,
-    /// How to name the bags.
     pub naming: Naming,
     /// Whose records to write.
     pub records: RecordsFrom,
@@ -72,7 +71,7 @@ pub struct RecorderOptions {
     pub on_loss: OnLoss,
 }
 
-/// How a bag ended.
+/// The end of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BagEnd {
     /// The bag has its whole episode, with this result.
@@ -88,11 +87,10 @@ pub struct BagReport {
     pub path: PathBuf,
     /// The header of the episode in it.
     pub header: EpisodeHeader,
-    /// Whether it is whole, or why not.
+    /// Whole, or the reason why not.
     pub end: BagEnd,
 }
 
-/// Why a recorder cannot start.
 #[derive(Debug, Error)]
 pub enum RecorderError {
     /// The text cannot be a server's name.
@@ -109,7 +107,7 @@ pub enum RecorderError {
     Carrier(#[from] CarrierError),
 }
 
-/// What all workers share.
+/// Shared by all workers.
 struct Shared {
     out: PathBuf,
     name: String,
@@ -117,7 +115,7 @@ struct Shared {
     reach: Reach,
     /// Proves whose a session is, and unseals its records.
     key: RecorderKey,
-    /// Whether records are sealed, because they come from other processes.
+    /// Records are sealed, because they come from other processes.
     is_sealed: bool,
     /// When the log last told of sessions of unknown servers.
     told_at: Mutex<Option<Instant>>,

@@ -75,7 +75,7 @@ fn addresses(hosts: &[String]) -> Vec<&'static str> {
     }
 }
 
-/// Whether only this machine is named.
+/// True if only this machine is named.
 fn is_local(hosts: &[String]) -> bool {
     hosts.iter().all(|host| host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()))
 }

@@ -77,7 +77,7 @@ fn keys() -> Vec<(String, Kind)> {
     ]
 }
 
-/// What a part sends (`true`) and receives (`false`), by Zenoh's kinds of messages: the keys of each.
+/// Keys that a part sends (`true`) and receives (`false`) on, by Zenoh's kinds of messages.
 type Words = BTreeMap<(bool, &'static str), Vec<String>>;
 
 fn words(role: Role) -> Words {

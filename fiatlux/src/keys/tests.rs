@@ -1,4 +1,4 @@
-//! What one call leaves behind, and what it leaves alone.
+//! Files that one call leaves behind, and those that it leaves alone.
 #![allow(clippy::unwrap_used)]
 
 use std::os::unix::fs::PermissionsExt as _;

@@ -14,7 +14,7 @@ use super::view::{Composer, Picture};
 /// Frames that wait on either side of a thread: what bounds the memory.
 const WAITING: usize = 2;
 
-/// What the frames of an episode share.
+/// Shared by the frames of an episode.
 #[derive(Debug)]
 pub(super) struct Stage {
     pub visuals: Visuals,
@@ -30,7 +30,7 @@ pub(super) struct Job {
     pub cameras: Vec<Camera>,
 }
 
-/// What a frame becomes.
+/// Form of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// Red, green, blue of all pixels.

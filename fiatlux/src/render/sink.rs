@@ -10,7 +10,7 @@ use super::encoder::Encoder;
 use super::view::Picture;
 use crate::part_of;
 
-/// What is made of the frames.
+/// Form of the output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
     /// One MP4 file, by `ffmpeg`.

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 /// Height of the camera of the room over what it looks at, as an angle, and its bearing, rad.
 const ROOM_ELEVATION: f64 = 0.55;
 const ROOM_BEARING: f64 = -0.80;
-/// How far inside of the walls the view of the room has its rim, m.
+/// Distance from the walls to the rim of the view of the room, m.
 const ROOM_INSET: f64 = 0.7;
 /// Width of an inset's border, pixels.
 const BORDER: usize = 2;
@@ -23,13 +23,13 @@ pub enum View {
     Follow,
     /// The whole room from above.
     Room,
-    /// What the head camera sees.
+    /// The picture of the head camera.
     Head,
     /// From one point to another, m, world.
     Free {
         /// Where the camera is.
         eye: Vector3<f64>,
-        /// What it looks at.
+        /// The point that it looks at.
         target: Vector3<f64>,
     },
 }
@@ -113,7 +113,7 @@ pub(super) struct Composer {
     renderers: Vec<Renderer>,
     /// Black, larger than a pane by a border: what insets lie on.
     grounds: Vec<Image>,
-    /// How many times larger than its pane a view is drawn.
+    /// Factor by which a view is drawn larger than its pane.
     factor: usize,
     image: Image,
 }
@@ -165,7 +165,7 @@ enum Mount {
     Head,
 }
 
-/// What a rig is made for.
+/// The episode and robot of a rig.
 pub(super) struct Subject<'a> {
     pub scene: &'a Scene,
     pub visuals: &'a Visuals,

@@ -306,8 +306,8 @@ fn a_policy_that_does_not_fit_ends_the_call() {
     assert_eq!(digests(&outcome), undisturbed(), "nothing is lost by it");
 }
 
-/// What a policy does not play is refused before the run exists; what it refuses all the same counts as failed, and the rest is
-/// played.
+/// Tasks that a policy does not play are refused before the run exists; those that it refuses all the same count as failed, and
+/// the rest is played.
 #[test]
 fn tasks_that_a_policy_does_not_play_do_not_end_the_run() {
     struct Choosy {

@@ -18,7 +18,7 @@ use fiatlux_rules::CONTROL_DT;
 use super::{Failure, model_server};
 
 /// Largest number of running episodes that the progress line names.
-const MOST_SHOWN: usize = 3;
+const MAX_SHOWN: usize = 3;
 
 /// Options of the command `evaluate`.
 #[derive(Debug, Args)]
@@ -76,7 +76,7 @@ pub struct EvaluateArgs {
     /// Close the run even if episodes could not be played: they count as failures and can no longer be played
     #[arg(long)]
     finish: bool,
-    /// How long to wait for servers that are gone, do not answer, or do not let anything be played, s
+    /// Longest wait for servers that are gone, do not answer, or do not let anything be played, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_cli::whole::<u32>(1..=86_400))]
     patience: u32,
     /// Print the result as JSON
@@ -149,13 +149,13 @@ fn look(line: &ProgressLine, progress: &RunProgress, protocol: &str) -> String {
     if servers.is_empty() {
         text += ", waiting for a server";
     }
-    for episode in playing.iter().take(MOST_SHOWN) {
+    for episode in playing.iter().take(MAX_SHOWN) {
         text += &format!("  {} at {:.0} s", episode.name(), episode.step as f64 * CONTROL_DT);
         if servers.len() > 1 {
             text += &format!(" on {}", episode.server);
         }
     }
-    if let Some(more @ 1..) = playing.len().checked_sub(MOST_SHOWN) {
+    if let Some(more @ 1..) = playing.len().checked_sub(MAX_SHOWN) {
         text += &format!("  and {more} more");
     }
     text

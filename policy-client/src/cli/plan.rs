@@ -73,7 +73,7 @@ pub struct RunArgs {
     pub link: LinkArgs,
 }
 
-/// What to run, from flags and bag.
+/// A run, from flags and bag.
 pub struct Plan {
     pub policy: Box<dyn Policy>,
     pub request: OpenRequest,

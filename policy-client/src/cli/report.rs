@@ -36,7 +36,7 @@ impl Report {
         Self { head, episodes: Vec::new(), control_dt: info.control_dt, digest, equal: true }
     }
 
-    /// Whether every replayed episode equals its recording.
+    /// True if every replayed episode equals its recording.
     pub fn is_equal(&self) -> bool {
         self.equal
     }

@@ -14,7 +14,7 @@ use super::Failure;
 use super::plan::{RunArgs, plan};
 use super::report::{Episode, Report};
 
-/// How a run went, which decides the exit code.
+/// Outcome of a run, which decides the exit code.
 pub enum Played {
     /// Every episode was played as requested.
     Whole,

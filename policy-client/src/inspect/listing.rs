@@ -1,4 +1,4 @@
-//! What has been seen, as JSON and as text.
+//! Prints a session as JSON and as text.
 
 use std::fmt::Write as _;
 

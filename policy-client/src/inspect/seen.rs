@@ -1,4 +1,4 @@
-//! What has been seen of a session so far. It reads no clock and does no I/O.
+//! Statistics of a session so far. It reads no clock and does no I/O.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What the targets share: bags in parts, seeds, and a folder in memory.
+//! Shared by the targets: bags in parts, seeds, and a folder in memory.
 //!
 //! A bag in parts is a list of messages, each behind a byte for its kind and four for its length. Its digests are made anew
 //! before it is graded: bytes that a fuzzer changed would else be found out by the first checksum.

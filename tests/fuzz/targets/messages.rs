@@ -1,4 +1,4 @@
-//! What strangers on the network may send: messages to the three peers of a session, and messages and journals that are read.
+//! Messages of strangers: to the three peers of a session, and messages and journals that are read.
 #![no_main]
 
 use std::fmt::Write as _;
@@ -24,7 +24,7 @@ use sha2::{Digest as _, Sha256};
 static PATH: LazyLock<PathBuf> = LazyLock::new(|| folder("messages").join("lab.run.jsonl"));
 
 /// Most outputs after one input.
-const MOST_OUTPUTS: usize = 10_000;
+const MAX_OUTPUTS: usize = 10_000;
 
 /// A simulation of three joints that ends after two steps.
 #[derive(Default)]
@@ -53,8 +53,8 @@ impl Host for Counter {
 
 /// Carries out what a machine wants: nothing. It must want an end of it.
 fn drain<M: Machine>(machine: &mut M) {
-    let count = std::iter::from_fn(|| machine.poll()).take(MOST_OUTPUTS).count();
-    assert!(count < MOST_OUTPUTS, "outputs without end");
+    let count = std::iter::from_fn(|| machine.poll()).take(MAX_OUTPUTS).count();
+    assert!(count < MAX_OUTPUTS, "outputs without end");
 }
 
 /// One peer gets everything; of two bytes before each message the first says what it is, the second how much later it comes.
@@ -130,7 +130,7 @@ fn journal(data: &[u8]) {
     let _ = Ledger::read(&*PATH);
 }
 
-/// What a session of two steps sends.
+/// Messages of a session of two steps.
 fn seed_session() -> Vec<u8> {
     let mut out = Vec::new();
     let mut add = |kind, message: Vec<u8>| put(&mut out, kind, &[&[0][..], &message].concat());

@@ -128,16 +128,16 @@ pub fn client(port: u16, args: &[&str], folder: &Scratch) -> Running {
     Running::start("policy-client", &all, folder)
 }
 
-/// How an episode ended, as the policy client says.
+/// The end of an episode, as the policy client prints it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Played {
-    /// What ended the episode, such as `time-out`.
+    /// Such as `time-out`.
     pub cause: String,
     /// Control steps that were played.
     pub steps: u64,
     /// Digest of all rows.
     pub digest: String,
-    /// Whether it is that of the bag that was replayed.
+    /// The digest is that of the bag that was replayed.
     pub is_equal: Option<bool>,
 }
 
@@ -155,7 +155,7 @@ pub fn played(client: &mut Running) -> Vec<Played> {
     report["episodes"].as_array().unwrap().iter().map(episode).collect()
 }
 
-/// What comes of these options where nothing disturbs: on a server without any other client or recorder. Played once for
+/// The episode of these options without disturbance: on a server without any other client or recorder. Played once for
 /// all tests of a process.
 pub fn alone(args: &[&str]) -> Vec<Played> {
     static KNOWN: Mutex<BTreeMap<String, Vec<Played>>> = Mutex::new(BTreeMap::new());

@@ -107,7 +107,6 @@ impl Installation {
         zenoh::open(config).wait().unwrap()
     }
 
-    /// Whether a config gets a connection.
     fn connects(&self, config: &str) -> bool {
         let mut config = Config::from_json5(config).unwrap();
         for (key, value) in [

@@ -51,9 +51,9 @@ impl Drop for Double {
     }
 }
 
-/// What a run against a double left.
+/// Output of a run against a double.
 struct Recorded {
-    /// What the client wrote to stderr.
+    /// The client's stderr.
     log: String,
     bag: Bag,
     actions: Vec<Action>,

@@ -1,4 +1,4 @@
-//! What goes wrong between the programs: processes that die, links that break, messages that are lost, and peers that mean
+//! Faults between the programs: processes that die, links that break, messages that are lost, and peers that mean
 //! harm. Whatever happens, an episode has the rows that it has without it, or says that it does not.
 
 mod deaths;

@@ -52,7 +52,7 @@ fn prose(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// What stands between each pair of marks on one line.
+/// Texts between each pair of marks on one line.
 fn between<'a>(text: &'a str, open: &str, close: &str) -> Vec<&'a str> {
     let parts = text.split(open).skip(1).filter_map(|rest| rest.split_once(close));
     parts.map(|(inside, _)| inside).filter(|inside| !inside.contains('\n')).collect()

@@ -1,4 +1,4 @@
-//! What every program owes whoever starts it: its name, a word on what it waits for, an end on the first signal, IPv6, and
+//! Duties of every program: its name, a word on what it waits for, an end on the first signal, IPv6, and
 //! errors of one sentence.
 
 use std::net::TcpListener;

@@ -70,7 +70,7 @@ impl Bags {
         }
     }
 
-    /// Whether an earlier recorder has finished bags of this session here, so that its first rows are on disk.
+    /// True if an earlier recorder has finished bags of this session here, so that its first rows are on disk.
     pub fn are_begun(&self, server: &str, session: &str) -> bool {
         let modified = |bag: &PathBuf| fs::metadata(bag).and_then(|found| found.modified()).ok();
         let mut bags: Vec<_> = self.files("mcap").into_iter().map(|bag| (modified(&bag), bag)).collect();
@@ -193,7 +193,7 @@ fn header_of(bag: &Path, server: &str, session: &str) -> Option<EpisodeHeader> {
     (header.server == server && header.session == session).then(|| header.clone())
 }
 
-/// Whether a whole bag of this very episode exists.
+/// True if a whole bag of this very episode exists.
 fn is_whole(path: &Path, header: &EpisodeHeader) -> bool {
     Bag::open(path).is_ok_and(|bag| bag.header() == header && *bag.completeness() == Completeness::Whole)
 }

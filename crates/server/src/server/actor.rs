@@ -93,7 +93,7 @@ impl Actor {
         }
     }
 
-    /// Whether the time to claim it has passed.
+    /// True once the time to claim it has passed.
     pub fn is_unclaimed(&self, now: Duration) -> bool {
         now >= self.claim_by && !self.gate.is_claimed()
     }
@@ -104,7 +104,7 @@ impl Actor {
         session.wake_at().into_iter().chain(claim).min()
     }
 
-    /// Whether a message of its client has just shown that it exists, after its token was withdrawn.
+    /// True if a message of its client has just shown that it exists, after its token was withdrawn.
     pub fn shows_up(&self) -> bool {
         self.token_gone.load(Ordering::Relaxed) && self.token_gone.swap(false, Ordering::Relaxed)
     }
@@ -154,19 +154,18 @@ impl Actor {
         (count > 0).then_some(Input::Dropped(count))
     }
 
-    /// Whether a message of the client waits.
     pub fn has_from_client(&self) -> bool {
         lock(&self.inbox).waiting[Side::Client as usize] > 0
     }
 
-    /// Whether the worker may leave it, because nothing has arrived meanwhile.
+    /// True if the worker may leave it, because nothing has arrived meanwhile.
     pub fn park(&self) -> bool {
         let mut inbox = lock(&self.inbox);
         inbox.scheduled = inbox.tick || inbox.dropped > 0 || !inbox.inputs.is_empty();
         !inbox.scheduled
     }
 
-    /// Whether the timer needs this time, because it holds no earlier one.
+    /// True if the timer needs this time, because it holds no earlier one.
     #[must_use]
     pub fn wakes_earlier(&self, at: Duration) -> bool {
         let mut inbox = lock(&self.inbox);
@@ -187,7 +186,7 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// Whether anybody follows the records as they are made. Who does not may still ask for those that are kept.
+    /// True if anybody follows the records as they are made. Others may still ask for those that are kept.
     pub fn has_follower(&self) -> bool {
         self.truth.has_subscribers()
     }

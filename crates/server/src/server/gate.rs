@@ -40,7 +40,7 @@ pub(super) struct Sealed {
     pub attachment: [u8; SEAL_BYTES],
 }
 
-/// What to do with a query.
+/// Result of the check of a query.
 pub(super) enum Asked {
     /// It is to be answered, under this number.
     New(u64),
@@ -58,7 +58,7 @@ impl Gate {
         Self(Mutex::new(State { channel, asked, answered, is_claimed: false, told_at: None, told: 0 }))
     }
 
-    /// Whether a message comes from the client and is new.
+    /// True if a message comes from the client and is new.
     pub fn takes(&self, label: &str, payload: &[u8], attachment: &[u8]) -> bool {
         let mut state = lock(&self.0);
         let takes = state.channel.open(Label::Message(label), payload, attachment).is_ok();
@@ -116,7 +116,7 @@ impl Gate {
         lock(&self.0).channel.seal(Label::Message(label), payload)
     }
 
-    /// Whether anything from its client has arrived.
+    /// True once anything from its client has arrived.
     pub fn is_claimed(&self) -> bool {
         lock(&self.0).is_claimed
     }

@@ -48,7 +48,7 @@ struct Run {
     /// `None` before row 0 is recorded.
     record: Option<Record>,
     observation: Observation,
-    /// Whether a number of the last action was outside the box [-1, 1].
+    /// A number of the last action was outside the box [-1, 1].
     outside_box: bool,
     /// Actions on their way to the robot, next one first.
     delayed: VecDeque<Vec<f64>>,
@@ -85,7 +85,7 @@ impl Simulation {
         Self { signer, ..self }
     }
 
-    /// What a client learns about the session, apart from its timeouts.
+    /// The session's description for its client, without its timeouts.
     pub fn info(&self) -> SessionInfo {
         let scene = &self.built.scene;
         let senses = self.plan.sensors.sensed().contains(Sensor::Proprioception);
@@ -244,7 +244,7 @@ fn observe(suite: &mut SensorSuite, episode: &Episode, due: Sensors) -> Result<O
     Ok(Observation { end: record::end(episode), ..suite.observe(&View::of(episode), due)? })
 }
 
-/// What the bag stores of the last row, whose observation has been published.
+/// Sensor values that the bag stores of the last row, whose observation has been published.
 fn recorded(
     suite: &mut SensorSuite,
     episode: &Episode,

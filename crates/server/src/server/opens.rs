@@ -42,7 +42,7 @@ pub(super) struct Begun {
     pub attachment: Option<[u8; SEAL_BYTES]>,
 }
 
-/// What to do with a request.
+/// Result of the check of a request to open a session.
 pub(super) enum Taken {
     /// It is to be carried out.
     New,

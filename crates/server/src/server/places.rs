@@ -12,7 +12,7 @@ pub(super) const CLAIM_TIME: Duration = Duration::from_secs(2);
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Number of sessions that may wait to be claimed even on a small server.
-const LEAST_UNCLAIMED: usize = 4;
+const MIN_UNCLAIMED: usize = 4;
 
 /// The places of a server, oldest first.
 pub(super) struct Places {
@@ -69,7 +69,7 @@ impl Places {
             Some(free.ok_or(NoPlace::Limit(limit.unwrap_or_default()))?)
         } else if own > 0 && taken.len() >= self.capacity - self.capacity / 2 {
             return Err(if is_full { NoPlace::Full } else { NoPlace::Kept });
-        } else if unclaimed.len() >= LEAST_UNCLAIMED.max(self.capacity / 4) || is_full {
+        } else if unclaimed.len() >= MIN_UNCLAIMED.max(self.capacity / 4) || is_full {
             let of_peer = |peer: &str| unclaimed.iter().filter(|&&at| taken[at].peer == peer).count();
             let most = unclaimed.iter().map(|&at| of_peer(&taken[at].peer)).max().unwrap_or_default();
             let first = oldest(&|place| of_peer(&place.peer) == most);
@@ -83,7 +83,7 @@ impl Places {
         Ok(leaves)
     }
 
-    /// Whether the session still has its place.
+    /// True if the session still has its place.
     pub fn has(&self, session: &str) -> bool {
         lock(&self.taken).iter().any(|place| place.session == session)
     }

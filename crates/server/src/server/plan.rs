@@ -27,7 +27,7 @@ const MAX_ACTION_DELAY_MS: u32 = 100;
 
 /// Longest name or version of a policy, bytes.
 pub(super) const MAX_NAME: usize = 128;
-/// How long a whole-body command stays in force without a new action, ms, if the request does not say; and at most.
+/// Time for which a whole-body command stays in force without a new action, ms: by default, and at most.
 const COMMAND_TIMEOUT_MS: u32 = 500;
 const MAX_COMMAND_TIMEOUT_MS: u32 = 10_000;
 
@@ -53,7 +53,7 @@ pub(super) struct Plan {
     pub reward: Variant,
     /// Control steps from an action's arrival to the step in which it acts.
     pub action_delay: usize,
-    /// How long a whole-body command stays in force without a new action, s; 0 in lockstep.
+    /// Time for which a whole-body command stays in force without a new action, s; 0 in lockstep.
     pub command_timeout_s: f64,
     /// The run whose episode it plays; `None` if a client opened the session by itself.
     pub ticket: Option<RunTicket>,
@@ -64,12 +64,12 @@ impl Plan {
         if self.real_time { Mode::RealTime } else { Mode::Lockstep }
     }
 
-    /// Whether the client must not learn the seed before the run is over.
+    /// True if the client must not learn the seed before the run is over.
     pub fn is_hosted(&self) -> bool {
         self.ticket.as_ref().is_some_and(|ticket| ticket.hosted)
     }
 
-    /// Whether the client must not learn the room from the session's description: its seed is hosted, and no sensor shows
+    /// True if the client must not learn the room from the session's description: its seed is hosted, and no sensor shows
     /// exact poses of what is in the room.
     pub fn hides_room(&self) -> bool {
         self.is_hosted() && !self.sensors.sensed().contains(Sensor::Privileged)

@@ -14,7 +14,6 @@ use super::actor::Actor;
 use super::lock;
 use super::opens::Digest;
 
-/// What a worker does.
 pub(super) enum Job {
     Run(Arc<Actor>),
     /// A request to open a session, with the digest that identifies it.
@@ -50,7 +49,7 @@ pub(super) enum AnswerKind {
 /// Jobs for threads, in order of arrival.
 pub(super) struct Queue<T> {
     state: Mutex<QueueState<T>>,
-    /// Whether `next` has something to return; can be read without the lock.
+    /// `next` has something to return; can be read without the lock.
     is_ready: AtomicBool,
     changed: Condvar,
 }
@@ -58,7 +57,7 @@ pub(super) struct Queue<T> {
 struct QueueState<T> {
     work: VecDeque<T>,
     is_stopped: bool,
-    /// Whether a thread is polling for work, and so need not be woken.
+    /// A thread is polling for work, and so need not be woken.
     is_watched: bool,
 }
 

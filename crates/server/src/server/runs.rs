@@ -42,7 +42,6 @@ const MAX_CAUSE: usize = 100;
 const LOCK_TRIES: u32 = 5;
 const LOCK_AGAIN: Duration = Duration::from_millis(50);
 
-/// Why a server cannot record.
 #[derive(Debug, Error)]
 pub enum RecordError {
     /// Another server of the same name would write the same journals.
@@ -53,7 +52,7 @@ pub enum RecordError {
     /// The folder or its lock cannot be used.
     #[error("cannot {action} {path}; check that it exists, its permissions, and the free space")]
     Io {
-        /// What was attempted: a verb for the message, such as `open`.
+        /// Verb for the message, such as `open`.
         action: &'static str,
         path: PathBuf,
         /// The operating system's error.

@@ -31,7 +31,7 @@ const TURN: usize = 256;
 const TURN_TIME: Duration = Duration::from_millis(20);
 /// Most observations in a row that are not sent because the client has already sent the action that follows: half of what
 /// a client may send ahead.
-const MOST_SKIPPED: u32 = 8;
+const MAX_SKIPPED: u32 = 8;
 /// Largest number of replies that wait to be sent, and their size in bytes.
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
@@ -152,7 +152,7 @@ impl Shared {
             session.handle(input, self.now());
             while let Some(output) = session.poll() {
                 match output {
-                    Output::Observation(observation) if in_a_row < MOST_SKIPPED && actor.has_from_client() => {
+                    Output::Observation(observation) if in_a_row < MAX_SKIPPED && actor.has_from_client() => {
                         (skipped, in_a_row) = (Some(observation), in_a_row + 1);
                         continue;
                     }

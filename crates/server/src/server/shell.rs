@@ -33,7 +33,7 @@ use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsF
 /// Number of threads that answer: a reply to a client that does not read blocks its thread for seconds, until Zenoh
 /// gives up.
 const ANSWERING_THREADS: usize = 8;
-/// How long a server that starts looks for another one of its name.
+/// Time for which a server that starts looks for another one of its name.
 const LOOK_FOR_OTHERS: Duration = Duration::from_millis(500);
 
 /// Recipients of the records of a server that does not record itself.
@@ -58,13 +58,13 @@ pub struct ServerOptions {
     pub workers: usize,
     /// Sessions that can be open at once.
     pub capacity: usize,
-    /// How long a session waits for a client that is gone.
+    /// Longest wait of a session for a client that is gone.
     pub grace: Duration,
-    /// How long a session waits for an action.
+    /// Longest wait for an action.
     pub action_timeout: Duration,
     /// A client repeats its action after this time without an observation.
     pub resend: Duration,
-    /// How long a session waits for a recorder that makes no progress.
+    /// Longest wait for a recorder that makes no progress.
     pub recorder_timeout: Duration,
     /// The numbers of the scene.
     pub scene: SceneConfig,
@@ -104,7 +104,6 @@ impl Default for ServerOptions {
     }
 }
 
-/// Why a server does not start.
 #[derive(Debug, Error)]
 pub enum ServerError {
     /// The name cannot be part of a key.
@@ -335,7 +334,7 @@ impl Drop for Server {
     }
 }
 
-/// Whether another server holds the token.
+/// True if another server holds the token.
 fn is_taken(carrier: &Carrier, alive: &str) -> Result<bool, ServerError> {
     let tokens = carrier.tokens(alive, LOOK_FOR_OTHERS).map_err(refused(alive.into()))?;
     Ok(!tokens.is_empty())

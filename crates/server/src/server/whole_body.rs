@@ -35,7 +35,7 @@ pub(super) struct WholeBody {
     sensed: Proprioception,
     /// Of all joints, rad. Those of arms and hands are as they are wanted.
     targets: Vec<f64>,
-    /// Whether the client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
+    /// The client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
     is_named: bool,
 }
 

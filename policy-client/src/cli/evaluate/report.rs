@@ -17,7 +17,7 @@ struct Row<'a> {
     success: usize,
     failed: usize,
     lost: usize,
-    /// How often each cause ended an episode without success.
+    /// Number of episodes without success by cause.
     causes: BTreeMap<&'a str, usize>,
 }
 

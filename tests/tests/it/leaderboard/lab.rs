@@ -154,7 +154,7 @@ impl<'a> Board<'a> {
         )
     }
 
-    /// What the service answers to its account, as JSON.
+    /// The service's answer to its account, as JSON.
     pub fn get(&self, address: &str) -> Value {
         serde_json::from_slice(&self.fetch(address)).unwrap()
     }

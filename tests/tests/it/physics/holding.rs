@@ -61,7 +61,7 @@ const FIRM: [&str; 2] = ["friction that creeps", "robot 0.1 mm higher"];
 const TIMES: f64 = 3.0;
 const BESIDES: [f64; 2] = [5e-3, 1e-3];
 
-/// What is compared, as [`gaps`] has it: its name, the allowance, and whether firm variants alone measure it.
+/// Compared quantities, as [`gaps`] has them: name, allowance, and true if firm variants alone measure it.
 fn compared(bodies: &[String]) -> Vec<(String, f64, bool)> {
     let [angle, length] = BESIDES;
     let mut all = vec![("body's joints, rad".into(), angle, false), ("fingers, rad".into(), angle, true)];

@@ -27,7 +27,7 @@ use places::{Place, find_posture, places};
 const JOINTS: usize = 53;
 const SETTLE_SECONDS: f64 = 3.0;
 const STATIC_SECONDS: f64 = 10.0;
-/// How far the targets press a palm into its bar, m.
+/// Depth to which the targets press a palm into its bar, m.
 const PRESS: f64 = 0.010;
 
 /// A seed whose fixture is at the south wall.
@@ -82,7 +82,7 @@ fn floor_load(rig: &Rig) -> f64 {
     on_ladder.iter().map(|(_, contact)| contact.force.z).sum()
 }
 
-/// What a world that starts from this state reports one control step on.
+/// The row of a world that starts from this state, one control step on.
 fn reported(rig: &Rig) -> Row {
     let scene = &rig.scene;
     let mut world = World::new(scene.clone());
@@ -107,7 +107,7 @@ fn reported(rig: &Rig) -> Row {
     world.step(&[0.0; JOINTS], &targets).unwrap().clone()
 }
 
-/// What 10 s of standing showed.
+/// Measurements of 10 s of standing.
 struct Stand {
     /// Farthest that a corner of a sole moved on the ladder, and that the ladder moved, m.
     slip: f64,

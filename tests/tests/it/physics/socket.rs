@@ -201,7 +201,7 @@ fn release_load(mut trial: Trial) -> f64 {
     load
 }
 
-/// What the law and friction together resist: a hand draws the bulb out at 2 mm/s against a hold that does not pull, which
+/// The resistance of law and friction together: a hand draws the bulb out at 2 mm/s against a hold that does not pull, which
 /// shows the friction at each gap (negative where the bulb slides out by itself); the law's pull is added, the peak counts.
 fn resistance(mut trial: Trial) -> (f64, f64) {
     let (axis, weight_along, pull) = (trial.axis(), trial.weight_along(), trial.law.hold_force);

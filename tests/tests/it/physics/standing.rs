@@ -34,7 +34,7 @@ fn zero_action_falls_forward_in_one_to_two_seconds() {
     }
 }
 
-/// What one stand showed after each physics step.
+/// Measurements of one stand after each physics step.
 struct Stand {
     lowest: f64,
     settled: f64,
@@ -81,7 +81,7 @@ fn stand(lean: f64, seed: u64, seconds: f64) -> Stand {
     stand
 }
 
-/// What the ankles are told to lean back by, rad: see the test after the next.
+/// Angle by which the ankles are commanded to lean back, rad: see the test after the next.
 const LEAN: f64 = 0.05;
 
 #[test]

@@ -127,7 +127,7 @@ impl Lab {
         self.on_disk().len()
     }
 
-    /// What must hold of a run that is over: its client knows every episode as played, the scorer grades them all and has
+    /// Checks a run that is over: its client knows every episode as played, the scorer grades them all and has
     /// nothing to remark, and every digest is that of the run that nobody disturbs.
     pub fn assert_whole(&self, client: &mut Running) {
         let (status, text) = client.finish(PATIENCE);

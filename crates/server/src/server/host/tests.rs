@@ -116,7 +116,7 @@ impl Harness {
         self.give(Input::Tick)
     }
 
-    /// What a recorder is sent that asks.
+    /// Records that a recorder gets when it asks.
     fn records(&mut self, from_seq: u64, count: u64) -> Vec<Bytes> {
         self.give(Input::StepRecords(StepRecordRequest { from_seq, count }.encode_to_vec().into(), 3));
         match self.sent.pop() {

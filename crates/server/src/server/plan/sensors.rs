@@ -12,7 +12,7 @@ const STEP_HZ: f64 = 1.0 / CONTROL_DT;
 /// Default rate at which a bag records a sensor, Hz.
 const RECORD_HZ: f64 = 10.0;
 
-/// How the policy gets a sensor.
+/// When the policy gets a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
     /// In observations, with this many steps between them.
@@ -28,7 +28,7 @@ enum Use {
 struct Choice {
     sensor: Sensor,
     use_: Use,
-    /// Whether it sees more than the published one.
+    /// It sees more than the published one.
     see_room: bool,
     /// Steps from one record to the next, if it is large and recorded.
     record_period: Option<u64>,
@@ -60,7 +60,6 @@ impl SensorPlan {
         self.due(step).without(Sensors::LARGE).and(self.of(is_due))
     }
 
-    /// What the LiDAR sees.
     pub fn sight(&self) -> Sight {
         if self.0.iter().any(|choice| choice.see_room) { Sight::Room } else { Sight::Published }
     }
@@ -134,11 +133,11 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
 /// Number of steps between two readings at a rate in Hz.
 fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refusal> {
     /// About once an episode.
-    const LEAST_HZ: f64 = 0.01;
+    const MIN_HZ: f64 = 0.01;
     /// For rates without an exact decimal form.
     const TOLERANCE: f64 = 1e-3;
     let hz = if hz == 0.0 { otherwise } else { hz };
-    if (LEAST_HZ..=STEP_HZ).contains(&hz) {
+    if (MIN_HZ..=STEP_HZ).contains(&hz) {
         let steps = (STEP_HZ / hz).round();
         if (STEP_HZ / steps - hz).abs() <= TOLERANCE * hz {
             return Ok(steps as u64);
@@ -151,7 +150,7 @@ fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refus
         );
         return Err(Refusal::new(Code::Value, "sensors", message));
     }
-    let message = format!("{field} of sensor '{name}' is {hz}; it must be from {LEAST_HZ} to {STEP_HZ} Hz");
+    let message = format!("{field} of sensor '{name}' is {hz}; it must be from {MIN_HZ} to {STEP_HZ} Hz");
     Err(Refusal::new(Code::Value, "sensors", message))
 }
 

@@ -31,11 +31,10 @@ struct Progress {
     last: Option<(u64, RowDigest)>,
     /// Marks of the digests up to there.
     marks: Marks,
-    /// Whether it differs from an earlier attempt.
+    /// It differs from an earlier attempt.
     differs: bool,
     /// Why it did not reach an end.
     cause: Option<String>,
-    /// Whether its end is in the ledger.
     is_decided: bool,
 }
 
@@ -48,7 +47,7 @@ impl Attempt {
         &self.session
     }
 
-    /// Whether the session may stage this episode: only one, and only once.
+    /// Refuses all but one episode, and that one a second time.
     pub fn stage(&self, episode: u64) -> Result<(), Refusal> {
         if episode != 0 {
             let message = format!("a session of a run has only episode 0, not {episode}; open the run's next episode");

@@ -19,7 +19,7 @@ const SUBTASKS: usize = 12;
 /// Seeds of a run that names none.
 const PUBLIC_SEEDS: [u64; 4] = [0, 1, 2, 3];
 /// Smallest hosted seed: too large to be found by trying, and far from the published ones.
-const LEAST_HOSTED: u64 = 1 << 32;
+const MIN_HOSTED: u64 = 1 << 32;
 /// Number of bits of a hosted seed, which JSON numbers can hold.
 const HOSTED_BITS: u32 = 53;
 
@@ -148,7 +148,7 @@ fn draw(count: usize) -> Result<Vec<u64>, Refusal> {
             Refusal::new(Code::Busy, "register.hosted_seeds", message)
         })?;
         let seed = number >> (u64::BITS - HOSTED_BITS);
-        if seed >= LEAST_HOSTED && seeds.insert(seed) {
+        if seed >= MIN_HOSTED && seeds.insert(seed) {
             drawn.push(seed);
         }
     }

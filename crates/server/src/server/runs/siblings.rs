@@ -51,7 +51,7 @@ impl Siblings {
         Ok(episodes)
     }
 
-    /// Whether an episode is free, as far as the others know; returns the rows that it has to repeat.
+    /// Refuses an episode that another server has begun or played; returns the rows that it has to repeat.
     pub fn prefix_of(&self, index: usize, planned: &PlannedEpisode) -> Result<Option<Prefix>, Refusal> {
         let refuse = |code, what: String| Err(Refusal::new(code, "open", what));
         let mut longest: Option<Prefix> = None;
@@ -102,7 +102,7 @@ impl Siblings {
         played.or_else(|| states().find(|(_, state)| matches!(state, EpisodeState::Failed { .. })))
     }
 
-    /// Whether no other server continues: each has finished the run, or is dead and begins nothing in a finished run.
+    /// True if no other server continues: each has finished the run, or is dead and begins nothing in a finished run.
     pub fn are_finished(&self) -> bool {
         let is_over = |ledger: &Ledger| ledger.is_finished() || !is_alive(&self.folder, &ledger.registration().server);
         self.ledgers.iter().all(is_over)
@@ -116,7 +116,7 @@ fn episode_at<'a>(ledger: &'a Ledger, index: usize, planned: &PlannedEpisode) ->
     ledger.episodes().get(index)
 }
 
-/// Whether the server of that name holds its lock. Open episodes of a dead server are free.
+/// True if the server of that name holds its lock. Open episodes of a dead server are free.
 fn is_alive(run_folder: &Path, server: &str) -> bool {
     let Some(folder) = run_folder.parent() else { return false };
     let Ok(file) = File::open(lock_of(folder, server)) else { return false };

@@ -1,4 +1,4 @@
-//! What clients of raw messages share: they say hello and seal as the protocol has it, and nothing else for their caller.
+//! Shared by clients of raw messages: they say hello and seal as the protocol has it, and nothing else for their caller.
 
 pub mod victim;
 
@@ -101,7 +101,7 @@ fn agree(
     greeting.agree(&verified).unwrap()
 }
 
-/// What a session is opened with, besides the request.
+/// Keys that open a session, besides the request.
 pub fn greeting(zenoh: &Session) -> Greeting {
     Greeting::new(&zenoh.zid().to_string(), None).unwrap()
 }

@@ -1,4 +1,4 @@
-//! What a session asked for: real time, looks, sensors, robot and room.
+//! Options of a session: real time, looks, sensors, robot and room.
 
 use super::*;
 
