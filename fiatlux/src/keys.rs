@@ -91,7 +91,7 @@ pub enum KeysError {
 
 /// A file that was created.
 #[derive(Debug, Clone, Serialize)]
-pub struct MadeFile {
+pub struct CreatedFile {
     /// Path of the file.
     pub path: PathBuf,
     /// Whose machine needs it, and what for.
@@ -102,9 +102,9 @@ pub struct MadeFile {
 
 /// The created files, and how to start each program with them.
 #[derive(Debug, Clone, Serialize)]
-pub struct Made {
+pub struct CreatedKeys {
     /// All files, grouped by machine.
-    pub files: Vec<MadeFile>,
+    pub files: Vec<CreatedFile>,
     /// The router's way to authenticate programs.
     pub authentication: Authentication,
     /// Last day on which the certificates are valid, `YYYY-MM-DD`; `None` without certificates.
@@ -117,7 +117,7 @@ pub struct Made {
 ///
 /// # Errors
 /// [`KeysError`]; nothing is left behind, and nothing that existed has changed.
-pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
+pub fn make(options: &KeysOptions) -> Result<CreatedKeys, KeysError> {
     if !is_name(&options.server) {
         return Err(KeysError::Server(options.server.clone()));
     }
@@ -152,10 +152,10 @@ pub fn make(options: &KeysOptions) -> Result<Made, KeysError> {
 }
 
 /// Writes all files into a folder that will be moved to `out`.
-fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysError> {
+fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<CreatedKeys, KeysError> {
     let mut files = Vec::new();
     let mut note = |name: &str, secret, purpose| {
-        files.push(MadeFile { path: options.out.join(name), purpose, secret });
+        files.push(CreatedFile { path: options.out.join(name), purpose, secret });
         scratch.join(name)
     };
     let mut valid_until = None;
@@ -231,7 +231,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<Made, KeysE
             path("policy_token"),
         ),
     ];
-    Ok(Made { files, authentication: options.authentication, valid_until, commands })
+    Ok(CreatedKeys { files, authentication: options.authentication, valid_until, commands })
 }
 
 /// True if a certificate and an endpoint can name this host: an address, or a name without a port.

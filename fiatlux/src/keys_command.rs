@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
-use crate::keys::{Authentication, KeysOptions, Made, make};
+use crate::keys::{Authentication, CreatedKeys, KeysOptions, make};
 use clap::{Args, ValueEnum};
 use fiatlux_cli::whole;
 
@@ -80,7 +80,7 @@ pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
 struct Report {
     folder: PathBuf,
     #[serde(flatten)]
-    made: Made,
+    made: CreatedKeys,
 }
 
 impl Display for Report {

@@ -1,7 +1,7 @@
 //! Plays part of an episode and prints what its policy received: every term that the session describes, sizes, times.
 
 mod listing;
-mod seen;
+mod statistics;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +12,7 @@ use fiatlux_carrier::Carrier;
 use fiatlux_cli::{print, report, stop_on_signal};
 use fiatlux_client::{Access, Client, ClientError, Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, OpenRequest, Sensor, SessionInfo};
-use seen::Seen;
+use statistics::SessionStatistics;
 use thiserror::Error;
 
 /// Sensors by default, with their rates, Hz: 0 for every step, `None` for on request, since a network computes them.
@@ -82,7 +82,7 @@ pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectErro
     let info = client.info().clone();
     let last = (seconds / info.control_dt.max(1e-6)).round().max(1.0) as u64;
     let mut inspector = Inspector {
-        seen: Seen::new(info, policy.name(), episode),
+        seen: SessionStatistics::new(info, policy.name(), episode),
         inner: policy,
         last,
         looked_last: false,
@@ -122,7 +122,7 @@ pub fn inspect(inspection: Inspection, link: &Carrier) -> Result<(), InspectErro
 /// A policy that wraps another, and sees all that it receives.
 struct Inspector {
     inner: Box<dyn Policy>,
-    seen: Seen,
+    seen: SessionStatistics,
     /// Step at which to stop.
     last: u64,
     looked_last: bool,

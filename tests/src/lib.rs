@@ -1,6 +1,7 @@
 //! Shared by the checks. A rig for checks of the world: a scene with its engine laid open, joints that can be locked and
 //! forces that can be applied. [`programs`] starts our programs as processes; [`lossy`] loses messages between them.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
+#![allow(missing_docs)] // Used by tests alone.
 
 pub mod forge;
 pub mod grasp;

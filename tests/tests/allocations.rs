@@ -20,7 +20,7 @@ const STEPS: usize = 500;
 
 /// Contacts of a case while it was measured, so that none is measured in the air.
 #[derive(Debug, Default)]
-struct Met {
+struct Measured {
     allocations: usize,
     /// Most contacts of a physics step.
     contacts: usize,
@@ -29,22 +29,22 @@ struct Met {
     bulb_held: usize,
 }
 
-fn steps(mut world: World, name: &str) -> Met {
+fn steps(mut world: World, name: &str) -> Measured {
     let (target, action) = (world.row().joint_target.clone(), world.row().action.clone());
-    let mut met = Met::default();
+    let mut measured = Measured::default();
     let region = Region::new(ALLOCATOR);
     for _ in 0..STEPS {
         world.step(&action, &target).unwrap();
         let contacts = world.dynamics().contacts();
-        met.contacts = met.contacts.max(contacts.len());
-        met.on_ladder += usize::from(contacts.iter().any(|contact| is_on_ladder(&world, contact)));
+        measured.contacts = measured.contacts.max(contacts.len());
+        measured.on_ladder += usize::from(contacts.iter().any(|contact| is_on_ladder(&world, contact)));
         let held = world.row().force(errand::HAND_FORCE[Bulb::Fresh as usize]).iter().any(|force| force.norm() > 1.0);
-        met.bulb_held += usize::from(held);
+        measured.bulb_held += usize::from(held);
     }
     let change = region.change();
-    met.allocations = change.allocations + change.reallocations;
-    println!("{name}: {met:?}");
-    met
+    measured.allocations = change.allocations + change.reallocations;
+    println!("{name}: {measured:?}");
+    measured
 }
 
 fn is_on_ladder(world: &World, contact: &Contact) -> bool {
@@ -89,7 +89,7 @@ fn steps_in_contact_allocate_nothing() {
     assert!(ladder.on_ladder > STEPS / 10, "the robot must lean on the ladder: {ladder:?}");
     let bulb = steps(with_bulb_in_hand(), "a bulb in the hand");
     assert!(bulb.bulb_held > STEPS / 10, "the hand must hold the bulb: {bulb:?}");
-    for met in [fall, ladder, bulb] {
-        assert_eq!(met.allocations, 0, "{met:?}");
+    for measured in [fall, ladder, bulb] {
+        assert_eq!(measured.allocations, 0, "{measured:?}");
     }
 }

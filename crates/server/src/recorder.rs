@@ -107,8 +107,8 @@ pub enum RecorderError {
     Carrier(#[from] CarrierError),
 }
 
-/// Shared by all workers.
-struct Shared {
+/// Shared by all workers of a recorder.
+struct RecorderState {
     out: PathBuf,
     name: String,
     naming: Naming,
@@ -126,7 +126,7 @@ struct Shared {
     inlets: Inlets,
 }
 
-impl Shared {
+impl RecorderState {
     /// The session that a token announces, by what its keys begin with. Anybody on the network can declare tokens: nothing
     /// is done for a session that no server with the recorder's key has announced.
     fn session_of(&self, token: &str) -> Option<Arc<str>> {
@@ -173,8 +173,19 @@ impl Recorder {
         let frames_of = |name| Ok((name, Frames::new(&Robot::by_name(name)?)));
         let frames = Robot::NAMES.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
         let (inlets, told_at) = (Inlets::default(), Mutex::default());
-        let shared =
-            Arc::new(Shared { out, name, naming, reach, key, is_sealed, told_at, frames, on_bag, on_loss, inlets });
+        let shared = Arc::new(RecorderState {
+            out,
+            name,
+            naming,
+            reach,
+            key,
+            is_sealed,
+            told_at,
+            frames,
+            on_bag,
+            on_loss,
+            inlets,
+        });
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
         let mut recorder = Self { subscriptions: Vec::new(), workers: Vec::new() };
         let workers = cores.div_ceil(CORES_PER_WORKER);

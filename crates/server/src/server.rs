@@ -23,8 +23,8 @@ mod run_requests;
 mod runs;
 mod scenes;
 mod sessions;
-mod shared;
 mod shell;
+mod state;
 mod whole_body;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -6,10 +6,10 @@ use fiatlux_client::RoundTrips;
 use fiatlux_proto::v3::{Joint, Mode, Notice, ObservationTerm};
 use serde_json::{Value, json};
 
-use super::seen::{Seen, SeenSensor};
+use super::statistics::{SensorStatistics, SessionStatistics};
 
 /// As JSON; with `values`, each term has its newest numbers.
-pub fn document(seen: &Seen, values: bool) -> Value {
+pub fn document(seen: &SessionStatistics, values: bool) -> Value {
     let info = &seen.info;
     let task = info.task.clone().unwrap_or_default();
     let verdict = seen.latest.verdict.as_ref();
@@ -53,7 +53,7 @@ pub fn document(seen: &Seen, values: bool) -> Value {
     })
 }
 
-fn sensor(seen: &Seen, sensor: &SeenSensor, values: bool) -> Value {
+fn sensor(seen: &SessionStatistics, sensor: &SensorStatistics, values: bool) -> Value {
     let asked = seen.info.sensors.iter().find(|asked| asked.name == sensor.name);
     let term = |term: &ObservationTerm| {
         let numbers = numbers(seen, term);
@@ -88,7 +88,7 @@ fn short(number: f64) -> Value {
 }
 
 /// As text, in lines of at most 100 columns; with `joints`, it lists them.
-pub fn text(seen: &Seen, joints: bool) -> String {
+pub fn text(seen: &SessionStatistics, joints: bool) -> String {
     let (info, mut out) = (&seen.info, String::new());
     let task = info.task.clone().unwrap_or_default();
     // Writing to a string cannot fail.
@@ -136,7 +136,7 @@ pub fn text(seen: &Seen, joints: bool) -> String {
 }
 
 /// A sensor's rate, size and cost in words.
-fn summary(seen: &Seen, sensor: &SeenSensor) -> String {
+fn summary(seen: &SessionStatistics, sensor: &SensorStatistics) -> String {
     let asked = seen.info.sensors.iter().find(|asked| asked.name == sensor.name);
     let rate = match asked {
         Some(asked) if !asked.on_request => format!("{} Hz", asked.rate_hz),
@@ -156,7 +156,7 @@ fn duration(trips: &RoundTrips) -> String {
 }
 
 /// The newest numbers of a term; none if its sensor was not seen.
-fn numbers(seen: &Seen, term: &ObservationTerm) -> Vec<f64> {
+fn numbers(seen: &SessionStatistics, term: &ObservationTerm) -> Vec<f64> {
     let (numbers, offset) = (seen.latest.numbers(&term.field), term.offset as usize);
     numbers.get(offset..offset.saturating_add(term.length())).unwrap_or_default().to_vec()
 }
@@ -168,11 +168,11 @@ fn spread(numbers: &[f64]) -> Option<[f64; 3]> {
     Some([least, numbers.iter().sum::<f64>() / numbers.len() as f64, greatest])
 }
 
-fn simulated_s(seen: &Seen) -> f64 {
+fn simulated_s(seen: &SessionStatistics) -> f64 {
     seen.latest.step as f64 * seen.info.control_dt
 }
 
-fn mode(seen: &Seen) -> &'static str {
+fn mode(seen: &SessionStatistics) -> &'static str {
     if seen.info.mode() == Mode::RealTime { "real time" } else { "lockstep" }
 }
 
@@ -223,8 +223,8 @@ mod tests {
         Observation { step, lidar, limb_contact_force, verdict: Some(verdict), ..Observation::default() }
     }
 
-    fn seen() -> Seen {
-        let mut seen = Seen::new(info(), "hold".into(), 3);
+    fn seen() -> SessionStatistics {
+        let mut seen = SessionStatistics::new(info(), "hold".into(), 3);
         for step in 0..10 {
             seen.observe(&observation(step), None);
             seen.act(&Command::Action(vec![0.0, if step < 4 { 2.0 } else { 1.0 }]), 0.002);
@@ -276,7 +276,7 @@ mod tests {
     /// One large sensor in a step, three times each, and all that is missing in the last step.
     #[test]
     fn looks_take_turns() {
-        let mut seen = Seen::new(info(), "hold".into(), 0);
+        let mut seen = SessionStatistics::new(info(), "hold".into(), 0);
         let looks = (0..500).filter_map(|step| Some((step, seen.turn(&observation(step))?))).collect::<Vec<_>>();
         let turns = [0, 50, 100].into_iter().flat_map(|start| [(start + 1, "lidar"), (start + 2, "features")]);
         assert_eq!(looks, turns.collect::<Vec<_>>());

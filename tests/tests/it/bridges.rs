@@ -97,7 +97,7 @@ fn play(python: &PathBuf, dialect: &str, double: &[&str], args: &[&str]) -> (Str
 }
 
 /// A chunk as the bag has it.
-struct Known {
+struct PlayedChunk {
     /// Steps of its question and of the first action that plays it.
     observed: u64,
     arrived: u64,
@@ -107,7 +107,7 @@ struct Known {
     values: Vec<f32>,
 }
 
-impl Known {
+impl PlayedChunk {
     /// Of an action in which a chunk is first played.
     fn of(step: u64, chunk: &Chunk) -> Self {
         let observed = step - (chunk.age_s / 0.02).round() as u64;
@@ -238,12 +238,12 @@ fn foreign_controllers_carry_what_a_model_says() {
         // The controllers have the names of their gains.
         assert!(recorded.bag.header().policy.ends_with(&format!(":{gains}")), "{}", recorded.bag.header().policy);
         assert_eq!(recorded.actions.len(), 25, "{player}: three prefixes, and the action that says what happened");
-        let (mut known, mut seen) = (None::<Known>, Vec::new());
+        let (mut known, mut seen) = (None::<PlayedChunk>, Vec::new());
         for (action, observation) in recorded.actions.iter().zip(recorded.bag.observations()) {
             let (chunk, observation) = (action.chunk.as_ref().unwrap(), observation.unwrap());
             assert_eq!(action.step, observation.step);
             if !chunk.values.is_empty() {
-                known = Some(Known::of(action.step, chunk));
+                known = Some(PlayedChunk::of(action.step, chunk));
             }
             let said = |key| known.as_ref().unwrap().numbers(chunk.row as usize, key).to_vec();
             let body = observation.proprioception.unwrap();
@@ -342,14 +342,18 @@ fn real_time_skips_what_is_stale_and_blends() {
     let args = ["--real-time", "--map", &map, "--prefix", &prefix, "--blend", &blend, "--end-on", "time-out"];
     let recorded = record(&python, "gr00t", &double, &args);
     let elbow = recorded.bag.header().joint_names.iter().position(|name| name == "left_elbow_joint").unwrap();
-    let angle = |chunk: &Known, step: u64| f64::from(chunk.numbers((step - chunk.observed) as usize, "left_arm")[3]);
-    let mut known: BTreeMap<u64, Known> = BTreeMap::new();
+    let angle =
+        |chunk: &PlayedChunk, step: u64| f64::from(chunk.numbers((step - chunk.observed) as usize, "left_arm")[3]);
+    let mut known: BTreeMap<u64, PlayedChunk> = BTreeMap::new();
     let (mut plain, mut blended) = (0, 0);
     for action in &recorded.actions {
         // Before the first chunk the arm holds.
         let Some(chunk) = &action.chunk else { continue };
         if !chunk.values.is_empty() {
-            assert!(known.insert(chunk.index, Known::of(action.step, chunk)).is_none(), "a chunk is in the bag once");
+            assert!(
+                known.insert(chunk.index, PlayedChunk::of(action.step, chunk)).is_none(),
+                "a chunk is in the bag once"
+            );
         }
         let Some(newest) = known.get(&chunk.index) else { continue };
         let row = action.step - newest.observed;

@@ -16,7 +16,7 @@ use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
-use super::{BagEnd, BagReport, Naming, Shared};
+use super::{BagEnd, BagReport, Naming, RecorderState};
 use fiatlux_wire::{Frames, layout_of, read_row};
 
 /// Number of rows from one set of poses to the next: 25 Hz.
@@ -31,7 +31,7 @@ const MAX_SAME_NAME: u32 = 10_000;
 /// Writes the bags of a session, one after another.
 pub(super) struct Bags {
     folder: PathBuf,
-    shared: Arc<Shared>,
+    shared: Arc<RecorderState>,
     open: Option<OpenBag>,
 }
 
@@ -42,7 +42,7 @@ struct OpenBag {
 
 impl Bags {
     /// Names from the network must have been checked before.
-    pub fn new(shared: &Arc<Shared>, server: &str, session: &str) -> Self {
+    pub fn new(shared: &Arc<RecorderState>, server: &str, session: &str) -> Self {
         let folder = match shared.naming {
             Naming::Flat => shared.out.clone(),
             Naming::BySession | Naming::ByRun => shared.out.join(server).join(session),

@@ -16,7 +16,7 @@ use fiatlux_session::recorder::{Input, MAX_WAITING, Output};
 use fiatlux_session::{Machine, RecorderSession};
 use tracing::{debug, info, warn};
 
-use super::Shared;
+use super::RecorderState;
 use super::bags::Bags;
 
 /// Time between two checks of all sessions.
@@ -75,12 +75,12 @@ pub(super) type Inlets = RwLock<BTreeMap<String, Inlet>>;
 
 /// A session's place among the inlets.
 struct Listed {
-    shared: Arc<Shared>,
+    shared: Arc<RecorderState>,
     key: String,
 }
 
 impl Listed {
-    fn new(shared: &Arc<Shared>, key: String, inlet: Inlet) -> Self {
+    fn new(shared: &Arc<RecorderState>, key: String, inlet: Inlet) -> Self {
         shared.inlets.write().unwrap_or_else(PoisonError::into_inner).insert(key.clone(), inlet);
         Self { shared: Arc::clone(shared), key }
     }
@@ -116,7 +116,7 @@ struct Followed {
 /// State of a worker's thread.
 pub(super) struct Worker {
     pub carrier: Carrier,
-    pub shared: Arc<Shared>,
+    pub shared: Arc<RecorderState>,
     pub inbox: Receiver<WorkerEvent>,
     pub queue: Sender<WorkerEvent>,
     pub start: Instant,

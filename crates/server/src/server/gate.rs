@@ -41,7 +41,7 @@ pub(super) struct Sealed {
 }
 
 /// Result of the check of a query.
-pub(super) enum Asked {
+pub(super) enum QueryCheck {
     /// It is to be answered, under this number.
     New(u64),
     /// It was answered before.
@@ -67,25 +67,25 @@ impl Gate {
     }
 
     /// Takes in a query.
-    pub fn ask(&self, label: &str, payload: &[u8], query: Query) -> Asked {
+    pub fn ask(&self, label: &str, payload: &[u8], query: Query) -> QueryCheck {
         let mut state = lock(&self.0);
         match state.channel.open(Label::Message(label), payload, &query.attachment) {
             Ok(number) => {
                 state.is_claimed = true;
                 state.asked.insert(number, vec![query]);
-                Asked::New(number)
+                QueryCheck::New(number)
             }
             Err(Refused::Repeated(number) | Refused::Late(number)) => {
                 if let Some(copies) = state.asked.get_mut(&number) {
                     if copies.len() < MAX_COPIES {
                         copies.push(query);
                     }
-                    return Asked::Nothing;
+                    return QueryCheck::Nothing;
                 }
                 let known = state.answered.iter().find(|(answered, _)| *answered == number);
-                known.map_or(Asked::Nothing, |(_, sealed)| Asked::Again(Box::new(sealed.clone()), query))
+                known.map_or(QueryCheck::Nothing, |(_, sealed)| QueryCheck::Again(Box::new(sealed.clone()), query))
             }
-            Err(Refused::Form | Refused::Forged) => Asked::Foreign(query),
+            Err(Refused::Form | Refused::Forged) => QueryCheck::Foreign(query),
         }
     }
 

@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{Hello, Refusal, Version, Welcome};
 use fiatlux_proto::{Message, PROTOCOL};
 
 /// A client that has identified itself, with its request.
-pub(super) struct Guest<'a> {
+pub(super) struct IdentifiedClient<'a> {
     hello: &'a Hello,
     request: &'a [u8],
     /// Identifies the client: by its token, or else by what it says itself.
@@ -17,8 +17,8 @@ pub(super) struct Guest<'a> {
     pub limit: Option<usize>,
 }
 
-impl<'a> Guest<'a> {
-    /// A guest for another request of the same peer.
+impl<'a> IdentifiedClient<'a> {
+    /// The same client with another request.
     pub fn again(hello: &'a Hello, request: &'a [u8], peer: &str, limit: Option<usize>) -> Self {
         Self { hello, request, peer: peer.into(), limit }
     }
@@ -57,7 +57,7 @@ impl Credentials {
         version: Option<&Version>,
         request: &'a [u8],
         proof: &[u8],
-    ) -> Result<Guest<'a>, Refusal> {
+    ) -> Result<IdentifiedClient<'a>, Refusal> {
         let Some(hello) = hello else {
             let client = version.map_or_else(|| "no version".into(), ToString::to_string);
             let message = format!(
@@ -68,7 +68,7 @@ impl Credentials {
         };
         fiatlux_access::check_hello(hello).map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
         let Some(tokens) = &self.tokens else {
-            return Ok(Guest { hello, request, peer: format!("peer {}", hello.peer), limit: None });
+            return Ok(IdentifiedClient { hello, request, peer: format!("peer {}", hello.peer), limit: None });
         };
         let grant = tokens.of(&hello.token).filter(|grant| is_proof(grant.secret(), request, proof));
         let grant = grant.ok_or_else(|| {
@@ -81,14 +81,14 @@ impl Credentials {
             Refusal::new(Code::Denied, "hello.token", message)
         })?;
         let limit = usize::try_from(grant.limit()).unwrap_or(usize::MAX);
-        Ok(Guest { hello, request, peer: format!("token {}", grant.id()), limit: Some(limit) })
+        Ok(IdentifiedClient { hello, request, peer: format!("token {}", grant.id()), limit: Some(limit) })
     }
 
     /// Signs a refusal, so that nobody else can refuse in the server's place; only a request with a hello can be
     /// answered this way.
     pub fn sign(&self, server: &str, hello: Option<&Hello>, request: &[u8], refusal: &Refusal) -> Option<Welcome> {
         let content = refusal.encode_to_vec();
-        let guest = Guest { hello: hello?, request, peer: String::new(), limit: None };
-        guest.welcome(&self.identity, server, "", &content).ok().map(|(welcome, _)| welcome)
+        let client = IdentifiedClient { hello: hello?, request, peer: String::new(), limit: None };
+        client.welcome(&self.identity, server, "", &content).ok().map(|(welcome, _)| welcome)
     }
 }

@@ -20,7 +20,7 @@ use fiatlux_world::Episode;
 
 use super::info;
 use super::plan::{Plan, SensorPlan};
-use super::record::{self, Record, Seen};
+use super::record::{self, Record, SensorData};
 use super::runs::Attempt;
 use super::scenes::Built;
 use super::whole_body::{self, WholeBody};
@@ -251,7 +251,7 @@ fn recorded(
     sensors: &SensorPlan,
     large: bool,
     published: &Observation,
-) -> Result<Seen, SenseError> {
+) -> Result<SensorData, SenseError> {
     /// Sensors that have topics of their own.
     const APART: Sensors = Sensors::of(&[Sensor::Camera, Sensor::Lidar]);
     let step = episode.row().step;
@@ -261,7 +261,7 @@ fn recorded(
         same if same == sensors.due(step) => published.encode_to_vec(),
         others => observe(suite, episode, others)?.encode_to_vec(),
     };
-    let mut seen = Seen { observation, ..Seen::default() };
+    let mut seen = SensorData { observation, ..SensorData::default() };
     if wanted.contains(Sensor::Camera) {
         seen.camera = suite.compressed_image(Sensor::Camera, &View::of(episode))?.encode_to_vec();
     }

@@ -24,10 +24,10 @@ pub(super) struct Link {
 
 /// The links of a server, by their ids.
 #[derive(Default)]
-pub(super) struct Links(Mutex<Known>);
+pub(super) struct Links(Mutex<LinkTable>);
 
 #[derive(Default)]
-struct Known {
+struct LinkTable {
     links: BTreeMap<String, Arc<Link>>,
     /// Their ids, oldest first.
     order: VecDeque<String>,
@@ -39,7 +39,7 @@ impl Links {
     }
 
     pub fn add(&self, id: String, link: Link) {
-        let Known { links, order } = &mut *lock(&self.0);
+        let LinkTable { links, order } = &mut *lock(&self.0);
         links.insert(id.clone(), Arc::new(link));
         order.push_back(id);
         if order.len() > MAX_LINKS

@@ -14,14 +14,14 @@ use fiatlux_proto::{Bytes, Message, PROTOCOL, decode, limits};
 use fiatlux_session::server::Input;
 
 use super::actor::{Actor, Asker, Side};
-use super::gate::{Asked, Gate, Sealed};
+use super::gate::{Gate, QueryCheck, Sealed};
 use super::links::RunJob;
 use super::lock;
-use super::opens::{Begun, Opens, Taken};
+use super::opens::{Begun, OpenCheck, Opens};
 use super::pool::{AnswerKind, Job};
 use super::run_requests::no_link;
-use super::shared::{Shared, names_one_server, refuse, reply};
 use super::shell::{Server, ServerError, refused};
+use super::state::{ServerState, names_one_server, refuse, reply};
 
 /// Largest number of waiting requests to open or describe; more are refused.
 const MAX_REQUESTS: usize = 256;
@@ -38,11 +38,12 @@ impl Server {
         // Only a recorder with the key, or one in this process, may say what is on disk.
         let acks_from =
             if self.shared.credentials.recorder_key.is_none() { Reach::ThisProcess } else { Reach::Everywhere };
-        let jobs =
-            |shared: &Shared| shared.queues.jobs.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))));
+        let jobs = |shared: &ServerState| {
+            shared.queues.jobs.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))))
+        };
         self.serve(describe, jobs, |shared, query| shared.queues.jobs.push(Job::Describe(query)))?;
         self.serve(open, jobs, take_open)?;
-        let requests = |shared: &Shared| shared.queues.runs.fold(0, |count, _| count + 1);
+        let requests = |shared: &ServerState| shared.queues.runs.fold(0, |count, _| count + 1);
         self.serve(run, requests, take_run)?;
         self.subscribe(any.action(), Reach::Everywhere, take_action)?;
         self.subscribe(any.truth_ack(), acks_from, take_ack)?;
@@ -68,7 +69,7 @@ impl Server {
         &mut self,
         key: String,
         from: Reach,
-        take: fn(&Shared, &Arc<Actor>, &Sample),
+        take: fn(&ServerState, &Arc<Actor>, &Sample),
     ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |sample: Sample| {
@@ -98,7 +99,7 @@ impl Server {
                 return;
             }
             match actor.gate.ask(label, &bytes, query) {
-                Asked::New(number) => {
+                QueryCheck::New(number) => {
                     see(&shared, &actor);
                     if bytes.len() > limits::MAX_CLIENT_MESSAGE {
                         let refusal = Refusal::new(Code::Malformed, "", "the request is too large");
@@ -106,8 +107,8 @@ impl Server {
                     }
                     shared.send(&actor, Side::Client, input(bytes, Asker::Client(label, number)));
                 }
-                Asked::Again(sealed, query) => answer_again(&shared, *sealed, query),
-                Asked::Nothing | Asked::Foreign(_) => tell_of_refused(&shared, &actor),
+                QueryCheck::Again(sealed, query) => answer_again(&shared, *sealed, query),
+                QueryCheck::Nothing | QueryCheck::Foreign(_) => tell_of_refused(&shared, &actor),
             }
         };
         self.declare_queryable(Reach::Everywhere, key, callback)
@@ -146,8 +147,8 @@ impl Server {
     fn serve(
         &mut self,
         key: String,
-        waiting: fn(&Shared) -> usize,
-        push: fn(&Shared, Query),
+        waiting: fn(&ServerState) -> usize,
+        push: fn(&ServerState, Query),
     ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
@@ -188,13 +189,13 @@ impl Server {
     }
 }
 
-fn session_of(shared: &Shared, key: &str) -> Option<Arc<Actor>> {
+fn session_of(shared: &ServerState, key: &str) -> Option<Arc<Actor>> {
     let (_, _, id) = keys::SessionKeys::of(key)?;
     shared.sessions.find(id)
 }
 
 /// Takes in a request to open a session.
-fn take_open(shared: &Shared, query: Query) {
+fn take_open(shared: &ServerState, query: Query) {
     let key = shared.keys.open();
     if let Err(refusal) = names_one_server(&query, &key) {
         return reject_on(shared, key, query, "open", refusal);
@@ -202,14 +203,14 @@ fn take_open(shared: &Shared, query: Query) {
     let (payload, attachment) = parts(&query);
     let digest = Opens::digest(&payload, &attachment);
     match shared.opens.take(digest, query) {
-        Taken::New => shared.queues.jobs.push(Job::Open(payload, attachment, digest)),
-        Taken::Again(begun, query) => begin_again(shared, &key, *begun, query),
-        Taken::Joined => {}
+        OpenCheck::New => shared.queues.jobs.push(Job::Open(payload, attachment, digest)),
+        OpenCheck::Again(begun, query) => begin_again(shared, &key, *begun, query),
+        OpenCheck::Joined => {}
     }
 }
 
 /// Takes in a request to a run.
-fn take_run(shared: &Shared, query: Query) {
+fn take_run(shared: &ServerState, query: Query) {
     let key = shared.keys.run();
     let (payload, attachment) = parts(&query);
     let request = names_one_server(&query, &key).and_then(|()| {
@@ -222,21 +223,21 @@ fn take_run(shared: &Shared, query: Query) {
     if request.link.is_empty() {
         let digest = Opens::digest(&payload, &attachment);
         match shared.opens.take(digest, query) {
-            Taken::New => shared.queues.runs.push(RunJob::Greeting(request, payload, attachment, digest)),
-            Taken::Again(begun, query) => begin_again(shared, &key, *begun, query),
-            Taken::Joined => {}
+            OpenCheck::New => shared.queues.runs.push(RunJob::Greeting(request, payload, attachment, digest)),
+            OpenCheck::Again(begun, query) => begin_again(shared, &key, *begun, query),
+            OpenCheck::Joined => {}
         }
         return;
     }
     let Some(link) = shared.links.get(&request.link) else { return reject_with(&query, no_link()) };
     match link.gate.ask("run", &payload, query) {
-        Asked::New(number) => shared.queues.runs.push(RunJob::Ask(request, payload, link, number)),
-        Asked::Again(sealed, query) => answer_again(shared, *sealed, query),
-        Asked::Nothing | Asked::Foreign(_) => {}
+        QueryCheck::New(number) => shared.queues.runs.push(RunJob::Ask(request, payload, link, number)),
+        QueryCheck::Again(sealed, query) => answer_again(shared, *sealed, query),
+        QueryCheck::Nothing | QueryCheck::Foreign(_) => {}
     }
 }
 
-fn take_action(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
+fn take_action(shared: &ServerState, actor: &Arc<Actor>, sample: &Sample) {
     let bytes = sample.payload.clone();
     if bytes.len() > MAX_CHECKED || !actor.gate.takes("action", &bytes, &sample.attachment) {
         return tell_of_refused(shared, actor);
@@ -249,7 +250,7 @@ fn take_action(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
 
 /// Only an acknowledgement that goes further than earlier ones, or says that another episode is lost, is news; anybody can
 /// resend an old one.
-fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
+fn take_ack(shared: &ServerState, actor: &Arc<Actor>, sample: &Sample) {
     let bytes = sample.payload.clone();
     if bytes.len() > limits::MAX_CLIENT_MESSAGE || actor.is_replay {
         return tracing::debug!(session = actor.id, length = bytes.len(), "dropping an acknowledgement");
@@ -271,45 +272,45 @@ fn take_ack(shared: &Shared, actor: &Arc<Actor>, sample: &Sample) {
 }
 
 /// Notes that the client has shown that it exists, whatever became of its token.
-fn see(shared: &Shared, actor: &Arc<Actor>) {
+fn see(shared: &ServerState, actor: &Arc<Actor>) {
     if actor.shows_up() {
         shared.send(actor, Side::Server, Input::ClientSeen);
     }
 }
 
-fn tell_of_refused(shared: &Shared, actor: &Actor) {
+fn tell_of_refused(shared: &ServerState, actor: &Actor) {
     shared.refused.fetch_add(1, Ordering::Relaxed);
     if let Some(count) = actor.gate.refused(shared.now()) {
         tracing::warn!(session = actor.id, count, "dropping messages that are not of the session's client");
     }
 }
 
-fn answer_again(shared: &Shared, sealed: Sealed, query: Query) {
+fn answer_again(shared: &ServerState, sealed: Sealed, query: Query) {
     let key = query.key.clone();
     let Sealed { message, bytes, attachment } = sealed;
     shared.answer(query, AnswerKind::Own(key, message, bytes, Some(attachment)));
 }
 
-fn begin_again(shared: &Shared, key: &str, begun: Begun, query: Query) {
+fn begin_again(shared: &ServerState, key: &str, begun: Begun, query: Query) {
     let Begun { message, bytes, attachment } = begun;
     shared.answer(query, AnswerKind::Own(key.into(), message, bytes, attachment));
 }
 
 /// Answers a query to a session that is not open: its former client gets a sealed answer, others get one on a
 /// best-effort basis.
-fn tell_it_is_over(shared: &Shared, label: &'static str, bytes: &[u8], query: Query) {
+fn tell_it_is_over(shared: &ServerState, label: &'static str, bytes: &[u8], query: Query) {
     let refusal = Refusal::new(Code::Closed, "", "there is no such session; open one");
     let former = keys::SessionKeys::of(query.key.as_str()).and_then(|(_, _, id)| shared.sessions.former(id));
     let Some(gate) = former.filter(|_| bytes.len() <= MAX_CHECKED) else { return reject_with(&query, refusal) };
     match gate.ask(label, bytes, query) {
-        Asked::New(number) => answer_refusal(shared, &gate, label, number, refusal),
-        Asked::Again(sealed, query) => answer_again(shared, *sealed, query),
-        Asked::Foreign(query) => reject_with(&query, refusal),
-        Asked::Nothing => {}
+        QueryCheck::New(number) => answer_refusal(shared, &gate, label, number, refusal),
+        QueryCheck::Again(sealed, query) => answer_again(shared, *sealed, query),
+        QueryCheck::Foreign(query) => reject_with(&query, refusal),
+        QueryCheck::Nothing => {}
     }
 }
 
-fn answer_refusal(shared: &Shared, gate: &Gate, label: &'static str, number: u64, refusal: Refusal) {
+fn answer_refusal(shared: &ServerState, gate: &Gate, label: &'static str, number: u64, refusal: Refusal) {
     let (message, bytes) = in_form(label, refusal);
     // If a reply has no form for a refusal, the reply itself is one.
     let label = if message == "Refusal" { "refusal" } else { label };
@@ -322,7 +323,7 @@ fn parts(query: &Query) -> (Bytes, Vec<u8>) {
 
 /// Sends a refusal on the server's own key: of several replies with one key, a query for all servers may keep only the
 /// last.
-fn reject_on(shared: &Shared, key: String, query: Query, label: &str, refusal: Refusal) {
+fn reject_on(shared: &ServerState, key: String, query: Query, label: &str, refusal: Refusal) {
     let (message, bytes) = in_form(label, refusal);
     shared.answer(query, AnswerKind::Own(key, message, bytes, None));
 }

@@ -13,19 +13,19 @@ use fiatlux_session::server::Input;
 
 use super::actor::{Actor, Session, Side, Wire};
 use super::gate::Gate;
-use super::guest::Guest;
+use super::guest::IdentifiedClient;
 use super::host::Simulation;
 use super::opens::{Begun, Digest};
 use super::places::{CLAIM_TIME, NoPlace};
 use super::plan::{self, Plan};
 use super::pool::AnswerKind;
-use super::runs::Seat;
-use super::shared::Shared;
+use super::runs::AssignedEpisode;
+use super::state::ServerState;
 
 /// Number of sessions that may wait for their recorder, for each one that may be open.
 const DRAINING_PER_OPEN: usize = 3;
 
-impl Shared {
+impl ServerState {
     pub fn describe(&self, query: &Query) {
         let open_sessions = u32::try_from(self.sessions.places.count()).unwrap_or(u32::MAX);
         let info = ServerInfo { open_sessions, ..self.info.clone() };
@@ -40,8 +40,8 @@ impl Shared {
         let hello = request.as_ref().ok().and_then(|request| request.hello.clone());
         let opened = request.and_then(|request| {
             plan::check_version(request.protocol.as_ref())?;
-            let guest = self.credentials.admit(hello.as_ref(), request.protocol.as_ref(), payload, attachment)?;
-            self.try_open(plan::check(&OpenRequest { hello: None, ..request })?, None, &guest)
+            let client = self.credentials.admit(hello.as_ref(), request.protocol.as_ref(), payload, attachment)?;
+            self.try_open(plan::check(&OpenRequest { hello: None, ..request })?, None, &client)
         });
         let answer = match opened {
             Ok((info, welcome)) => OpenReply { reply: Some(open_reply::Reply::Session(info)), welcome: Some(welcome) },
@@ -63,12 +63,12 @@ impl Shared {
         }
     }
 
-    /// Opens a session for a guest, and returns the welcome for it.
+    /// Opens a session for a client, and returns the welcome for it.
     pub fn try_open(
         &self,
         mut plan: Plan,
-        seat: Option<&Seat>,
-        guest: &Guest<'_>,
+        episode: Option<&AssignedEpisode>,
+        client: &IdentifiedClient<'_>,
     ) -> Result<(SessionInfo, Welcome), Refusal> {
         if plan.request.replay {
             plan.recorded = false;
@@ -89,7 +89,7 @@ impl Shared {
         }
         let id = self.sessions.new_id();
         let is_claimed = |id: &str| self.sessions.find(id).is_some_and(|actor| actor.gate.is_claimed());
-        let place = self.sessions.places.take(&id, &guest.peer, guest.limit, is_claimed, self.now());
+        let place = self.sessions.places.take(&id, &client.peer, client.limit, is_claimed, self.now());
         let leaves = place.map_err(|why| Refusal::new(Code::Busy, "", no_place(why, self.sessions.capacity)))?;
         if let Some(actor) = leaves.and_then(|id| self.sessions.find(&id)) {
             self.send(
@@ -98,7 +98,7 @@ impl Shared {
                 Input::Terminate("nobody has claimed it, and another session needs its place"),
             );
         }
-        let opened = self.open_reserved(plan, seat, guest, &id);
+        let opened = self.open_reserved(plan, episode, client, &id);
         if opened.is_err() {
             self.sessions.places.leave(&id);
         }
@@ -108,8 +108,8 @@ impl Shared {
     fn open_reserved(
         &self,
         plan: Plan,
-        seat: Option<&Seat>,
-        guest: &Guest<'_>,
+        episode: Option<&AssignedEpisode>,
+        client: &IdentifiedClient<'_>,
         id: &str,
     ) -> Result<(SessionInfo, Welcome), Refusal> {
         let gains = self.scenes.robot(plan.robot).gains(plan.gains);
@@ -133,13 +133,14 @@ impl Shared {
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
         let recorded = plan.recorded;
-        let attempt = seat.zip(plan.ticket.as_ref()).map(|(seat, ticket)| seat.begin(id, ticket)).transpose()?;
+        let attempt =
+            episode.zip(plan.ticket.as_ref()).map(|(episode, ticket)| episode.begin(id, ticket)).transpose()?;
         let simulation = Simulation::new(&self.name, id, plan, built, network);
         let simulation = simulation.of_run(attempt.clone()).signed_by(self.credentials.signer.clone());
         let info = simulation.info();
         let session = Session::new(simulation, info, recorded, self.timeouts, now);
         let info = session.info().clone();
-        let (welcome, secrets) = guest.welcome(&self.credentials.identity, &self.name, id, &info.encode_to_vec())?;
+        let (welcome, secrets) = client.welcome(&self.credentials.identity, &self.name, id, &info.encode_to_vec())?;
         let rows = match &self.credentials.recorder_key {
             _ if is_replay => Some(RowsKey::of_opener(&secrets)),
             Some(key) => Some(RowsKey::of_recorder(key, &self.name, id)),

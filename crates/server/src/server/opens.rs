@@ -43,7 +43,7 @@ pub(super) struct Begun {
 }
 
 /// Result of the check of a request to open a session.
-pub(super) enum Taken {
+pub(super) enum OpenCheck {
     /// It is to be carried out.
     New,
     /// It was carried out before, with this answer.
@@ -60,20 +60,20 @@ impl Opens {
         digest
     }
 
-    pub fn take(&self, digest: Digest, query: Query) -> Taken {
+    pub fn take(&self, digest: Digest, query: Query) -> OpenCheck {
         let mut state = lock(&self.0);
         match state.requests.get_mut(&digest) {
             None => {
                 state.requests.insert(digest, Request::Waits(vec![query]));
-                Taken::New
+                OpenCheck::New
             }
             Some(Request::Waits(copies)) => {
                 if copies.len() < MAX_COPIES {
                     copies.push(query);
                 }
-                Taken::Joined
+                OpenCheck::Joined
             }
-            Some(Request::Answered(begun)) => Taken::Again(Box::new(begun.clone()), query),
+            Some(Request::Answered(begun)) => OpenCheck::Again(Box::new(begun.clone()), query),
         }
     }
 

@@ -10,7 +10,7 @@ use fiatlux_world::Episode;
 
 /// Encoded sensor data of a row; empty where the bag is not to have it.
 #[derive(Debug, Default)]
-pub(super) struct Seen {
+pub(super) struct SensorData {
     pub observation: Vec<u8>,
     pub camera: Vec<u8>,
     pub lidar: Vec<u8>,
@@ -30,7 +30,7 @@ fn event(step: u64, kind: &str, subject: &str, change: &str, detail: String) -> 
 
 impl Record {
     /// Row 0, with everything besides the rows that a reader must know.
-    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: Seen) -> (Self, StepRecord) {
+    pub fn start(episode: &Episode, header: EpisodeHeader, scene: Vec<u8>, seen: SensorData) -> (Self, StepRecord) {
         let row = episode.row();
         let criteria = episode.verdict().criteria;
         let held = named(episode, &criteria);
@@ -58,7 +58,7 @@ impl Record {
     }
 
     /// The row after a step, with the result if it is the last one.
-    pub fn row(&mut self, episode: &Episode, action: &ActionRecord, seen: Seen) -> StepRecord {
+    pub fn row(&mut self, episode: &Episode, action: &ActionRecord, seen: SensorData) -> StepRecord {
         let row = episode.row();
         let mut encoded = Vec::new();
         self.note_changes(episode, |event| encoded.push(event.encode_to_vec()));

@@ -10,15 +10,15 @@ use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{Refusal, RunFinish, RunReply, RunRequest, RunStatus, Welcome, run_reply};
 
 use super::gate::Gate;
-use super::guest::Guest;
+use super::guest::IdentifiedClient;
 use super::links::{Link, RunJob};
 use super::opens::Begun;
 use super::plan;
-use super::shared::Shared;
+use super::state::ServerState;
 
 type Answered = Result<(run_reply::Reply, Option<Welcome>), Refusal>;
 
-impl Shared {
+impl ServerState {
     /// Serves requests to runs; the body of a thread.
     pub fn serve_runs(&self) {
         while let Some(job) = self.queues.runs.next() {
@@ -56,7 +56,7 @@ impl Shared {
     fn greet(&self, request: &RunRequest, payload: &[u8], attachment: &[u8]) -> Answered {
         plan::check_version(request.protocol.as_ref())?;
         let (signature, proof) = attachment.split_at(attachment.len().min(SIGNATURE_BYTES));
-        let guest = self.credentials.admit(request.hello.as_ref(), request.protocol.as_ref(), payload, proof)?;
+        let client = self.credentials.admit(request.hello.as_ref(), request.protocol.as_ref(), payload, proof)?;
         let runs = self.runs.as_ref().ok_or_else(|| {
             let message = "this server keeps no runs; start it with --record DIR, or use another one";
             Refusal::new(Code::Unknown, "run", message)
@@ -78,10 +78,10 @@ impl Shared {
         let id: String = HEXLOWER.encode(&random);
         let mut info = run.info()?;
         info.link.clone_from(&id);
-        let (welcome, secrets) = guest.welcome(&self.credentials.identity, &self.name, &id, &info.encode_to_vec())?;
+        let (welcome, secrets) = client.welcome(&self.credentials.identity, &self.name, &id, &info.encode_to_vec())?;
         let channel = Channel::new(&secrets, End::Server);
         let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let link = Link { run, peer: guest.peer, limit: guest.limit, gate: Gate::new(channel) };
+        let link = Link { run, peer: client.peer, limit: client.limit, gate: Gate::new(channel) };
         self.links.add(id, link);
         Ok((run_reply::Reply::Run(info), Some(welcome)))
     }
@@ -96,9 +96,9 @@ impl Shared {
                         "a session needs a hello; draw one for each request",
                     ));
                 };
-                let guest = Guest::again(hello, payload, &link.peer, link.limit);
-                let (plan, seat) = link.run.plan(*index)?;
-                let (info, welcome) = self.try_open(plan, Some(&seat), &guest)?;
+                let client = IdentifiedClient::again(hello, payload, &link.peer, link.limit);
+                let (plan, episode) = link.run.plan(*index)?;
+                let (info, welcome) = self.try_open(plan, Some(&episode), &client)?;
                 return Ok((run_reply::Reply::Session(info), Some(welcome)));
             }
             Ask::Finish(RunFinish {}) => link.run.finish(self.credentials.signer.as_deref())?,

@@ -82,7 +82,7 @@ struct RunState {
 }
 
 /// An episode that is about to begin.
-pub(super) struct Seat {
+pub(super) struct AssignedEpisode {
     run: Arc<Run>,
     episode: u32,
     /// Rows of earlier attempts that it must repeat.
@@ -294,7 +294,7 @@ impl Run {
     }
 
     /// The session in which to play an episode, if it may be played.
-    pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, Seat), Refusal> {
+    pub fn plan(self: &Arc<Self>, index: u32) -> Result<(Plan, AssignedEpisode), Refusal> {
         let mut state = lock(&self.state);
         state.flush()?;
         let ledger = state.writer.ledger();
@@ -346,7 +346,7 @@ impl Run {
             policy_version: spec.policy_version.clone(),
             policy_link: spec.policy_link.clone(),
         });
-        Ok((plan, Seat { run: Arc::clone(self), episode: index, prefix }))
+        Ok((plan, AssignedEpisode { run: Arc::clone(self), episode: index, prefix }))
     }
 
     /// Ends it: what was not decided has failed.
@@ -413,7 +413,7 @@ impl RunState {
     }
 }
 
-impl Seat {
+impl AssignedEpisode {
     /// Begins an episode in a session; the line is on disk when this returns.
     pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
         let Self { run, episode, prefix } = self;

@@ -27,7 +27,7 @@ use super::pool::Job;
 use super::runs::{RecordError, Runs};
 use super::scenes::{Robots, Scenes};
 use super::sessions::Sessions;
-use super::shared::{Queues, Shared};
+use super::state::{Queues, ServerState};
 use crate::recorder::{Naming, Recorder, RecorderError, RecorderOptions, RecordsFrom};
 
 /// Number of threads that answer: a reply to a client that does not read blocks its thread for seconds, until Zenoh
@@ -150,7 +150,7 @@ pub enum ServerError {
 
 /// A server that runs until it is shut down or dropped.
 pub struct Server {
-    pub(super) shared: Arc<Shared>,
+    pub(super) shared: Arc<ServerState>,
     threads: Vec<JoinHandle<()>>,
     /// Everything that receives messages; dropped first.
     pub(super) endpoints: Vec<Declaration>,
@@ -196,7 +196,7 @@ impl Server {
             RecordsTo::ThisProcess(key) => (Some(key), None),
             RecordsTo::Recorders(key) => (Some(key.clone()), Some(key)),
         };
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(ServerState {
             info: info::server(&options.name, options.capacity, robot, &options.scene),
             name: options.name,
             keys: server_keys,

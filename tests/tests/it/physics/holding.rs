@@ -17,11 +17,11 @@ use super::oracle::{fixture, rotation};
 
 #[derive(Deserialize)]
 struct Holding {
-    tasks: Vec<Held>,
+    tasks: Vec<HoldingTask>,
 }
 
 #[derive(Deserialize)]
-struct Held {
+struct HoldingTask {
     task: String,
     /// The bulb in the socket, put 100 m up on both sides: the socket's hold is not part of the physics.
     left_out: Option<String>,

@@ -3,10 +3,10 @@
 use fiatlux_tests::programs::PATIENCE;
 use serde_json::Value;
 
-use super::lab::{Asked, Lab};
+use super::lab::{Lab, RunArgs};
 
 /// The registration alone takes 252,131 bytes, more than the bag of a fall.
-const LARGE: Asked = Asked { tasks: "all", seeds: "0..799", episodes: 9600, parallel: "4" };
+const LARGE: RunArgs = RunArgs { tasks: "all", seeds: "0..799", episodes: 9600, parallel: "4" };
 
 /// Room for that and for the events of some fifty episodes: the client hears of the first ones before it is full.
 const FILE_BLOCKS: u32 = 560;

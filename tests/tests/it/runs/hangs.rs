@@ -3,9 +3,9 @@
 use fiatlux_tests::programs::{PATIENCE, wait_until};
 use serde_json::Value;
 
-use super::lab::{Asked, Lab, digests, undisturbed};
+use super::lab::{Lab, RunArgs, digests, undisturbed};
 
-const ASKED: Asked = Asked { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" };
+const ASKED: RunArgs = RunArgs { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" };
 
 fn hang_half_way(name: &str, shares: bool) -> (Lab, Value, Option<i32>, String) {
     let mut lab = Lab::start_with(name, 2, ASKED, shares, None);

@@ -7,7 +7,7 @@ use std::time::Duration;
 use fiatlux_tests::at_full_length;
 use fiatlux_tests::programs::{PATIENCE, Service, alone, grade, wait_until};
 
-use super::lab::{Asked, BENCHMARK, Lab};
+use super::lab::{BENCHMARK, Lab, RunArgs};
 
 /// Kills of each program.
 fn kills_of_each() -> usize {
@@ -15,8 +15,8 @@ fn kills_of_each() -> usize {
 }
 
 /// The everyday form has half of the benchmark.
-fn asked() -> Asked {
-    let half = Asked { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" };
+fn asked() -> RunArgs {
+    let half = RunArgs { tasks: "all", seeds: "0..1", episodes: 24, parallel: "4" };
     if at_full_length() { BENCHMARK } else { half }
 }
 

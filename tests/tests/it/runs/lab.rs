@@ -13,7 +13,7 @@ pub type Name = (String, u64);
 
 /// A run as its user asks for it.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked {
+pub struct RunArgs {
     pub tasks: &'static str,
     pub seeds: &'static str,
     pub episodes: usize,
@@ -23,13 +23,13 @@ pub struct Asked {
 
 /// The benchmark: 12 tasks in 4 rooms. `zero` falls in a second or so; a robot that leans on something is made to count as
 /// fallen, so that no episode takes a minute.
-pub const BENCHMARK: Asked = Asked { tasks: "all", seeds: "0..3", episodes: 48, parallel: "4" };
+pub const BENCHMARK: RunArgs = RunArgs { tasks: "all", seeds: "0..3", episodes: 48, parallel: "4" };
 
 /// Servers `lab-1`, `lab-2` and so on, which record into one folder.
 pub struct Lab {
     servers: Vec<Option<Running>>,
     ports: Vec<u16>,
-    asked: Asked,
+    asked: RunArgs,
     /// They record into one folder.
     shares: bool,
     /// Largest file of a server, in units of 512 bytes.
@@ -39,11 +39,11 @@ pub struct Lab {
 }
 
 impl Lab {
-    pub fn start(name: &str, servers: usize, asked: Asked) -> Self {
+    pub fn start(name: &str, servers: usize, asked: RunArgs) -> Self {
         Self::start_with(name, servers, asked, true, None)
     }
 
-    pub fn start_with(name: &str, servers: usize, asked: Asked, shares: bool, file_blocks: Option<u32>) -> Self {
+    pub fn start_with(name: &str, servers: usize, asked: RunArgs, shares: bool, file_blocks: Option<u32>) -> Self {
         let ports = (0..servers).map(|_| free_port()).collect();
         let folder = Scratch::new(name);
         let mut lab = Self { servers: Vec::new(), ports, asked, shares, file_blocks, folder };
@@ -86,7 +86,7 @@ impl Lab {
     /// The same with more options.
     pub fn client_with(&self, options: &[&str]) -> Running {
         let run_file = self.folder.path().join("RUN.toml").display().to_string();
-        let Asked { tasks, seeds, parallel, .. } = self.asked;
+        let RunArgs { tasks, seeds, parallel, .. } = self.asked;
         let mut args =
             ["evaluate", "--json", "--policy", "zero", "--server", "lab", "--set", "fall_tilt_rad=0.05"].to_vec();
         // A condition of the sessions, which a verification has to keep too.
@@ -169,7 +169,7 @@ pub fn digests(list: &Value, field: &str) -> BTreeMap<Name, String> {
 }
 
 /// Every episode's digest where nothing happens to the run. Played once for all tests of a process.
-pub fn undisturbed(asked: Asked) -> BTreeMap<Name, String> {
+pub fn undisturbed(asked: RunArgs) -> BTreeMap<Name, String> {
     static KNOWN: Mutex<BTreeMap<[&str; 2], BTreeMap<Name, String>>> = Mutex::new(BTreeMap::new());
     let mut known = KNOWN.lock().unwrap();
     let digests = known.entry([asked.tasks, asked.seeds]).or_insert_with(|| {

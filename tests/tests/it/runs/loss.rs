@@ -2,10 +2,10 @@
 
 use fiatlux_tests::programs::{PATIENCE, wait_until};
 
-use super::lab::{Asked, BENCHMARK, Lab};
+use super::lab::{BENCHMARK, Lab, RunArgs};
 
 /// Two servers of a group; one of them is killed with what it plays, and later the client.
-fn a_server_and_the_client_are_lost(name: &str, asked: Asked) {
+fn a_server_and_the_client_are_lost(name: &str, asked: RunArgs) {
     let mut lab = Lab::start(name, 2, asked);
     let mut client = lab.client();
     wait_until("a third is played", PATIENCE, || lab.played() >= asked.episodes / 3);

@@ -16,7 +16,7 @@ use super::places::places;
 use super::stand;
 
 /// A posture that holds, and how well.
-struct Found {
+struct HeldPosture {
     /// Palm targets' depth in units of that of the check with firm gains.
     press: f64,
     /// The centre of mass nearer to the ladder than in that check, m.
@@ -26,23 +26,23 @@ struct Found {
 }
 
 /// Of each place from the lowest.
-const BOTH_PALMS: [Found; 5] = [
-    Found { press: 1.0, ahead: 0.0, slip: 1e-3 },
-    Found { press: 1.0, ahead: 0.0, slip: 1e-3 },
-    Found { press: 2.0, ahead: 0.04, slip: 1e-3 },
-    Found { press: 0.0, ahead: 0.04, slip: 1e-3 },
-    Found { press: 0.0, ahead: 0.06, slip: 1e-3 },
+const BOTH_PALMS: [HeldPosture; 5] = [
+    HeldPosture { press: 1.0, ahead: 0.0, slip: 1e-3 },
+    HeldPosture { press: 1.0, ahead: 0.0, slip: 1e-3 },
+    HeldPosture { press: 2.0, ahead: 0.04, slip: 1e-3 },
+    HeldPosture { press: 0.0, ahead: 0.04, slip: 1e-3 },
+    HeldPosture { press: 0.0, ahead: 0.06, slip: 1e-3 },
 ];
 /// On the tread at 0.71 m the soles creep by 2.5 mm or more, and the robot trembles, in every posture that was tried.
-const FREE_PALM: [Found; 5] = [
-    Found { press: 1.0, ahead: 0.0, slip: 1e-3 },
-    Found { press: 2.0, ahead: 0.0, slip: 1e-3 },
-    Found { press: 0.0, ahead: 0.02, slip: 4e-3 },
-    Found { press: 2.0, ahead: 0.06, slip: 1e-3 },
-    Found { press: 0.0, ahead: 0.04, slip: 1e-3 },
+const FREE_PALM: [HeldPosture; 5] = [
+    HeldPosture { press: 1.0, ahead: 0.0, slip: 1e-3 },
+    HeldPosture { press: 2.0, ahead: 0.0, slip: 1e-3 },
+    HeldPosture { press: 0.0, ahead: 0.02, slip: 4e-3 },
+    HeldPosture { press: 2.0, ahead: 0.06, slip: 1e-3 },
+    HeldPosture { press: 0.0, ahead: 0.04, slip: 1e-3 },
 ];
 
-fn check(with_bulb: bool, found: &[Found; 5]) {
+fn check(with_bulb: bool, found: &[HeldPosture; 5]) {
     println!(
         "soles and palms in mm: moved in 3 s of settling, slipped in the 10 s after; pelvis sunk, mm; speed at last, mm/s; \
          palms, N"

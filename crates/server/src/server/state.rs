@@ -36,7 +36,7 @@ const MAX_SKIPPED: u32 = 8;
 const MAX_ANSWERS: usize = 1024;
 const MAX_ANSWER_BYTES: usize = 64 << 20;
 
-pub(super) struct Shared {
+pub(super) struct ServerState {
     pub name: String,
     pub keys: ServerKeys,
     pub carrier: Carrier,
@@ -78,7 +78,7 @@ impl Queues {
     }
 }
 
-impl Shared {
+impl ServerState {
     pub fn now(&self) -> Duration {
         self.start.elapsed()
     }

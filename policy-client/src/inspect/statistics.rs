@@ -13,7 +13,7 @@ const LOOKS: usize = 3;
 const LOOK_PERIOD: u64 = 50;
 
 #[derive(Default)]
-pub struct Seen {
+pub struct SessionStatistics {
     pub info: SessionInfo,
     pub policy: String,
     pub episode: u64,
@@ -22,7 +22,7 @@ pub struct Seen {
     /// Number of observations.
     pub count: u64,
     /// In the session's order.
-    pub sensors: Vec<SeenSensor>,
+    pub sensors: Vec<SensorStatistics>,
     /// Steps in which each criterion of the gate held, and steps with a verdict.
     pub held: Vec<u64>,
     pub verdicts: u64,
@@ -37,7 +37,7 @@ pub struct Seen {
 }
 
 #[derive(Default)]
-pub struct SeenSensor {
+pub struct SensorStatistics {
     pub name: &'static str,
     /// Observations that had it without a look, and the step of the newest with or without.
     pub count: u64,
@@ -49,11 +49,11 @@ pub struct SeenSensor {
     tries: usize,
 }
 
-impl Seen {
+impl SessionStatistics {
     /// Before the first observation.
     pub fn new(info: SessionInfo, policy: String, episode: u64) -> Self {
         // A program opens one session, and policies name sensors for its whole life.
-        let sensor = |name: &String| SeenSensor { name: name.clone().leak(), ..SeenSensor::default() };
+        let sensor = |name: &String| SensorStatistics { name: name.clone().leak(), ..SensorStatistics::default() };
         let sensors = info.sensors.iter().map(|asked| sensor(&asked.name)).collect();
         let held = vec![0; info.task.as_ref().map_or(0, |task| task.criteria.len())];
         let beyond = vec![0; info.joints.len()];
@@ -109,8 +109,9 @@ impl Seen {
     pub fn turn(&mut self, observation: &Observation) -> Option<&'static str> {
         // From step 1 on: sensors with a rate are in the observation of step 0.
         let turn = usize::try_from((observation.step % LOOK_PERIOD).checked_sub(1)?).ok()?;
-        let is_large =
-            |seen: &SeenSensor| self.info.terms_of(seen.name).map(ObservationTerm::length).sum::<usize>() >= LARGE;
+        let is_large = |seen: &SensorStatistics| {
+            self.info.terms_of(seen.name).map(ObservationTerm::length).sum::<usize>() >= LARGE
+        };
         let index = self.sensors.iter().enumerate().filter(|(_, seen)| is_large(seen)).nth(turn)?.0;
         // In real time a look costs steps.
         let looks = if self.info.mode() == Mode::RealTime { 1 } else { LOOKS };
