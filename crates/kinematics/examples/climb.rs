@@ -98,10 +98,18 @@ impl Planner {
         at
     }
 
+    fn faces(&self) -> f64 {
+        self.facing().cos().signum()
+    }
+
+    fn facing(&self) -> f64 {
+        env("FACING", 3.141592653589793)
+    }
+
     fn sole(&self, side: usize, hold: Foothold) -> Isometry3<f64> {
         let (at, outwards) = (self.surface(hold.surface), [1.0, -1.0][side]);
-        let place = at + Vector3::new(-hold.behind, outwards * env("ASIDE", ASIDE), 0.0);
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), outwards * self.out);
+        let place = at + Vector3::new(-hold.behind, self.faces() * outwards * env("ASIDE", ASIDE), 0.0);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), outwards * self.out + self.facing());
         Isometry3::from_parts(place.into(), turn)
     }
 
@@ -112,7 +120,9 @@ impl Planner {
         }
         let corner = self.scene.robot.soles()[side].half_extents[1] * self.out.tan();
         let front = if hold.surface == PLATFORM { 0.35 } else { HALF_DEPTH };
-        [corner - HALF_DEPTH + hold.behind, front + hold.behind - corner].map(|x| x.clamp(-0.1, 0.1))
+        let [near, far] = [corner - HALF_DEPTH + hold.behind, front + hold.behind - corner];
+        let range = if self.faces() > 0.0 { [near, far] } else { [-far, -near] };
+        range.map(|x| x.clamp(-0.1, 0.1))
     }
 
     /// Where a foot bears, world.
@@ -147,7 +157,18 @@ impl Planner {
                 })
             };
             let pairs = model.shape_pairs().filter(|&(a, b)| (is_robot(a) || is_robot(b)) && !treads(a, b) && !treads(b, a));
-            let margin = |(a, b): (ShapeId, ShapeId)| if is_robot(a) && is_robot(b) { 1e-3 } else { MARGIN };
+            let swings = |id: ShapeId| {
+                (0..2).any(|side| stands[side].is_none() && ids.site(&soles[side].site).body == shape(id).body)
+            };
+            let margin = |(a, b): (ShapeId, ShapeId)| {
+                if is_robot(a) && is_robot(b) {
+                    1e-3
+                } else if swings(a) || swings(b) {
+                    env("SWING", 0.015)
+                } else {
+                    env("MARGIN", 0.008)
+                }
+            };
             let clearances: Vec<_> = pairs.map(|shapes| Clearance { shapes, margin: margin(shapes) }).collect();
             inverse.set_clearances(model, &clearances).unwrap();
             inverse
@@ -197,8 +218,8 @@ impl Planner {
             }
             goal
         };
-        let mut upright = Goal { position: [0.0; 3], ..Goal::pose(pelvis, Isometry3::identity()) };
-        upright.rotation = [env("ROLL", 0.0), env("PITCH", 0.0), env("YAW", 0.3)];
+        let mut upright = Goal { position: [0.0; 3], ..Goal::pose(pelvis, Isometry3::rotation(Vector3::z() * self.facing())) };
+        upright.rotation = [env("ROLL", 0.0), env("PITCH", 0.0), env("YAW", 0.0)];
         let goals = [goal(left, soles[0]), goal(right, soles[1]), Goal::com_over(com.x, com.y), upright];
         let mut state = from.clone();
         let model = self.scene.model.clone();
@@ -227,7 +248,7 @@ impl Planner {
         let [left, right] = [0, 1].map(|side| self.sole(side, feet[side]));
         let com = (self.bearing(0, feet[0]) + self.bearing(1, feet[1])) / 2.0;
         let height = left.translation.z.min(right.translation.z) + self.scene.robot.standing_height() - 0.03;
-        let pelvis = Isometry3::translation(com.x, com.y, height);
+        let pelvis = Isometry3::from_parts(Vector3::new(com.x, com.y, height).into(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.facing()));
         let rest = self.rest([0.3; 2]);
         state.set_pose(&self.scene.model, self.scene.robot_ids.root, &pelvis);
         self.scene.robot_ids.joints.iter().zip(&rest).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
@@ -239,7 +260,7 @@ impl Planner {
     /// Moves the weight over the other foot, and that foot to its next hold.
     fn step(&mut self, from: &Key, side: usize, to: Foothold) -> Option<Vec<Key>> {
         for ahead in [0.0, -0.02, 0.02] {
-            for back in [0.07, 0.04, 0.1] {
+            for back in [0.1, 0.085, 0.07, 0.05] {
                 if let Some(keys) = self.step_by(from, side, to, ahead, back) {
                     return Some(keys);
                 }
@@ -292,7 +313,7 @@ impl Planner {
             Vector3::new(back, a.y, a.z + 0.08),
             Vector3::new(back, b.y, high),
             Vector3::new(b.x, b.y, high),
-            Vector3::new(b.x, b.y, b.z + 0.015),
+            Vector3::new(b.x, b.y, b.z + 0.02),
         ];
         let mut at = a;
         let mut swing_stands = stands;
@@ -537,7 +558,7 @@ fn play(planner: &Planner, keys: &[Key], room: u64, noise: bool) -> (bool, f64, 
 
 fn main() {
     let rooms: u64 = std::env::args().nth(1).map_or(1, |text| text.parse().unwrap());
-    let out = std::env::var("OUT_ANGLE").ok().and_then(|text| text.parse().ok()).unwrap_or(0.2);
+    let out = env("OUT_ANGLE", 0.2);
     let most: usize = std::env::var("TOP").ok().and_then(|text| text.parse().ok()).unwrap_or(2);
     let mut planner = Planner::new(out);
     let from = env("FROM", 0.0) as usize;
@@ -548,7 +569,15 @@ fn main() {
         println!("no plan");
         return;
     };
-    let keys: Vec<Key> = std::iter::once(first).chain(rest).collect();
+    let mut keys: Vec<Key> = std::iter::once(first).chain(rest).collect();
+    for index in 1..keys.len() {
+        let (a, b) = (&keys[index - 1].state, &keys[index].state);
+        let change = planner.scene.robot_ids.joints.iter().map(|j| (a.qpos[j.qpos] - b.qpos[j.qpos]).abs()).fold(0.0, f64::max);
+        if change > 0.3 {
+            println!("{index} {} jumps by {change:.2}", keys[index].name);
+        }
+        keys[index].seconds = (keys[index].seconds * env("SLOW", 1.0)).max(change / env("RATE", 0.5));
+    }
     println!("{} postures, {:.1} s", keys.len(), keys.iter().map(|key| key.seconds).sum::<f64>());
     for room in 1000..1000 + rooms {
         for noise in [false, true] {
