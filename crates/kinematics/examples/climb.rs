@@ -24,8 +24,6 @@ const MARGIN: f64 = 0.003;
 const ASIDE: f64 = 0.12;
 /// A swing's largest step between two postures, m.
 const STRIDE: f64 = 0.03;
-/// Where a foot with its heel up bears, ahead of the middle of its sole, m.
-const TOES: f64 = 0.08;
 
 fn env(name: &str, default: f64) -> f64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
@@ -62,7 +60,7 @@ struct Key {
 enum Hold {
     Flat,
     Free,
-    Toes,
+    Toes(f64),
 }
 
 /// Legs and waist; the arms are held behind.
@@ -203,13 +201,26 @@ impl Planner {
         com: Vector3<f64>,
         bends: [f64; 2],
     ) -> Option<State> {
+        self.solve_from(from, soles, stands, com, bends, false)
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn solve_from(
+        &mut self,
+        from: &State,
+        soles: [(Isometry3<f64>, Hold); 2],
+        stands: [Option<usize>; 2],
+        com: Vector3<f64>,
+        bends: [f64; 2],
+        first: bool,
+    ) -> Option<State> {
         let rest = self.rest(bends);
         let ids = &self.scene.robot_ids;
         let [left, right] = [0, 1].map(|side| ids.site(&self.scene.robot.soles()[side].site));
         let pelvis = Site { body: ids.root, body_from_site: Isometry3::identity() };
         let goal = |mut site: Site, (mut pose, hold): (Isometry3<f64>, Hold)| {
-            if hold == Hold::Toes {
-                let toes = Isometry3::translation(TOES, 0.0, 0.0);
+            if let Hold::Toes(front) = hold {
+                let toes = Isometry3::translation(front, 0.0, 0.0);
                 (site.body_from_site, pose) = (site.body_from_site * toes, pose * toes);
             }
             let mut goal = Goal::pose(site, pose);
@@ -228,6 +239,7 @@ impl Planner {
         let named = rest.iter().zip(&names);
         let rest: Vec<f64> = named.filter(|(_, name)| moves(name)).map(|(angle, _)| *angle).collect();
         inverse.set_rest(&rest).unwrap();
+        inverse.options.tries = if first { 8 } else { 1 };
         let found = inverse.solve(&model, &mut state, &goals).unwrap();
         let _ = Part::CenterOfMass;
         if found.outcome != Outcome::Reached && std::env::var_os("WHY").is_some() {
@@ -240,7 +252,8 @@ impl Planner {
                 }
             }
         }
-        (found.outcome == Outcome::Reached).then_some(state)
+        let change = self.scene.robot_ids.joints.iter().map(|j| (from.qpos[j.qpos] - state.qpos[j.qpos]).abs()).fold(0.0, f64::max);
+        (found.outcome == Outcome::Reached && (change < 0.35 || first)).then_some(state)
     }
 
     fn first(&mut self, feet: [Foothold; 2]) -> Option<Key> {
@@ -253,54 +266,77 @@ impl Planner {
         state.set_pose(&self.scene.model, self.scene.robot_ids.root, &pelvis);
         self.scene.robot_ids.joints.iter().zip(&rest).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
         let stands = feet.map(|foot| Some(foot.surface));
-        let state = self.solve(&state, [(left, Hold::Flat), (right, Hold::Flat)], stands, com, [0.3; 2])?;
+        let state = self.solve_from(&state, [(left, Hold::Flat), (right, Hold::Flat)], stands, com, [0.3; 2], true)?;
         Some(Key { state, seconds: 1.0, bears: [1.0; 2], feet, on_toes: [false; 2], name: "start".into() })
     }
 
     /// Moves the weight over the other foot, and that foot to its next hold.
     fn step(&mut self, from: &Key, side: usize, to: Foothold) -> Option<Vec<Key>> {
-        for ahead in [0.0, -0.02, 0.02] {
-            for back in [0.1, 0.085, 0.07, 0.05] {
-                if let Some(keys) = self.step_by(from, side, to, ahead, back) {
-                    return Some(keys);
+        let why = std::env::var_os("WHY").is_some();
+        for on_toes in [false, true] {
+            for ahead in [0.0, -0.015, 0.015] {
+                for high in [0.9, 0.5, 1.3] {
+                    let Some(shift) = self.shift(from, side, ahead, high, on_toes) else { continue };
+                    for back in [0.1, 0.085, 0.07] {
+                        if let Some(swing) = self.swing(&shift, from, side, to, ahead, back, high) {
+                            if why {
+                                println!("  on_toes {on_toes} ahead {ahead} high {high} back {back}");
+                            }
+                            return Some(shift.0.into_iter().chain(swing).collect());
+                        }
+                    }
                 }
             }
         }
         None
     }
 
-    fn step_by(&mut self, from: &Key, side: usize, to: Foothold, ahead: f64, back: f64) -> Option<Vec<Key>> {
+    /// Moves the weight over the other foot.
+    #[allow(clippy::type_complexity)]
+    fn shift(&mut self, from: &Key, side: usize, ahead: f64, high: f64, on_toes: bool) -> Option<(Vec<Key>, [(Isometry3<f64>, Hold); 2], [f64; 2])> {
         let (feet, other) = (from.feet, 1 - side);
         let mut keys: Vec<Key> = Vec::new();
         let mut state = from.state.clone();
         let mut soles = [0, 1].map(|foot| (self.sole(foot, feet[foot]), Hold::Flat));
-        let mut on_toes = [false; 2];
+        let mut are_on_toes = [false; 2];
+        if on_toes {
+            soles[side].1 = Hold::Toes(self.range(side, feet[side])[1] - 0.01);
+            are_on_toes[side] = true;
+        }
         let stands = feet.map(|foot| Some(foot.surface));
         let over = self.bearing(other, feet[other]) + Vector3::x() * ahead;
         self.mechanics.update(&self.scene.model, &state);
         let com = self.mechanics.center_of_mass(&self.scene.model, self.scene.robot_ids.root).1;
         let mut bends = [0.4; 2];
-        let up = feet[other].surface > feet[side].surface;
-        if up {
+        if feet[other].surface > feet[side].surface {
             bends = [env("LOW", 0.05); 2];
-            bends[other] = env("HIGH", 0.9);
+            bends[other] = high;
         }
-        // The weight.
-        let shifts = ((com - over).xy().norm() / 0.03).ceil().max(1.0) as usize;
+        let shifts = ((com - over).xy().norm() / 0.01).ceil().max(1.0) as usize;
         for shift in 1..=shifts {
             let part = shift as f64 / shifts as f64;
             let com = com.lerp(&over, part);
-            let mut next = self.solve(&state, soles, stands, com, bends);
-            if next.is_none() && up {
-                (soles[side].1, on_toes[side]) = (Hold::Toes, true);
-                next = self.solve(&state, soles, stands, com, bends);
-            }
-            state = next?;
-            keys.push(Key { state: state.clone(), seconds: 0.5, bears: [1.0; 2], feet, on_toes, name: format!("shift {part:.2}") });
+            state = self.solve(&state, soles, stands, com, bends)?;
+            keys.push(Key { state: state.clone(), seconds: 0.2, bears: [1.0; 2], feet, on_toes: are_on_toes, name: format!("shift {part:.2}") });
         }
         let mut bears = [1.0; 2];
         bears[side] = 0.0;
-        keys.push(Key { state: state.clone(), seconds: 0.6, bears, feet, on_toes, name: "unload".into() });
+        keys.push(Key { state: state.clone(), seconds: 0.6, bears, feet, on_toes: are_on_toes, name: "unload".into() });
+        Some((keys, soles, bends))
+    }
+
+    /// Moves a foot that bears nothing to its next hold.
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    fn swing(&mut self, shift: &(Vec<Key>, [(Isometry3<f64>, Hold); 2], [f64; 2]), from: &Key, side: usize, to: Foothold, ahead: f64, back: f64, high: f64) -> Option<Vec<Key>> {
+        let (feet, other) = (from.feet, 1 - side);
+        let (soles, mut bends) = (shift.1, shift.2);
+        let mut state = shift.0.last().unwrap().state.clone();
+        let mut keys: Vec<Key> = Vec::new();
+        let up = feet[other].surface > feet[side].surface;
+        let mut bears = [1.0; 2];
+        bears[side] = 0.0;
+        let stands = feet.map(|foot| Some(foot.surface));
+        let over = self.bearing(other, feet[other]) + Vector3::x() * ahead;
         // The foot, from where its sole is now.
         self.mechanics.update(&self.scene.model, &state);
         let site = self.scene.robot_ids.site(&self.scene.robot.soles()[side].site);
@@ -318,7 +354,7 @@ impl Planner {
         let mut at = a;
         let mut swing_stands = stands;
         bends[side] = 1.5;
-        bends[other] = if up { 0.8 } else { 0.3 };
+        bends[other] = if up { high.min(0.8) } else { 0.3 };
         for (index, via) in via.into_iter().enumerate() {
             let strides = ((via - at).norm() / STRIDE).ceil().max(1.0) as usize;
             for stride in 1..=strides {
@@ -496,7 +532,8 @@ fn play(planner: &Planner, keys: &[Key], room: u64, noise: bool) -> (bool, f64, 
             }
             let sole = &robot.soles()[side];
             let link = &own_ids.links[sole.site.link];
-            let [rear, front] = if key.on_toes[side] { [TOES - 0.01, TOES + 0.01] } else { planner.range(side, key.feet[side]) };
+            let [rear, front] = planner.range(side, key.feet[side]);
+            let rear = if key.on_toes[side] { front - 0.02 } else { rear };
             for [x, y] in [[front, 1.0], [front, -1.0], [rear, 1.0], [rear, -1.0]] {
                 let corner = sole.site.link_from_site * Point3::new(x, y * sole.half_extents[1], 0.0);
                 let point = (link.body_from_link * corner).coords;
