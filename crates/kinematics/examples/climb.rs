@@ -299,10 +299,6 @@ impl Planner {
         let mut state = from.state.clone();
         let mut soles = [0, 1].map(|foot| (self.sole(foot, feet[foot]), Hold::Flat));
         let mut are_on_toes = [false; 2];
-        if on_toes {
-            soles[side].1 = Hold::Toes(self.range(side, feet[side])[1] - 0.01);
-            are_on_toes[side] = true;
-        }
         let stands = feet.map(|foot| Some(foot.surface));
         let over = self.bearing(other, feet[other]) + Vector3::x() * ahead;
         self.mechanics.update(&self.scene.model, &state);
@@ -316,6 +312,10 @@ impl Planner {
         for shift in 1..=shifts {
             let part = shift as f64 / shifts as f64;
             let com = com.lerp(&over, part);
+            if on_toes && part > env("TOES", 0.6) {
+                soles[side].1 = Hold::Toes(self.range(side, feet[side])[1] - 0.01);
+                are_on_toes[side] = true;
+            }
             state = self.solve(&state, soles, stands, com, bends)?;
             keys.push(Key { state: state.clone(), seconds: 0.2, bears: [1.0; 2], feet, on_toes: are_on_toes, name: format!("shift {part:.2}") });
         }
