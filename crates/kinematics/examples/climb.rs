@@ -274,7 +274,7 @@ impl Planner {
     fn step(&mut self, from: &Key, side: usize, to: Foothold) -> Option<Vec<Key>> {
         let why = std::env::var_os("WHY").is_some();
         for on_toes in [false, true] {
-            for ahead in [0.0, -0.015, 0.015] {
+            for ahead in if env("AHEAD", 0.0) == 0.0 { [0.0, -0.015, 0.015] } else { [-0.01, -0.02, 0.0] } {
                 for high in [0.9, 0.5, 1.3] {
                     let Some(shift) = self.shift(from, side, ahead, high, on_toes) else { continue };
                     for back in [0.1, 0.085, 0.07] {
@@ -617,7 +617,7 @@ fn main() {
     }
     println!("{} postures, {:.1} s", keys.len(), keys.iter().map(|key| key.seconds).sum::<f64>());
     for room in 1000..1000 + rooms {
-        for noise in [false, true] {
+        for noise in [true] {
             let (held, pelvis, text) = play(&planner, &keys, room, noise);
             println!("room {room}, noise {noise}: {held}, pelvis {pelvis:.3}, {text}");
         }
