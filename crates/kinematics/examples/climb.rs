@@ -514,6 +514,10 @@ fn play(planner: &Planner, keys: &[Key], room: u64, noise: bool) -> (bool, f64, 
         let part = ((time - starts[next - 1]) / keys[next].seconds).clamp(0.0, 1.0);
         lerp(&plan[next - 1], &plan[next], part)
     };
+    let mut touched: Vec<String> = Vec::new();
+    let mut last_off = 0;
+    let mut offsets = [[0.0_f64; 6]; 2];
+    assert!(robot.joints()[6].name.contains("right_hip"), "{}", robot.joints()[6].name);
     let end = starts.last().unwrap() + 3.0;
     let lead: f64 = std::env::var("LEAD").ok().and_then(|lead| lead.parse().ok()).unwrap_or(0.4);
     for step in 0..(end / dt) as usize {
@@ -552,8 +556,45 @@ fn play(planner: &Planner, keys: &[Key], room: u64, noise: bool) -> (bool, f64, 
                 seen.qpos[joint.qpos] += 0.01 * one();
                 seen.qvel[joint.dof] += 1.5 * one();
             }
+            if step > 0 {
+                for joint in &own_ids.joints {
+                    let (q, v) = (own.state.qpos[joint.qpos], own.state.qvel[joint.dof]);
+                    let v = v + env("FV", 0.1) * (seen.qvel[joint.dof] - v);
+                    let predicted = q + v * dt;
+                    seen.qpos[joint.qpos] = predicted + env("FQ", 0.2) * (seen.qpos[joint.qpos] - predicted);
+                    seen.qvel[joint.dof] = v;
+                }
+            } else {
+                for joint in &own_ids.joints {
+                    seen.qvel[joint.dof] = 0.0;
+                }
+            }
         }
         own.state = seen;
+        let mut planned = Mechanics::new(&own_model);
+        planned.update(&own_model, &at(time + env("FOOT_LEAD", 0.0)));
+        let mut now = Mechanics::new(&own_model);
+        now.update(&own_model, &own.state);
+        for side in 0..2 {
+            let swings = key.bears[side] == 0.0;
+            let site = own_ids.site(&robot.soles()[side].site);
+            let (want, real) = (planned.world_from_site(&site), now.world_from_site(&site));
+            let shift = want.translation.vector - real.translation.vector;
+            let turn = (want.rotation * real.rotation.inverse()).scaled_axis();
+            let error = nalgebra::Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+            let mut jacobian = vec![0.0; 6 * own_model.nv()];
+            now.jacobian(&own_model, &site, &mut jacobian);
+            let leg: Vec<usize> = (0..6).map(|k| 6 * side + k).collect();
+            let nv = own_model.nv();
+            let j = nalgebra::Matrix6::from_fn(|row, k| jacobian[row * nv + own_ids.joints[leg[k]].dof]);
+            let damped = j * j.transpose() + nalgebra::Matrix6::identity() * 1e-3;
+            let change = j.transpose() * damped.try_inverse().unwrap() * error;
+            for k in 0..6 {
+                let o = &mut offsets[side][k];
+                *o = if swings { (*o + env("INT", 0.06) * change[k]).clamp(-0.2, 0.2) } else { *o * env("DECAY", 0.99) };
+                stance.posture[own_ids.joints[leg[k]].drive] += *o;
+            }
+        }
         let own_targets = controller.targets(&own_model, &own.state, &stance).unwrap().to_vec();
         for (own_joint, there) in own_ids.joints.iter().zip(&ids.joints) {
             targets[there.drive] = own_targets[own_joint.drive];
@@ -572,6 +613,40 @@ fn play(planner: &Planner, keys: &[Key], room: u64, noise: bool) -> (bool, f64, 
         let off = com - Stance::new(&own_model, own_ids.root, &wanted, Vec::new()).com;
         let pelvis = mechanics.world_from_body(ids.root).translation.vector;
         let wanted_pelvis = wanted.qpos[own_ids.root_qpos + 2];
+        for contact in dynamics.contacts() {
+            let names = [contact.shape_a, contact.shape_b].map(|shape| model.shapes()[shape.0].name.clone());
+            let is_robot = |shape: ShapeId| model.bodies()[model.shapes()[shape.0].body.0].root == ids.root;
+            let swing = (0..2).find(|side| key.bears[*side] == 0.0 && keys[before].bears[*side] == 0.0);
+            let swing = swing.map_or("none", |side| ["left", "right"][side]);
+            if (is_robot(contact.shape_a) != is_robot(contact.shape_b)) && contact.force.norm() > 5.0 {
+                let sole = names.iter().any(|name| name.ends_with("roll_sole") && (!name.starts_with(swing) || key.name == "down"));
+                let text = format!("{next} {} {} {}", key.name, names[0], names[1]);
+                if !sole && !touched.contains(&text) {
+                    println!("    {time:.1} {text} {:.0}", contact.force.norm());
+                    touched.push(text);
+                }
+            }
+        }
+        if off.norm() > 0.015 && next != last_off && std::env::var_os("OFF").is_some() {
+            last_off = next;
+            println!("    {time:.1} {next} {} off {:.3} {:.3} {:.3}", key.name, off.x, off.y, off.z);
+        }
+        if step % 50 == 0 && std::env::var_os("FEET").is_some() {
+            let mut text = String::new();
+            let mut m2 = Mechanics::new(&own_model);
+            m2.update(&own_model, &wanted);
+            for side in 0..2 {
+                let site = &robot.soles()[side].site;
+                let real = mechanics.world_from_site(&ids.site(site));
+                let want = m2.world_from_site(&own_ids.site(site));
+                let d = real.translation.vector - want.translation.vector;
+                let turn = (want.rotation.inverse() * real.rotation).scaled_axis();
+                text += &format!(" | {:5.1} {:5.1} {:5.1} yaw {:5.2} pitch {:5.2}", 1e3 * d.x, 1e3 * d.y, 1e3 * d.z, turn.z, turn.y);
+            }
+            let trunk = mechanics.world_from_body(ids.root);
+            let turn = (m2.world_from_body(own_ids.root).rotation.inverse() * trunk.rotation).scaled_axis();
+            println!("{time:5.1} {next:3} {:10} com {:5.1} {:5.1} {:5.1} trunk {:5.2} {:5.2} {:5.2}{text}", key.name, 1e3 * off.x, 1e3 * off.y, 1e3 * off.z, turn.x, turn.y, turn.z);
+        }
         if trace && step % 10 == 0 {
             let mut touching: Vec<String> = Vec::new();
             for contact in dynamics.contacts() {
