@@ -23,7 +23,7 @@ const MARGIN: f64 = 0.003;
 /// Side of a foot from the middle, m.
 const ASIDE: f64 = 0.12;
 /// A swing's largest step between two postures, m.
-const STRIDE: f64 = 0.03;
+const STRIDE: f64 = 0.02;
 
 fn env(name: &str, default: f64) -> f64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
@@ -141,7 +141,7 @@ impl Planner {
                 steps: 60,
                 limit_margin: 0.02,
                 spread: env("SPREAD", 0.4),
-                rest_pull: 0.1,
+                rest_pull: env("PULL", 0.1),
                 position_tolerance: 1e-3,
                 rotation_tolerance: 1e-2,
             };
@@ -253,7 +253,7 @@ impl Planner {
             }
         }
         let change = self.scene.robot_ids.joints.iter().map(|j| (from.qpos[j.qpos] - state.qpos[j.qpos]).abs()).fold(0.0, f64::max);
-        (found.outcome == Outcome::Reached && (change < 0.35 || first)).then_some(state)
+        (found.outcome == Outcome::Reached && (change < env("JUMP", 0.35) || first)).then_some(state)
     }
 
     fn first(&mut self, feet: [Foothold; 2]) -> Option<Key> {
@@ -356,6 +356,19 @@ impl Planner {
         bends[side] = 1.5;
         bends[other] = if up { high.min(0.8) } else { 0.3 };
         for (index, via) in via.into_iter().enumerate() {
+            if index == 4 {
+                // Level again.
+                self.mechanics.update(&self.scene.model, &state);
+                let from = self.mechanics.world_from_site(&site).rotation;
+                let turns = (from.angle_to(&end.rotation) / 0.06).ceil() as usize;
+                for turn in 1..=turns {
+                    let rotation = from.slerp(&end.rotation, turn as f64 / turns as f64);
+                    let mut goals = soles;
+                    goals[side] = (Isometry3::from_parts(at.into(), rotation), Hold::Flat);
+                    state = self.solve(&state, goals, swing_stands, over, bends)?;
+                    keys.push(Key { state: state.clone(), seconds: 0.1, bears, feet, on_toes: [false; 2], name: "level".into() });
+                }
+            }
             let strides = ((via - at).norm() / STRIDE).ceil().max(1.0) as usize;
             for stride in 1..=strides {
                 let place = at.lerp(&via, stride as f64 / strides as f64);
@@ -370,7 +383,7 @@ impl Planner {
                     return None;
                 };
                 state = next;
-                keys.push(Key { state: state.clone(), seconds: 0.15, bears, feet, on_toes: [false; 2], name: format!("swing {index}") });
+                keys.push(Key { state: state.clone(), seconds: 0.1, bears, feet, on_toes: [false; 2], name: format!("swing {index}") });
             }
             at = via;
         }
@@ -691,7 +704,7 @@ fn main() {
         keys[index].seconds = (keys[index].seconds * env("SLOW", 1.0)).max(change / env("RATE", 0.5));
     }
     println!("{} postures, {:.1} s", keys.len(), keys.iter().map(|key| key.seconds).sum::<f64>());
-    for room in 1000..1000 + rooms {
+    for room in env("ROOM", 1000.0) as u64..env("ROOM", 1000.0) as u64 + rooms {
         for noise in [true] {
             let (held, pelvis, text) = play(&planner, &keys, room, noise);
             println!("room {room}, noise {noise}: {held}, pelvis {pelvis:.3}, {text}");
