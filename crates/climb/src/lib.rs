@@ -13,3 +13,11 @@ pub use body::Body;
 pub use plan::{JOINTS, Keyframe, Plan, PlanError};
 pub use planner::{Apart, Foothold, Places, Planner};
 pub use player::Player;
+
+/// The plan of the step ladder, from the floor before it to its platform, backwards.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn ladder() -> Result<Plan, PlanError> {
+    Plan::read(include_str!("ladder.txt"))
+}
