@@ -1,0 +1,122 @@
+//! Plans the climb of the step ladder, from the floor to the platform, backwards.
+//!
+//!     cargo run -p fiatlux-climb --example plan -- crates/climb/src/ladder.txt
+#![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use fiatlux_climb::{Foothold, Places, Plan, Planner};
+use fiatlux_dynamics::{Mechanics, ShapeId};
+use fiatlux_kinematics::Clearance;
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+const SURFACES: [&str; 6] =
+    ["floor", "ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
+const PLATFORM: usize = 5;
+/// Half the depth of a tread, and of what bears on the platform inwards from its edge, m.
+const HALF_DEPTH: f64 = 0.045;
+const PLATFORM_DEPTH: f64 = 0.35;
+/// Distance of the soles' middles from the ladder's, m, and turn of the toes outwards, rad.
+const ASIDE: f64 = 0.12;
+const OUT: f64 = 0.1;
+/// Where the feet stand on the floor, before the middle of the lowest tread, m.
+const BEFORE: f64 = 0.12;
+/// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air to the ladder.
+const GAPS: [f64; 3] = [0.001, 0.015, 0.015];
+
+struct Ladder {
+    scene: Scene,
+    mechanics: Mechanics,
+}
+
+impl Ladder {
+    fn new() -> Self {
+        let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+        let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::default()));
+        let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
+        let mut mechanics = Mechanics::new(&scene.model);
+        mechanics.update(&scene.model, &scene.model.reference_state());
+        Self { scene, mechanics }
+    }
+
+    fn site(&self, name: &str) -> Isometry3<f64> {
+        self.mechanics.world_from_site(&self.scene.site(name).unwrap())
+    }
+
+    /// A foothold on a surface, facing away from the ladder, which is along x.
+    fn foothold(&self, side: usize, surface: usize) -> Foothold {
+        let mut at = self.site(SURFACES[surface.max(1)]).translation.vector;
+        match surface {
+            0 => (at.x, at.z) = (at.x - BEFORE, 0.0),
+            PLATFORM => at.x -= 0.2 - HALF_DEPTH,
+            _ => {}
+        }
+        let outwards = [1.0, -1.0][side];
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI + outwards * OUT);
+        let sole = Isometry3::from_parts((at - Vector3::y() * outwards * ASIDE).into(), turn);
+        let corner = self.scene.robot.soles()[side].half_extents[1] * OUT.tan();
+        let inwards = if surface == PLATFORM { PLATFORM_DEPTH } else { HALF_DEPTH };
+        let range = if surface == 0 { [-0.1, 0.1] } else { [corner - inwards, HALF_DEPTH - corner] };
+        Foothold { sole, range: range.map(|x| x.clamp(-0.1, 0.1)), surface }
+    }
+
+    fn clearances(&self, places: Places) -> Vec<Clearance> {
+        let (model, ids) = (&self.scene.model, &self.scene.robot_ids);
+        let shape = |id: ShapeId| &model.shapes()[id.0];
+        let is_robot = |id: ShapeId| model.bodies()[shape(id).body.0].root == ids.root;
+        let soles = self.scene.robot.soles();
+        let foot = |id: ShapeId| soles.iter().position(|sole| ids.site(&sole.site).body == shape(id).body);
+        let stands = |a: ShapeId, b: ShapeId| {
+            let on = foot(a).and_then(|side| places[side]);
+            on.is_some_and(
+                |on| if on == 0 { !shape(b).name.starts_with("ladder") } else { shape(b).name == SURFACES[on] },
+            )
+        };
+        let swings = |id: ShapeId| foot(id).is_some_and(|side| places[side].is_none());
+        let gap = |a: ShapeId, b: ShapeId| match is_robot(a) && is_robot(b) {
+            true => GAPS[0],
+            false if swings(a) || swings(b) => GAPS[2],
+            false => GAPS[1],
+        };
+        let pairs =
+            model.shape_pairs().filter(|&(a, b)| (is_robot(a) || is_robot(b)) && !stands(a, b) && !stands(b, a));
+        pairs.map(|(a, b)| Clearance { shapes: (a, b), margin: gap(a, b) }).collect()
+    }
+}
+
+fn main() {
+    let file = std::env::args().nth(1).expect("name the file to write");
+    let ladder = Ladder::new();
+    let scene = &ladder.scene;
+    let mut planner =
+        Planner::new(&scene.model, &scene.robot, &scene.robot_ids, Box::new(|places| ladder.clearances(places)));
+    let mut feet = [0, 1].map(|side| ladder.foothold(side, 0));
+    let mut state = scene.model.reference_state();
+    let middle = (feet[0].sole.translation.vector + feet[1].sole.translation.vector) / 2.0;
+    let pelvis = Isometry3::new(middle + Vector3::z() * (scene.robot.standing_height() - 0.03), Vector3::z() * PI);
+    state.set_pose(&scene.model, scene.robot_ids.root, &pelvis);
+    let rest = planner.rest([0.3; 2]);
+    scene.robot_ids.joints.iter().zip(&rest).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
+    let mut plan = Plan::default();
+    let (mut state, first) = planner.stand(&state, feet).expect("no posture on the floor");
+    plan.extend([first]);
+    for surface in 1..=PLATFORM {
+        for side in [1, 0] {
+            let to = ladder.foothold(side, surface);
+            let step = planner.step(&state, feet, side, to);
+            let Some((next, keyframes)) = step else { panic!("no way for foot {side} to {}", SURFACES[surface]) };
+            plan.extend(keyframes);
+            (state, feet[side]) = (next, to);
+            println!("{}: {:.1} s", SURFACES[surface], plan.seconds());
+        }
+    }
+    // Into the ladder's frame: its origin on the floor, x from the steps into it.
+    let origin = ladder.site("ladder_platform").translation.vector;
+    let plan_from_world = Isometry3::translation(-origin.x + 0.1, -origin.y, 0.0);
+    plan.keyframes.iter_mut().for_each(|key| key.pelvis = plan_from_world * key.pelvis);
+    println!("{} postures, {:.1} s", plan.keyframes.len(), plan.seconds());
+    std::fs::write(file, plan.write()).unwrap();
+}

@@ -1,0 +1,23 @@
+//! Climbing, one foot after the other, so slowly that the robot stands still at every moment.
+//!
+//! A [`Planner`] moves the weight over one foot and then the other foot to its next [`Foothold`], as postures that keep
+//! shapes apart. A [`Plan`] is a list of such postures, a [`Player`] balances the robot along it. The plan of the step
+//! ladder is made by `cargo run -p fiatlux-climb --example plan`.
+
+mod body;
+mod plan;
+mod planner;
+mod player;
+
+pub use body::Body;
+pub use plan::{JOINTS, Keyframe, Plan, PlanError};
+pub use planner::{Apart, Foothold, Places, Planner};
+pub use player::Player;
+
+/// The plan of the step ladder, from the floor before it to its platform, backwards.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn ladder() -> Result<Plan, PlanError> {
+    Plan::read(include_str!("ladder.txt"))
+}

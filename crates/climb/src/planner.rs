@@ -1,0 +1,321 @@
+//! Steps from foothold to foothold.
+
+use std::collections::HashMap;
+
+use fiatlux_dynamics::{Mechanics, Model, Site, State};
+use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions};
+use fiatlux_robot::{Robot, RobotIds};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::body::pelvis;
+use crate::plan::{JOINTS, Keyframe};
+
+/// Largest change of a joint between two postures, rad: more is another posture and no step on the way.
+const JUMP: f64 = 0.35;
+/// Ways of the centre of mass and of a foot between two postures, m, and turn of a foot, rad.
+const SHIFT: f64 = 0.01;
+const STRIDE: f64 = 0.02;
+const TURN: f64 = 0.06;
+/// Where the weight is, along x from the middle of what bears, m: tried in this order.
+const AHEAD: [f64; 3] = [-0.01, -0.02, 0.0];
+/// Bend of the knee that bears, rad, and how far a foot is pulled out from under the next tread, m: tried in this order.
+const BENDS: [f64; 3] = [0.9, 0.5, 1.3];
+const BACK: [f64; 3] = [0.1, 0.085, 0.07];
+/// Part of the way of the weight after which a heel may rise.
+const HEEL_RISES: f64 = 0.6;
+/// Height of a foot above what it steps over, and above where it comes down, m.
+const OVER: f64 = 0.05;
+const ABOVE: f64 = 0.02;
+
+/// Where a foot may stand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Foothold {
+    /// The sole, level.
+    pub sole: Isometry3<f64>,
+    /// What bears of it: from its rear to its front, from its middle, m.
+    pub range: [f64; 2],
+    /// Which surface it is on; 0 is the floor.
+    pub surface: usize,
+}
+
+impl Foothold {
+    /// Middle of what bears.
+    fn bearing(&self) -> Vector3<f64> {
+        (self.sole * Point3::new((self.range[0] + self.range[1]) / 2.0, 0.0, 0.0)).coords
+    }
+}
+
+/// Surfaces under the feet; `None` for a foot in the air.
+pub type Places = [Option<usize>; 2];
+/// Shapes that are to keep apart with the feet on these surfaces.
+pub type Apart<'a> = dyn Fn(Places) -> Vec<Clearance> + 'a;
+
+/// How a foot is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Hold {
+    Flat,
+    /// Its heel and toes may rise.
+    Free,
+    /// It turns about a line across the sole, so far ahead of its middle, m.
+    Edge(f64),
+}
+
+/// Plans steps in one scene. States are of that model.
+pub struct Planner<'a> {
+    model: &'a Model,
+    robot: &'a Robot,
+    ids: &'a RobotIds,
+    apart: Box<Apart<'a>>,
+    mechanics: Mechanics,
+    inverse: HashMap<Places, InverseKinematics>,
+    /// Joints that move: legs and waist.
+    moving: Vec<usize>,
+}
+
+/// The state that a plan has reached, and its postures so far.
+#[derive(Debug, Clone)]
+struct Walked {
+    state: State,
+    keyframes: Vec<Keyframe>,
+    holds: [(Isometry3<f64>, Hold); 2],
+    bends: [f64; 2],
+}
+
+impl<'a> Planner<'a> {
+    /// A planner that keeps these shapes apart.
+    pub fn new(model: &'a Model, robot: &'a Robot, ids: &'a RobotIds, apart: Box<Apart<'a>>) -> Self {
+        let moves = |name: &str| ["hip", "knee", "ankle", "waist"].iter().any(|part| name.contains(part));
+        let moving = robot.joints().iter().enumerate().filter(|(_, joint)| moves(&joint.name));
+        let moving = moving.map(|(index, _)| index).collect();
+        Self { model, robot, ids, apart, mechanics: Mechanics::new(model), inverse: HashMap::new(), moving }
+    }
+
+    /// Angles that all joints rest at, the knees bent by so much, rad.
+    pub fn rest(&self, bends: [f64; 2]) -> Vec<f64> {
+        let angle = |name: &str| {
+            let (side, joint) = name.split_once('_').unwrap_or_default();
+            let (outwards, bend) = if side == "left" { (1.0, bends[0]) } else { (-1.0, bends[1]) };
+            match joint {
+                "hip_pitch_joint" => -0.6 * bend,
+                "hip_yaw_joint" => outwards * 0.1,
+                "knee_joint" => bend,
+                "ankle_pitch_joint" => -0.4 * bend,
+                "shoulder_pitch_joint" => -0.3,
+                "shoulder_roll_joint" => outwards * 0.3,
+                "elbow_joint" => 0.6,
+                _ => 0.0,
+            }
+        };
+        self.robot.joints().iter().map(|joint| angle(&joint.name)).collect()
+    }
+
+    /// A posture on two footholds, the weight between them, and its keyframe; `from` is where the search begins.
+    pub fn stand(&mut self, from: &State, feet: [Foothold; 2]) -> Option<(State, Keyframe)> {
+        let com = (feet[0].bearing() + feet[1].bearing()) / 2.0;
+        let holds = feet.map(|foot| (foot.sole, Hold::Flat));
+        let places = feet.map(|foot| Some(foot.surface));
+        let state = self.solve(from, holds, places, com, [0.3; 2], true)?;
+        let key = self.keyframe(&state, 1.0, [1.0; 2], feet.map(|foot| foot.range));
+        Some((state, key))
+    }
+
+    /// Moves the weight over the other foot, and this foot to its next hold.
+    pub fn step(
+        &mut self,
+        from: &State,
+        feet: [Foothold; 2],
+        side: usize,
+        to: Foothold,
+    ) -> Option<(State, Vec<Keyframe>)> {
+        for heel_rises in [false, true] {
+            for ahead in AHEAD {
+                let over = feet[1 - side].bearing() + Vector3::x() * ahead;
+                for bend in BENDS {
+                    let Some(shifted) = self.shift(from, feet, side, over, bend, heel_rises) else { continue };
+                    for back in BACK {
+                        if let Some(done) = self.swing(shifted.clone(), feet, side, to, over, back) {
+                            return Some((done.state, done.keyframes));
+                        }
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    fn shift(
+        &mut self,
+        from: &State,
+        feet: [Foothold; 2],
+        side: usize,
+        over: Vector3<f64>,
+        bend: f64,
+        heel_rises: bool,
+    ) -> Option<Walked> {
+        let other = 1 - side;
+        let mut bends = [0.4; 2];
+        if feet[other].surface > feet[side].surface {
+            bends = [0.05; 2];
+            bends[other] = bend;
+        }
+        let holds = feet.map(|foot| (foot.sole, Hold::Flat));
+        let mut walked = Walked { state: from.clone(), keyframes: Vec::new(), holds, bends };
+        let places = feet.map(|foot| Some(foot.surface));
+        let mut ranges = feet.map(|foot| foot.range);
+        self.mechanics.update(self.model, from);
+        let com = self.mechanics.center_of_mass(self.model, self.ids.root).1;
+        let shifts = libm::ceil((com - over).xy().norm() / SHIFT).max(1.0) as usize;
+        for shift in 1..=shifts {
+            let part = shift as f64 / shifts as f64;
+            if heel_rises && part > HEEL_RISES {
+                let front = feet[side].range[1];
+                walked.holds[side].1 = Hold::Edge(front - 0.01);
+                ranges[side] = [front - 0.02, front];
+            }
+            let com = com.lerp(&over, part);
+            walked.state = self.solve(&walked.state, walked.holds, places, com, bends, false)?;
+            walked.keyframes.push(self.keyframe(&walked.state, 0.3, [1.0; 2], ranges));
+        }
+        let mut bears = [1.0; 2];
+        bears[side] = 0.0;
+        walked.keyframes.push(self.keyframe(&walked.state, 0.9, bears, ranges));
+        Some(walked)
+    }
+
+    /// Moves a foot that bears nothing.
+    fn swing(
+        &mut self,
+        mut walked: Walked,
+        mut feet: [Foothold; 2],
+        side: usize,
+        to: Foothold,
+        over: Vector3<f64>,
+        back: f64,
+    ) -> Option<Walked> {
+        let other = 1 - side;
+        let mut places = feet.map(|foot| Some(foot.surface));
+        let is_up = feet[other].surface > feet[side].surface;
+        let mut bends = walked.bends;
+        bends[side] = 1.5;
+        bends[other] = if is_up { bends[other].min(0.8) } else { 0.3 };
+        let mut bears = [1.0; 2];
+        bears[side] = 0.0;
+        let mut ranges = feet.map(|foot| foot.range);
+        ranges[side] = to.range;
+        let site = self.ids.site(&self.robot.soles()[side].site);
+        self.mechanics.update(self.model, &walked.state);
+        let start = self.mechanics.world_from_site(&site);
+        let is_level = feet[side].surface == 0 && to.surface == 0;
+        let mut rotation = if is_level { start.rotation } else { to.sole.rotation };
+        let mut at = start.translation.vector;
+        let path = path(at, to.sole.translation.vector, if to.surface > 0 { back } else { 0.0 }, is_level);
+        let last = path.len() - 1;
+        for (index, via) in path.into_iter().enumerate() {
+            places[side] = if index == 0 { places[side] } else { None };
+            if index == last {
+                self.mechanics.update(self.model, &walked.state);
+                rotation = self.mechanics.world_from_site(&site).rotation;
+                let turns = libm::ceil(rotation.angle_to(&to.sole.rotation) / TURN) as usize;
+                for turn in 1..=turns {
+                    let rotation = rotation.slerp(&to.sole.rotation, turn as f64 / turns as f64);
+                    walked.holds[side] = (Isometry3::from_parts(at.into(), rotation), Hold::Flat);
+                    walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+                    walked.keyframes.push(self.keyframe(&walked.state, 0.15, bears, ranges));
+                }
+                rotation = to.sole.rotation;
+            }
+            let hold = if index == last { Hold::Flat } else { Hold::Free };
+            let strides = libm::ceil((via - at).norm() / STRIDE).max(1.0) as usize;
+            for stride in 1..=strides {
+                let place = at.lerp(&via, stride as f64 / strides as f64);
+                walked.holds[side] = (Isometry3::from_parts(place.into(), rotation), hold);
+                walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+                walked.keyframes.push(self.keyframe(&walked.state, 0.15, bears, ranges));
+            }
+            at = via;
+        }
+        feet[side] = to;
+        walked.holds[side] = (to.sole, Hold::Flat);
+        let places = feet.map(|foot| Some(foot.surface));
+        walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+        walked.keyframes.push(self.keyframe(&walked.state, 0.75, bears, ranges));
+        walked.keyframes.push(self.keyframe(&walked.state, 0.75, [1.0; 2], ranges));
+        Some(walked)
+    }
+
+    fn keyframe(&self, state: &State, seconds: f64, bears: [f64; 2], ranges: [[f64; 2]; 2]) -> Keyframe {
+        let angles = self.ids.joints.iter().take(JOINTS).map(|joint| state.qpos[joint.qpos]).collect();
+        Keyframe { seconds, bears, ranges, pelvis: pelvis(self.ids, state), angles }
+    }
+
+    /// A posture near another one.
+    fn solve(
+        &mut self,
+        from: &State,
+        holds: [(Isometry3<f64>, Hold); 2],
+        places: Places,
+        com: Vector3<f64>,
+        bends: [f64; 2],
+        is_first: bool,
+    ) -> Option<State> {
+        let soles = self.robot.soles();
+        let goal = |side: usize| {
+            let (mut pose, hold) = holds[side];
+            let mut site: Site = self.ids.site(&soles[side].site);
+            if let Hold::Edge(front) = hold {
+                let edge = Isometry3::translation(front, 0.0, 0.0);
+                (site.body_from_site, pose) = (site.body_from_site * edge, pose * edge);
+            }
+            let mut goal = Goal::pose(site, pose);
+            if hold != Hold::Flat {
+                goal.rotation[1] = 0.0;
+            }
+            goal
+        };
+        let goals = [goal(0), goal(1), Goal::com_over(com.x, com.y)];
+        let rest = self.rest(bends);
+        let rest: Vec<f64> = self.moving.iter().map(|index| rest[*index]).collect();
+        let inverse = match self.inverse.entry(places) {
+            std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
+            std::collections::hash_map::Entry::Vacant(entry) => {
+                let joints: Vec<_> = self.moving.iter().map(|index| self.ids.joints[*index].body).collect();
+                let mut inverse = InverseKinematics::new(self.model, self.ids.root, &joints, true).ok()?;
+                inverse.options = SearchOptions {
+                    steps: 60,
+                    limit_margin: 0.02,
+                    spread: 0.4,
+                    rest_pull: 0.1,
+                    position_tolerance: 1e-3,
+                    rotation_tolerance: 1e-2,
+                    ..SearchOptions::default()
+                };
+                inverse.set_clearances(self.model, &(self.apart)(places)).ok()?;
+                entry.insert(inverse)
+            }
+        };
+        inverse.options.tries = if is_first { 8 } else { 1 };
+        inverse.set_rest(&rest).ok()?;
+        let mut state = from.clone();
+        let found = inverse.solve(self.model, &mut state, &goals).ok()?;
+        let jump = self.ids.joints.iter().map(|joint| (from.qpos[joint.qpos] - state.qpos[joint.qpos]).abs());
+        let is_near = is_first || jump.fold(0.0, f64::max) < JUMP;
+        (found.outcome == Outcome::Reached && is_near).then_some(state)
+    }
+}
+
+/// Where a foot passes: out from under the next tread by `back`, up, over and down; on the level, up, over and down.
+fn path(from: Vector3<f64>, to: Vector3<f64>, back: f64, is_level: bool) -> Vec<Vector3<f64>> {
+    let high = from.z.max(to.z) + OVER;
+    let above = Vector3::new(to.x, to.y, to.z + ABOVE);
+    if is_level {
+        return vec![Vector3::new(from.x, from.y, high), Vector3::new(to.x, to.y, high), above];
+    }
+    let out = from.x.min(to.x) - back;
+    vec![
+        Vector3::new(from.x - 0.02, from.y, from.z + 0.03),
+        Vector3::new(out, from.y, from.z + 0.08),
+        Vector3::new(out, to.y, high),
+        Vector3::new(to.x, to.y, high),
+        above,
+    ]
+}
