@@ -7,7 +7,7 @@ use fiatlux_rules::Row;
 use fiatlux_world::Scene;
 
 use crate::buffers::{check_length, check_memory};
-use crate::shard::{Order, Shard, part};
+use crate::job::{Hand, Job, Order};
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
@@ -62,13 +62,15 @@ impl Batch {
         let banks = ready.collect::<Result<Vec<_>, _>>()?;
         let (spec, shared) = (Arc::new(task.spec().clone()), Arc::new(Shared { disturbances, autoreset }));
         let threads = threads.min(worlds);
-        let shard = |thread: usize| {
-            let range = thread * worlds / threads..(thread + 1) * worlds / threads;
-            let slot = |world, stage, bank: &ReadyBank| Slot::new(stage, bank, task, seed, world);
-            let bank_of = |world| world * banks.len() / worlds;
-            Shard::new(range, &spec, &banks, Arc::clone(&shared), bank_of, slot)
+        let job = |world: usize| {
+            let bank = world * banks.len() / worlds;
+            Job::new(world, &spec, Slot::new(bank, &banks[bank], task, seed, world))
         };
-        let workers = Workers::new((0..threads).map(shard).collect())?;
+        let hand = |thread: usize| {
+            let own = thread * worlds / threads..(thread + 1) * worlds / threads;
+            Hand::new(own, worlds, &banks, Arc::clone(&shared))
+        };
+        let workers = Workers::new((0..worlds).map(job).collect(), hand(0), (1..threads).map(hand))?;
         let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
         batch.carry_out(&Order::Reset, &[], &mut || true, |_| {})?;
         Ok(batch)
@@ -128,17 +130,14 @@ impl Batch {
         if self.torn && begins.iter().any(|begin| matches!(begin, Begin::Stays)) {
             return Err(BatchError::Torn);
         }
-        let mut begins = begins.into_iter();
-        self.workers.each(|shard| {
-            for (index, slot) in shard.slots.iter_mut().enumerate() {
-                let begin = begins.next().unwrap_or_default();
-                if let Some(seed) = seed.filter(|_| !matches!(begin, Begin::Stays)) {
-                    slot.reseed(seed, (shard.first + index) as u64);
-                }
-                shard.begins[index] = begin;
+        for (mut job, begin) in self.workers.jobs().zip(begins) {
+            if let Some(seed) = seed.filter(|_| !matches!(begin, Begin::Stays)) {
+                let number = job.world as u64;
+                job.slot.reseed(seed, number);
             }
-        });
-        self.carry_out(&Order::Reset, &[], &mut || true, |shard| shard.copy_observation(observation))
+            job.begin = begin;
+        }
+        self.carry_out(&Order::Reset, &[], &mut || true, |job| job.copy_observation(observation))
     }
 
     /// Lets the marked worlds continue exactly from the state of one world: with the same actions they then do what it does, to the
@@ -205,11 +204,8 @@ impl Batch {
 
     fn carry_out_where(&mut self, order: &Order, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.check_process()?;
-        self.workers.each(|shard| {
-            let count = shard.is_marked.len();
-            shard.is_marked.copy_from_slice(&marks[shard.first..][..count]);
-        });
-        self.carry_out(order, &[], &mut || true, |shard| shard.copy_observation(observation))
+        self.workers.jobs().zip(marks).for_each(|(mut job, mark)| job.is_marked = *mark);
+        self.carry_out(order, &[], &mut || true, |job| job.copy_observation(observation))
     }
 
     /// Lets the present episode of each world end by time-out so many steps earlier than [`Spec::horizon_steps`], so that worlds which
@@ -220,9 +216,7 @@ impl Batch {
     pub fn shorten_episodes(&mut self, steps: &[u64]) -> Result<(), BatchError> {
         check_length("steps", steps.len(), self.worlds)?;
         self.workers.check_process()?;
-        self.workers.each(|shard| {
-            shard.slots.iter_mut().zip(&steps[shard.first..]).for_each(|(slot, steps)| slot.shorten(*steps));
-        });
+        self.workers.jobs().zip(steps).for_each(|(mut job, steps)| job.slot.shorten(*steps));
         Ok(())
     }
 
@@ -236,8 +230,8 @@ impl Batch {
         self.step_while(&mut || true, actions, buffers)
     }
 
-    /// As [`Batch::step`], as long as `may_go_on` returns true: it is called before each world that the caller's thread
-    /// steps. If it returns false, the batch must be reset, or restored from a snapshot.
+    /// As [`Batch::step`], as long as `may_go_on` returns true: it is called on the caller's thread, before
+    /// each world that it steps or waits for. If it returns false, the batch must be reset, or restored from a snapshot.
     ///
     /// # Errors
     /// As for [`Batch::step`]; [`BatchError::Stopped`] if the step was broken off.
@@ -255,7 +249,7 @@ impl Batch {
         self.workers.check_process()?;
         self.check_ended()?;
         let order = Order::Step { wants_final: buffers.final_observation.is_some() };
-        self.carry_out(&order, actions, may_go_on, |shard| buffers.copy_from(&shard.outputs, shard.first))
+        self.carry_out(&order, actions, may_go_on, |job| buffers.copy_from(job))
     }
 
     /// A copy of a world's row.
@@ -264,11 +258,7 @@ impl Batch {
     /// [`BatchError::NoWorld`]; [`BatchError::Forked`].
     pub fn row(&self, world: usize) -> Result<Row, BatchError> {
         self.workers.check_process()?;
-        let mut row = None;
-        self.workers.each(|shard| {
-            let index = world.checked_sub(shard.first);
-            row = row.take().or(index.and_then(|index| shard.slots.get(index)).map(|slot| slot.row().clone()));
-        });
+        let row = self.workers.job(world).map(|job| job.slot.row().clone());
         row.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
     }
 
@@ -286,19 +276,10 @@ impl Batch {
         }
         self.workers.check_process()?;
         let (mut worlds, mut observation) = (Vec::with_capacity(range.len()), Vec::new());
-        self.workers.each(|shard| {
-            let count = shard.slots.len();
-            for index in 0..count {
-                if range.contains(&(shard.first + index)) {
-                    worlds.push(shard.slots[index].save());
-                    observation.extend_from_slice(part(&mut shard.outputs.observation, index, count));
-                }
-            }
-        });
-        let number = |(index, saved): (usize, Result<_, _>)| {
-            saved.map_err(|source| BatchError::Task { world: range.start + index, source })
-        };
-        let worlds = worlds.into_iter().enumerate().map(number).collect::<Result<_, _>>()?;
+        for job in self.workers.jobs().skip(range.start).take(range.len()) {
+            worlds.push(job.slot.save().map_err(|source| BatchError::Task { world: job.world, source })?);
+            observation.extend_from_slice(&job.observation);
+        }
         Ok(Snapshot { settings: settings.to_vec(), worlds, observation })
     }
 
@@ -314,43 +295,40 @@ impl Batch {
         check_length("worlds of the snapshot", snapshot.worlds.len(), self.worlds)?;
         self.workers.check_process()?;
         let mut loaded = Ok(());
-        self.workers.each(|shard| {
-            for (index, world) in snapshot.worlds[shard.first..][..shard.slots.len()].iter().enumerate() {
-                if let Err(error) = shard.load(index, world) {
-                    loaded = Err(error);
-                }
-            }
-            let numbers = &mut shard.outputs.observation;
-            let (first, count) = (shard.first * (numbers.len() / shard.slots.len()), numbers.len());
-            numbers.copy_from_slice(&snapshot.observation[first..first + count]);
-        });
+        let each = self.spec.observation_length();
+        for (mut job, state) in self.workers.jobs().zip(&snapshot.worlds) {
+            let bank = &self.banks[job.slot.bank];
+            loaded = loaded.and(job.load(state, bank));
+            let first = job.world * each;
+            job.observation.copy_from_slice(&snapshot.observation[first..first + each]);
+        }
         observation.copy_from_slice(&snapshot.observation);
         self.torn = loaded.is_err();
         loaded
     }
 
-    /// Lets every world carry out an order; `finish` sees the worlds of each thread if all went well there.
+    /// Lets every world carry out an order; `finish` sees those where all went well.
     fn carry_out(
         &mut self,
         order: &Order,
         actions: &[f64],
         may_go_on: &mut dyn FnMut() -> bool,
-        mut finish: impl FnMut(&mut Shard),
+        mut finish: impl FnMut(&mut Job),
     ) -> Result<(), BatchError> {
         let mut error: Option<BatchError> = None;
         let each = actions.len() / self.worlds;
-        let prepare = |shard: &mut Shard| {
-            shard.order = order.clone();
+        let prepare = |job: &mut Job| {
+            job.order = order.clone();
             if each > 0 {
-                let count = shard.actions.len();
-                shard.actions.copy_from_slice(&actions[shard.first * each..][..count]);
+                job.action.copy_from_slice(&actions[job.world * each..][..each]);
             }
         };
-        self.workers.run(prepare, may_go_on, |shard| match shard.error.take() {
-            None => finish(shard),
-            // The threads' worlds come in order: of several errors the first world's is kept.
+        let went_on = self.workers.run(prepare, may_go_on, |job| match job.error.take() {
+            None => finish(job),
+            // Of several errors the first world's is kept.
             Some(found) => error = error.take().or(Some(found)),
         });
+        error = error.or((!went_on).then_some(BatchError::Stopped));
         self.torn = error.is_some();
         error.map_or(Ok(()), Err)
     }
@@ -364,10 +342,7 @@ impl Batch {
     fn check_ended(&self) -> Result<(), BatchError> {
         let mut ended = None;
         if self.autoreset == Autoreset::Disabled {
-            self.workers.each(|shard| {
-                let found = shard.slots.iter().position(|slot| slot.has_ended);
-                ended = ended.or(found.map(|index| shard.first + index));
-            });
+            ended = self.workers.jobs().find(|job| job.slot.has_ended).map(|job| job.world);
         }
         ended.map_or(Ok(()), |world| Err(BatchError::Ended { world }))
     }

@@ -1,6 +1,7 @@
 //! Buffers for the results of a step.
 
-use crate::{BatchError, Spec};
+use crate::job::{Job, part};
+use crate::{BatchError, Outcome, Spec};
 
 /// Buffers of the caller, which receive the results of a step. Arrays are in the order of worlds; the numbers of a
 /// world are in the order of [`Spec`](crate::Spec).
@@ -85,29 +86,21 @@ impl Buffers<'_> {
         Ok(())
     }
 
-    /// Copies the results of consecutive worlds.
-    pub(crate) fn copy_from(&mut self, part: &Outputs, first: usize) {
-        let worlds = part.reward.len();
-        let (observation, terms) = (part.observation.len() / worlds, part.reward_terms.len() / worlds);
-        place(self.observation, &part.observation, first * observation);
-        if let Some(buffer) = &mut self.final_observation {
-            for world in (0..worlds).filter(|&world| part.terminated[world] || part.truncated[world]) {
-                let numbers = &part.final_observation[world * observation..][..observation];
-                place(buffer, numbers, (first + world) * observation);
-            }
+    /// Copies the results of a world.
+    pub(crate) fn copy_from(&mut self, job: &Job) {
+        let (world, outcome) = (job.world, job.outcome);
+        job.copy_observation(self.observation);
+        if let Some(buffer) = self.final_observation.as_deref_mut().filter(|_| outcome != Outcome::Continues) {
+            part(buffer, world, job.final_observation.len()).copy_from_slice(&job.final_observation);
         }
-        place(self.reward, &part.reward, first);
-        if let Some(buffer) = &mut self.reward_terms {
-            place(buffer, &part.reward_terms, first * terms);
+        self.reward[world] = job.reward;
+        if let Some(buffer) = self.reward_terms.as_deref_mut() {
+            part(buffer, world, job.reward_terms.len()).copy_from_slice(&job.reward_terms);
         }
-        place(self.terminated, &part.terminated, first);
-        place(self.truncated, &part.truncated, first);
-        place(self.success, &part.success, first);
+        self.terminated[world] = matches!(outcome, Outcome::Success | Outcome::Failure);
+        self.truncated[world] = outcome == Outcome::TimeOut;
+        self.success[world] = outcome == Outcome::Success;
     }
-}
-
-fn place<T: Copy>(buffer: &mut [T], part: &[T], first: usize) {
-    buffer[first..first + part.len()].copy_from_slice(part);
 }
 
 /// Refuses sizes that the system has no memory for.

@@ -142,10 +142,10 @@ pub enum BatchError {
         source: TaskError,
     },
     /// The task panicked; its own message is on stderr.
-    #[error("the task panicked in one of the worlds from {first} on")]
+    #[error("world {world}: the task panicked")]
     Panicked {
-        /// First world of the thread in which it did.
-        first: usize,
+        /// Index of the world in the batch.
+        world: usize,
     },
     /// The caller broke off the step after some worlds had taken it.
     #[error("the step was broken off; reset the batch or restore a snapshot")]

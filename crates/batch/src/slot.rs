@@ -76,8 +76,8 @@ pub(crate) struct Shared {
 
 /// The state of a world while others have their turn.
 pub(crate) struct Slot {
-    /// Index into the stages of its thread.
-    pub stage: usize,
+    /// Index of its bank.
+    pub bank: usize,
     /// Whether the last step ended the episode, and the next one has not begun.
     pub has_ended: bool,
     row: Row,
@@ -128,11 +128,11 @@ pub(crate) struct Results<'a> {
 }
 
 impl Slot {
-    pub fn new(stage: usize, bank: &ReadyBank, task: &dyn Task, seed: u64, world: usize) -> Self {
+    pub fn new(bank: usize, ready: &ReadyBank, task: &dyn Task, seed: u64, world: usize) -> Self {
         Self {
-            stage,
+            bank,
             has_ended: false,
-            row: Row::zeros(bank.scene.robot_layout()),
+            row: Row::zeros(ready.scene.robot_layout()),
             start: 0,
             shortened: 0,
             task: task.boxed(),

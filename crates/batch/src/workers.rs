@@ -1,90 +1,135 @@
-//! The threads of a batch. Each keeps its worlds, so that the split depends on nothing; threads sleep between calls.
+//! The threads of a batch. Each begins with worlds of its own, whose memory its core knows, and then takes those that others
+//! have not come to, so that no core waits for a slower one. Threads sleep between calls.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{JoinHandle, Thread};
 
 use crate::BatchError;
-use crate::shard::Shard;
+use crate::job::{Hand, Job};
 
-/// Who may use a shard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Turn {
-    Caller,
-    Worker,
-    /// The thread must end.
-    Over,
+/// So often a thread that has nothing to do yields before it sleeps: for some 200 µs on an idle core, about as long as passes
+/// between two steps that follow each other at once. To wake a sleeping thread takes a good part of that.
+const YIELDS: usize = 500;
+
+/// Who may use a job: the caller, the first thread that takes it, or the thread that took it.
+const CALLER: u8 = 0;
+const DUE: u8 = 1;
+const TAKEN: u8 = 2;
+
+/// In place of a number of calls: the threads must end.
+const OVER: usize = usize::MAX;
+
+/// What the threads share.
+struct Board {
+    /// One for each world. The locks are never contended: [`Board::turns`] says who may use a job.
+    jobs: Vec<Mutex<Job>>,
+    turns: Vec<AtomicU8>,
+    /// Number of calls so far. A thread that has seen fewer looks for jobs.
+    calls: AtomicUsize,
+    /// Number of threads that have begun.
+    begun: AtomicUsize,
+    /// Whether jobs that are still due must not be done.
+    stop: AtomicBool,
+    /// Whom to wake when there is nothing left to take.
+    caller: Mutex<Thread>,
 }
 
-struct Seat {
-    held: Mutex<(Turn, Shard)>,
-    turn: Condvar,
+/// A panic is caught before it can leave anything half-way; nothing poisons a lock.
+fn lock<T>(held: &Mutex<T>) -> MutexGuard<'_, T> {
+    held.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Seat {
-    fn lock(&self) -> MutexGuard<'_, (Turn, Shard)> {
-        // A panic is caught before it can leave a shard half-way; nothing poisons the lock.
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn wait(&self, until: impl Fn(Turn) -> bool) -> MutexGuard<'_, (Turn, Shard)> {
-        let waited = self.turn.wait_while(self.lock(), |(turn, _)| !until(*turn));
-        waited.unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn give(&self, turn: Turn) {
-        self.lock().0 = turn;
-        self.turn.notify_all();
-    }
-
-    /// The loop of a thread.
-    fn serve(&self, stop: &AtomicBool) {
-        loop {
-            let mut held = self.wait(|turn| turn != Turn::Caller);
-            if held.0 == Turn::Over {
-                return;
-            }
-            run(&mut held.1, || !stop.load(Ordering::Relaxed));
-            held.0 = Turn::Caller;
-            drop(held);
-            self.turn.notify_all();
+/// Waits until something holds of which another thread makes sure before it unparks this one.
+fn wait(until: impl Fn() -> bool) {
+    let mut yields = 0..YIELDS;
+    while !until() {
+        match yields.next() {
+            Some(_) => std::thread::yield_now(),
+            None => std::thread::park(),
         }
     }
 }
 
-/// Carries out a shard's order; a panic of the task becomes an error.
-fn run(shard: &mut Shard, may_go_on: impl FnMut() -> bool) {
-    if catch_unwind(AssertUnwindSafe(|| shard.run(may_go_on))).is_err() {
-        shard.error = Some(BatchError::Panicked { first: shard.first });
+impl Board {
+    /// Does the jobs that are due, those of its own worlds first; of others, those that their thread would come to last.
+    /// `ask` is called before each.
+    fn work(&self, hand: &mut Hand, ask: &mut dyn FnMut()) {
+        let (own, reach) = (hand.own.clone(), hand.reach.clone());
+        let others = (reach.start..own.start).rev().chain((own.end..reach.end).rev());
+        for world in own.chain(others) {
+            let turn = &self.turns[world];
+            if turn.load(Ordering::Relaxed) != DUE {
+                continue;
+            }
+            ask();
+            if turn.compare_exchange(DUE, TAKEN, Ordering::Acquire, Ordering::Relaxed).is_err() {
+                continue;
+            }
+            let mut job = lock(&self.jobs[world]);
+            job.error = if self.stop.load(Ordering::Relaxed) {
+                Some(BatchError::Stopped)
+            } else {
+                let done = catch_unwind(AssertUnwindSafe(|| hand.run(&mut job)));
+                done.unwrap_or(Err(BatchError::Panicked { world })).err()
+            };
+            drop(job);
+            turn.store(CALLER, Ordering::Release);
+        }
+    }
+
+    /// The loop of a thread.
+    fn serve(&self, hand: &mut Hand) {
+        self.begun.fetch_add(1, Ordering::Release);
+        let mut seen = 0;
+        loop {
+            lock(&self.caller).unpark();
+            wait(|| self.calls.load(Ordering::Relaxed) != seen);
+            seen = self.calls.load(Ordering::Acquire);
+            if seen == OVER {
+                return;
+            }
+            self.work(hand, &mut || ());
+        }
     }
 }
 
-/// All shards of a batch. The caller's thread steps the worlds of the first one.
+/// All worlds of a batch and the threads that step them, the caller's among them.
 pub(crate) struct Workers {
-    seats: Vec<Arc<Seat>>,
-    stop: Arc<AtomicBool>,
+    board: Arc<Board>,
+    /// Of the caller's thread.
+    hand: Hand,
     threads: Vec<JoinHandle<()>>,
     /// The process that has the threads.
     process: u32,
 }
 
 impl Workers {
-    pub fn new(shards: Vec<Shard>) -> Result<Self, BatchError> {
-        let seat = |shard| Arc::new(Seat { held: Mutex::new((Turn::Caller, shard)), turn: Condvar::new() });
-        let seats = shards.into_iter().map(seat).collect();
-        let mut workers = Self { seats, stop: Arc::default(), threads: Vec::new(), process: std::process::id() };
-        for seat in &workers.seats[1..] {
-            let (seat, stop) = (Arc::clone(seat), Arc::clone(&workers.stop));
+    /// `hand` is the caller's; each of the others gets a thread.
+    pub fn new(jobs: Vec<Job>, hand: Hand, others: impl Iterator<Item = Hand>) -> Result<Self, BatchError> {
+        let board = Arc::new(Board {
+            turns: jobs.iter().map(|_| AtomicU8::new(CALLER)).collect(),
+            jobs: jobs.into_iter().map(Mutex::new).collect(),
+            calls: AtomicUsize::new(0),
+            begun: AtomicUsize::new(0),
+            stop: AtomicBool::new(false),
+            caller: Mutex::new(std::thread::current()),
+        });
+        let mut workers = Self { board, hand, threads: Vec::new(), process: std::process::id() };
+        for mut hand in others {
+            let board = Arc::clone(&workers.board);
             let thread = std::thread::Builder::new().name("fiatlux-batch".into());
-            workers.threads.push(thread.spawn(move || seat.serve(&stop)).map_err(BatchError::Thread)?);
+            workers.threads.push(thread.spawn(move || board.serve(&mut hand)).map_err(BatchError::Thread)?);
         }
+        // To begin takes memory, of which a step takes none.
+        wait(|| workers.board.begun.load(Ordering::Acquire) == workers.threads.len());
         Ok(workers)
     }
 
     /// Number of threads, including the caller's.
     pub fn len(&self) -> usize {
-        self.seats.len()
+        self.threads.len() + 1
     }
 
     /// Refuses a forked child of the process that started the threads, which does not have them.
@@ -93,52 +138,64 @@ impl Workers {
         if is_complete { Ok(()) } else { Err(BatchError::Forked { parent: self.process }) }
     }
 
-    /// Shows each shard in turn to `prepare`, lets all of them carry out their orders at the same time, and shows them
-    /// to `finish`. The caller's thread asks before each of its worlds whether to continue; if not, every thread stops.
+    /// Shows each job to `prepare`, lets the threads do all of them, and shows them in order to `finish`. The caller's thread
+    /// asks before each job that it takes or finishes whether to continue; if not, no further one is done. Returns whether
+    /// all went on.
     pub fn run(
         &mut self,
-        mut prepare: impl FnMut(&mut Shard),
+        mut prepare: impl FnMut(&mut Job),
         may_go_on: &mut dyn FnMut() -> bool,
-        mut finish: impl FnMut(&mut Shard),
-    ) {
-        self.stop.store(false, Ordering::Relaxed);
-        let (own, others) = self.seats.split_at(1);
-        for seat in others {
-            prepare(&mut seat.lock().1);
-            seat.give(Turn::Worker);
+        mut finish: impl FnMut(&mut Job),
+    ) -> bool {
+        let board = &*self.board;
+        board.stop.store(false, Ordering::Relaxed);
+        *lock(&board.caller) = std::thread::current();
+        for (job, turn) in board.jobs.iter().zip(&board.turns) {
+            prepare(&mut lock(job));
+            turn.store(DUE, Ordering::Release);
         }
-        for seat in own {
-            let shard = &mut seat.lock().1;
-            prepare(shard);
-            run(shard, || {
-                let goes_on = may_go_on();
-                if !goes_on {
-                    self.stop.store(true, Ordering::Relaxed);
-                }
-                goes_on
-            });
-            finish(shard);
+        self.announce(board.calls.load(Ordering::Relaxed) + 1);
+        let mut ask = || {
+            let is_stopped = board.stop.load(Ordering::Relaxed);
+            if !is_stopped && !catch_unwind(AssertUnwindSafe(&mut *may_go_on)).unwrap_or(false) {
+                board.stop.store(true, Ordering::Relaxed);
+            }
+        };
+        board.work(&mut self.hand, &mut ask);
+        for (job, turn) in board.jobs.iter().zip(&board.turns) {
+            ask();
+            wait(|| turn.load(Ordering::Acquire) == CALLER);
+            finish(&mut lock(job));
         }
-        for seat in others {
-            finish(&mut seat.wait(|turn| turn == Turn::Caller).1);
-        }
+        !board.stop.load(Ordering::Relaxed)
     }
 
-    /// Shows each shard in turn.
-    pub fn each(&self, mut see: impl FnMut(&mut Shard)) {
-        self.seats.iter().for_each(|seat| see(&mut seat.lock().1));
+    /// Sets the number of calls, and wakes the threads that sleep.
+    fn announce(&self, calls: usize) {
+        self.board.calls.store(calls, Ordering::Release);
+        self.threads.iter().for_each(|thread| thread.thread().unpark());
+    }
+
+    /// The job of a world, between calls.
+    pub fn job(&self, world: usize) -> Option<MutexGuard<'_, Job>> {
+        self.board.jobs.get(world).map(lock)
+    }
+
+    /// All jobs, between calls.
+    pub fn jobs(&self) -> impl Iterator<Item = MutexGuard<'_, Job>> {
+        self.board.jobs.iter().map(lock)
     }
 }
 
 impl Drop for Workers {
     fn drop(&mut self) {
         if self.check_process().is_err() {
-            // A lock may be held by a thread that does not exist here: leave everything as it is.
-            std::mem::forget(std::mem::take(&mut self.seats));
+            // The threads do not exist here, and one of them may hold a lock: leave everything as it is.
+            std::mem::forget(Arc::clone(&self.board));
             std::mem::forget(std::mem::take(&mut self.threads));
             return;
         }
-        self.seats.iter().for_each(|seat| seat.give(Turn::Over));
+        self.announce(OVER);
         for thread in self.threads.drain(..) {
             // It has caught every panic of a task; nothing is left to report.
             let _ = thread.join();

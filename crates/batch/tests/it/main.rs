@@ -5,4 +5,5 @@ mod common;
 mod refused;
 mod rulebook;
 mod states;
+mod threads;
 mod walking;

@@ -146,7 +146,7 @@ fn faults_of_a_task_stay_its_own() {
         let unsaved = batch.save().unwrap_err();
         assert!(matches!(unsaved, BatchError::Task { world: 0, .. }), "{unsaved}");
         let panicked = batch.step(&actions, &mut outputs.buffers()).unwrap_err();
-        assert!(matches!(panicked, BatchError::Panicked { first } if first == faulty / 2 * 2), "{panicked}");
+        assert!(matches!(panicked, BatchError::Panicked { world } if world == faulty), "{panicked}");
         assert!(matches!(batch.step(&[0.0; 4], &mut outputs.buffers()), Err(BatchError::Torn)));
         batch.reset(&mut []).unwrap();
         actions[faulty] = 2.0;

@@ -1,7 +1,7 @@
 //! Results depend on config and actions alone, and a saved state goes on exactly.
 
 use fiatlux_batch::{
-    Autoreset, Bank, Batch, BatchConfig, BatchError, Begin, Outputs, Snapshot, Walking, WalkingOptions,
+    Autoreset, Bank, Batch, BatchConfig, BatchError, Begin, Outputs, Ranges, Snapshot, Walking, WalkingOptions,
 };
 
 use crate::common::{actions, floor, play, simple, walkers};
@@ -21,6 +21,24 @@ fn threads_change_nothing() {
     for other in others {
         assert_eq!(alone, other);
     }
+}
+
+/// The same with more banks than every thread can step.
+#[test]
+fn threads_change_nothing_with_many_banks() {
+    let ranges = Ranges { mass: [0.8, 1.2], ..Ranges::NOMINAL };
+    let standing = Bank::standing(floor());
+    let banks: Vec<_> = (0..20).map(|seed| standing.clone().varied(&ranges, 1, seed)).collect();
+    let task = Walking::new(&standing.scene, WalkingOptions::default()).unwrap();
+    let rows = [1, 3, 7].map(|threads| {
+        let config = BatchConfig { worlds: 27, threads, ..BatchConfig::new(banks.clone()) };
+        let mut batch = Batch::new(config, &task).unwrap();
+        let mut outputs = Outputs::new(&batch);
+        let said = play(&mut batch, &mut outputs, 0..10);
+        (said, (0..27).map(|world| batch.row(world).unwrap()).collect::<Vec<_>>())
+    });
+    assert_eq!(rows[0], rows[1]);
+    assert_eq!(rows[0], rows[2]);
 }
 
 /// A world does the same in a smaller batch.

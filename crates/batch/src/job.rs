@@ -1,0 +1,165 @@
+//! One world of a batch as the threads see it, and what each thread has of its own.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use fiatlux_rules::Row;
+use fiatlux_world::World;
+
+use crate::slot::{ReadyBank, Results, Shared, Slot, Stage, Stopped};
+use crate::snapshot::{Snapshot, WorldState};
+use crate::{BatchError, Control, Outcome, Spec};
+
+/// Up to so many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
+const MAX_SHARED_BANKS: usize = 16;
+
+/// What to do with a world.
+#[derive(Debug, Clone)]
+pub(crate) enum Order {
+    /// Begin an episode, as `begin` says.
+    Reset,
+    /// Continue from the one world of a snapshot, if marked.
+    Load(Arc<Snapshot>),
+    /// End the episode, if marked.
+    End,
+    /// Take a control step with its action.
+    Step {
+        /// Whether to observe the last row of an episode too.
+        wants_final: bool,
+    },
+}
+
+/// Where the next episode of a world begins.
+#[derive(Debug, Clone, Default)]
+pub enum Begin {
+    /// Nowhere: the present one goes on.
+    #[default]
+    Stays,
+    /// At a start of its bank.
+    AtStart,
+    /// At a row of its scene, which becomes row 0: of another world, of a bag, or made by hand. Mass, friction and light are those of
+    /// a start of its bank.
+    AtRow(Box<Row>),
+}
+
+/// One world, what it should do, and its results. Two of them share no cache line.
+#[repr(align(64))]
+pub(crate) struct Job {
+    /// Index of the world in the batch.
+    pub world: usize,
+    pub slot: Slot,
+    pub order: Order,
+    pub begin: Begin,
+    pub is_marked: bool,
+    pub action: Vec<f64>,
+    pub observation: Vec<f32>,
+    pub final_observation: Vec<f32>,
+    pub reward: f32,
+    pub reward_terms: Vec<f32>,
+    pub outcome: Outcome,
+    pub error: Option<BatchError>,
+}
+
+impl Job {
+    pub fn new(world: usize, spec: &Spec, slot: Slot) -> Self {
+        let numbers = |length| vec![0.0; length];
+        Self {
+            world,
+            slot,
+            order: Order::Reset,
+            begin: Begin::AtStart,
+            is_marked: false,
+            action: vec![0.0; spec.actions.len()],
+            observation: numbers(spec.observation_length()),
+            final_observation: numbers(spec.observation_length()),
+            reward: 0.0,
+            reward_terms: numbers(spec.rewards.len()),
+            outcome: Outcome::Continues,
+            error: None,
+        }
+    }
+
+    /// Copies its observation to its place among those of all worlds.
+    pub fn copy_observation(&self, observation: &mut [f32]) {
+        part(observation, self.world, self.observation.len()).copy_from_slice(&self.observation);
+    }
+
+    /// Continues from a state; the observation is not changed.
+    pub fn load(&mut self, state: &WorldState, bank: &ReadyBank) -> Result<(), BatchError> {
+        self.slot.load(state, bank).map_err(|source| BatchError::Task { world: self.world, source })
+    }
+}
+
+/// What a thread has of its own: the worlds that it begins with, and one [`World`] for each bank, where the worlds of the
+/// bank take turns and which stays in the cache.
+pub(crate) struct Hand {
+    /// The worlds that it begins with.
+    pub own: Range<usize>,
+    /// The worlds that it can step: those of its banks.
+    pub reach: Range<usize>,
+    first_bank: usize,
+    stages: Vec<Stage>,
+    shared: Arc<Shared>,
+    control: Control,
+}
+
+impl Hand {
+    /// `worlds` are all worlds of the batch, spread evenly over the banks.
+    pub fn new(own: Range<usize>, worlds: usize, banks: &[Arc<ReadyBank>], shared: Arc<Shared>) -> Self {
+        let count = banks.len();
+        let (first, last) = match count {
+            ..=MAX_SHARED_BANKS => (0, count - 1),
+            _ => (own.start * count / worlds, (own.end - 1) * count / worlds),
+        };
+        let stage =
+            |bank: &Arc<ReadyBank>| Stage { bank: Arc::clone(bank), world: World::new(Arc::clone(&bank.scene)) };
+        let joints = banks[0].scene.robot_layout().joints;
+        Self {
+            own,
+            reach: (first * worlds).div_ceil(count)..((last + 1) * worlds).div_ceil(count),
+            first_bank: first,
+            stages: banks[first..=last].iter().map(stage).collect(),
+            shared,
+            control: Control {
+                action: vec![0.0; joints],
+                joint_target: vec![0.0; joints],
+                wrenches: Vec::with_capacity(8),
+                push: None,
+            },
+        }
+    }
+
+    /// Carries out a world's order.
+    pub fn run(&mut self, job: &mut Job) -> Result<(), BatchError> {
+        let stage = &mut self.stages[job.slot.bank - self.first_bank];
+        let (shared, world) = (&*self.shared, job.world);
+        let done = match &job.order {
+            Order::Reset => match std::mem::take(&mut job.begin) {
+                Begin::Stays => Ok(()),
+                Begin::AtStart => job.slot.begin(stage, shared, None, &mut job.observation),
+                Begin::AtRow(row) => job.slot.begin(stage, shared, Some(&row), &mut job.observation),
+            },
+            Order::Load(snapshot) if job.is_marked => {
+                job.observation.copy_from_slice(&snapshot.observation);
+                job.slot.load(&snapshot.worlds[0], &stage.bank).map_err(Stopped::Task)
+            }
+            Order::End if job.is_marked => job.slot.end(stage, shared, &mut job.observation),
+            Order::Load(_) | Order::End => Ok(()),
+            Order::Step { wants_final } => {
+                let results = Results {
+                    observation: &mut job.observation,
+                    final_observation: wants_final.then_some(&mut job.final_observation[..]),
+                    reward_terms: &mut job.reward_terms,
+                };
+                let stepped = job.slot.step(stage, shared, &job.action, &mut self.control, results);
+                stepped.map(|(outcome, reward)| (job.outcome, job.reward) = (outcome, reward))
+            }
+        };
+        done.map_err(|stopped| stopped.at(world))
+    }
+}
+
+/// A world's part of an array that is world by world, with so many numbers each.
+pub(crate) fn part<T>(array: &mut [T], world: usize, each: usize) -> &mut [T] {
+    &mut array[world * each..][..each]
+}
