@@ -105,7 +105,7 @@ impl Plan {
         self.keyframes.iter().map(|key| key.seconds).sum()
     }
 
-    /// The plan until a foot has come down for the so-manieth time, and the weight is halfway to the other foot.
+    /// The plan until a foot has come down that many times, and the weight is halfway to the other foot.
     pub fn until_landing(&self, landings: usize) -> Self {
         let lands = |index: &usize| {
             *index > 0 && self.keyframes[*index].bears == [1.0; 2] && self.keyframes[index - 1].bears != [1.0; 2]
