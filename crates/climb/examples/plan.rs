@@ -71,7 +71,9 @@ impl Ladder {
         let foot = |id: ShapeId| soles.iter().position(|sole| ids.site(&sole.site).body == shape(id).body);
         let stands = |a: ShapeId, b: ShapeId| {
             let on = foot(a).and_then(|side| places[side]);
-            on.is_some_and(|on| if on == 0 { !shape(b).name.starts_with("ladder") } else { shape(b).name == SURFACES[on] })
+            on.is_some_and(
+                |on| if on == 0 { !shape(b).name.starts_with("ladder") } else { shape(b).name == SURFACES[on] },
+            )
         };
         let swings = |id: ShapeId| foot(id).is_some_and(|side| places[side].is_none());
         let gap = |a: ShapeId, b: ShapeId| match is_robot(a) && is_robot(b) {
@@ -79,7 +81,8 @@ impl Ladder {
             false if swings(a) || swings(b) => GAPS[2],
             false => GAPS[1],
         };
-        let pairs = model.shape_pairs().filter(|&(a, b)| (is_robot(a) || is_robot(b)) && !stands(a, b) && !stands(b, a));
+        let pairs =
+            model.shape_pairs().filter(|&(a, b)| (is_robot(a) || is_robot(b)) && !stands(a, b) && !stands(b, a));
         pairs.map(|(a, b)| Clearance { shapes: (a, b), margin: gap(a, b) }).collect()
     }
 }
@@ -88,7 +91,8 @@ fn main() {
     let file = std::env::args().nth(1).expect("name the file to write");
     let ladder = Ladder::new();
     let scene = &ladder.scene;
-    let mut planner = Planner::new(&scene.model, &scene.robot, &scene.robot_ids, Box::new(|places| ladder.clearances(places)));
+    let mut planner =
+        Planner::new(&scene.model, &scene.robot, &scene.robot_ids, Box::new(|places| ladder.clearances(places)));
     let mut feet = [0, 1].map(|side| ladder.foothold(side, 0));
     let mut state = scene.model.reference_state();
     let middle = (feet[0].sole.translation.vector + feet[1].sole.translation.vector) / 2.0;

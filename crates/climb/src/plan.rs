@@ -82,7 +82,8 @@ impl Plan {
             numbers.extend(key.pelvis.translation.vector.iter());
             numbers.extend([q.w, q.i, q.j, q.k]);
             numbers.extend(&key.angles);
-            let words: Vec<String> = numbers.iter().map(|number| format!("{}", (number * UNIT).round() as i64)).collect();
+            let words: Vec<String> =
+                numbers.iter().map(|number| format!("{}", (number * UNIT).round() as i64)).collect();
             let _ = writeln!(text, "{}", words.join(" "));
         }
         text
@@ -102,14 +103,6 @@ impl Plan {
     /// Time of the whole plan, s.
     pub fn seconds(&self) -> f64 {
         self.keyframes.iter().map(|key| key.seconds).sum()
-    }
-
-    /// The plan until a foot has come down for the so-manieth time, and the weight is halfway to the other foot.
-    pub fn until_landing(&self, landings: usize) -> Self {
-        let lands = |index: &usize| *index > 0 && self.keyframes[*index].bears == [1.0; 2] && self.keyframes[index - 1].bears != [1.0; 2];
-        let Some(landed) = (0..self.keyframes.len()).filter(lands).nth(landings.saturating_sub(1)) else { return self.clone() };
-        let shifts = self.keyframes[landed + 1..].iter().take_while(|key| key.bears == [1.0; 2]).count();
-        Self { keyframes: self.keyframes[..=landed + shifts / 2].to_vec() }
     }
 
     /// The posture at a time from its start, s; before it and beyond its end, the first and the last one. `None` for a plan

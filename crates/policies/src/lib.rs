@@ -1,7 +1,6 @@
 //! The built-in policies, one in each file, and the registry that makes policies by name.
 
 mod body;
-mod climb;
 mod entry;
 mod foreign;
 mod hold;
@@ -17,7 +16,6 @@ mod zero;
 
 use std::path::Path;
 
-pub use climb::Climb;
 pub use entry::Entry;
 pub use foreign::{Gear, Sonic};
 pub use hold::Hold;

@@ -3,7 +3,7 @@
 use fiatlux_client::{Policy, PolicyError};
 
 use crate::entry::Entry;
-use crate::{climb, foreign, hold, random, replay, stand, vla, walk, wbc, zero};
+use crate::{foreign, hold, random, replay, stand, vla, walk, wbc, zero};
 
 /// What a program plays: the built-in policies, and more that it adds.
 ///
@@ -28,7 +28,6 @@ impl Default for Policies {
             stand::ENTRY,
             wbc::ENTRY,
             walk::ENTRY,
-            climb::ENTRY,
             vla::ENTRY,
             foreign::GEAR,
             foreign::SONIC,
