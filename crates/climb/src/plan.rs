@@ -105,18 +105,6 @@ impl Plan {
         self.keyframes.iter().map(|key| key.seconds).sum()
     }
 
-    /// The plan until a foot has come down that many times, and the weight is halfway to the other foot.
-    pub fn until_landing(&self, landings: usize) -> Self {
-        let lands = |index: &usize| {
-            *index > 0 && self.keyframes[*index].bears == [1.0; 2] && self.keyframes[index - 1].bears != [1.0; 2]
-        };
-        let Some(landed) = (0..self.keyframes.len()).filter(lands).nth(landings.saturating_sub(1)) else {
-            return self.clone();
-        };
-        let shifts = self.keyframes[landed + 1..].iter().take_while(|key| key.bears == [1.0; 2]).count();
-        Self { keyframes: self.keyframes[..=landed + shifts / 2].to_vec() }
-    }
-
     /// The posture at a time from its start, s; before it and beyond its end, the first and the last one. `None` for a plan
     /// without keyframes.
     pub fn at(&self, time: f64) -> Option<Keyframe> {

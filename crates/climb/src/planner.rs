@@ -1,6 +1,6 @@
 //! Steps from foothold to foothold.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Mechanics, Model, Site, State};
 use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions};
@@ -67,7 +67,7 @@ pub struct Planner<'a> {
     ids: &'a RobotIds,
     apart: Box<Apart<'a>>,
     mechanics: Mechanics,
-    inverse: HashMap<Places, InverseKinematics>,
+    inverse: BTreeMap<Places, InverseKinematics>,
     /// Joints that move: legs and waist.
     moving: Vec<usize>,
 }
@@ -87,7 +87,7 @@ impl<'a> Planner<'a> {
         let moves = |name: &str| ["hip", "knee", "ankle", "waist"].iter().any(|part| name.contains(part));
         let moving = robot.joints().iter().enumerate().filter(|(_, joint)| moves(&joint.name));
         let moving = moving.map(|(index, _)| index).collect();
-        Self { model, robot, ids, apart, mechanics: Mechanics::new(model), inverse: HashMap::new(), moving }
+        Self { model, robot, ids, apart, mechanics: Mechanics::new(model), inverse: BTreeMap::new(), moving }
     }
 
     /// Angles that all joints rest at, the knees bent by so much, rad.
@@ -276,8 +276,8 @@ impl<'a> Planner<'a> {
         let rest = self.rest(bends);
         let rest: Vec<f64> = self.moving.iter().map(|index| rest[*index]).collect();
         let inverse = match self.inverse.entry(places) {
-            std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
-            std::collections::hash_map::Entry::Vacant(entry) => {
+            std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
+            std::collections::btree_map::Entry::Vacant(entry) => {
                 let joints: Vec<_> = self.moving.iter().map(|index| self.ids.joints[*index].body).collect();
                 let mut inverse = InverseKinematics::new(self.model, self.ids.root, &joints, true).ok()?;
                 inverse.options = SearchOptions {

@@ -1,7 +1,6 @@
 //! The built-in policies, one in each file, and the registry that makes policies by name.
 
 mod body;
-mod climb;
 mod entry;
 mod foreign;
 mod hands;
@@ -18,7 +17,6 @@ mod zero;
 
 use std::path::Path;
 
-pub use climb::Climb;
 pub use entry::Entry;
 pub use foreign::{Gear, Sonic};
 pub use hands::Hands;
