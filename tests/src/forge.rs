@@ -57,7 +57,6 @@ impl Parts {
     }
 }
 
-/// A journal's parts.
 #[derive(Debug, Clone)]
 pub struct JournalParts {
     pub registration: Registration,

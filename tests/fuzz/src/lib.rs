@@ -44,7 +44,6 @@ pub fn write_seeds(folder: &Path, seeds: impl IntoIterator<Item = (String, Vec<u
     std::process::exit(0)
 }
 
-/// Appends a message.
 pub fn put(out: &mut Vec<u8>, kind: u8, bytes: &[u8]) {
     out.push(kind);
     out.extend((bytes.len() as u32).to_le_bytes());

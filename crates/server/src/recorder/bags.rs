@@ -94,7 +94,6 @@ impl Bags {
         self.open.map(|open| part_of(open.writer.path()))
     }
 
-    /// Writes.
     ///
     /// # Errors
     /// The open bag had to be given up; this is also reported.

@@ -112,12 +112,10 @@ impl<'a> Board<'a> {
         self.service = serve(self.lab, &self.args, servers);
     }
 
-    /// Kills it.
     pub fn stop(&mut self) {
         self.service.kill();
     }
 
-    /// Its folder.
     pub fn folder(&self) -> PathBuf {
         self.lab.folder().path().join("board")
     }
