@@ -41,7 +41,7 @@ fn lock<T>(held: &Mutex<T>) -> MutexGuard<'_, T> {
     held.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Waits until something holds of which another thread makes sure before it unparks this one.
+/// Waits until something holds of which another thread makes sure before it wakes this one.
 fn wait(until: impl Fn() -> bool) {
     let mut yields = 0..YIELDS;
     while !until() {

@@ -63,6 +63,7 @@ fn robots_that_do_not_fit_a_row_are_refused() {
     let (before, after) = published.split_once(&format!("[[joint]]\n{finger}")).unwrap();
     let fixed = format!("{before}[[fixed]]\n{finger}{}", after.replacen(moving, "", 1))
         .replace("    \"L_pinky_intermediate_joint\",\n", "")
+        .replace("\"L_pinky_intermediate_joint\", ", "")
         .replace("joint_count = 53", "joint_count = 52");
     let without = |old: &str, new: &str| {
         assert_eq!(published.matches(old).count(), 1, "{old}");
