@@ -165,8 +165,7 @@ def play_theirs(model, commands):
     names = [model.joint(joint).name for joint in joints]
     places, rates = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     q0 = np.zeros(model.nu)
-    # An exported joint has the name of the link that it moves.
-    own = [names.index(name.replace("waist_pitch", "torso").replace("_joint", "_link")) for name in body.joint_names]
+    own = [names.index(name) for name in body.joint_names]
     q0[own] = body.q0
     data.qpos[:7] = [0, 0, 0.79, 1, 0, 0, 0]
     data.qpos[places] = q0

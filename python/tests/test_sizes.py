@@ -91,7 +91,8 @@ def test_a_vector_that_no_memory_holds():
 def test_one_rule_for_seeds():
     env, worlds = fiatlux.Env("S05"), fiatlux.VectorEnv("S05", 1, seeds=np.arange(1000, 1001), seed=np.int64(1))
     for seed in (np.int64(3), np.uint8(3), 3):
-        assert env.reset(seed=seed, options={"episode": np.int32(1)})[1] == {"seed": 3, "episode": 1}
+        info = env.reset(seed=seed, options={"episode": np.int32(1)})[1]
+        assert (info["seed"], info["episode"]) == (3, 1)
         worlds.reset(seed=seed)
 
     def zero(_):
