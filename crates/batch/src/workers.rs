@@ -9,8 +9,8 @@ use std::thread::{JoinHandle, Thread};
 use crate::BatchError;
 use crate::job::{Hand, Job};
 
-/// So often a thread that has nothing to do yields before it sleeps: for some 200 µs on an idle core, about as long as passes
-/// between two steps that follow each other at once. To wake a sleeping thread takes a good part of that.
+/// Times that a thread with nothing to do yields before it sleeps, so that it need not be woken between two steps that follow
+/// each other at once.
 const YIELDS: usize = 500;
 
 /// Who may use a job: the caller, the first thread that takes it, or the thread that took it.

@@ -218,7 +218,6 @@ fn check_robot(robot: &Robot) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Whether a link is `above` or hangs from it.
 /// Whether a link is another one or hangs below it.
 pub(crate) fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
     std::iter::successors(Some(link), |at| robot.links()[*at].parent).any(|at| at == above)

@@ -43,7 +43,7 @@ fn reached(side: &str, waist: bool, targets: usize) -> f64 {
     hits as f64 / targets as f64
 }
 
-/// `fiatlux-bench kinematics` draws 10,000 a palm.
+/// The example `time_kinematics` draws 10,000 a palm.
 #[test]
 fn palms_reach_what_random_angles_reach() {
     for side in ["left", "right"] {

@@ -129,3 +129,20 @@ fn an_interrupted_evaluation_is_resumed() {
     assert_eq!(graded, [0, 1, 2]);
     assert_eq!(bags(&out)[0], kept, "what was done is not done again");
 }
+
+/// Guards rooms in which `walk` struck or lost its bulb at the ladder, past a corner or for want of a path that is long enough.
+/// No force may come near the 50 N that break a bulb.
+#[test]
+fn walk_brings_its_bulb_to_the_ladder_unharmed() {
+    let scratch = Scratch::new("walk");
+    let out = scratch.path().join("out");
+    let asked = ["--policy", "walk", "--tasks", "S09", "--seeds", "189,231,306"];
+    assert!(evaluate(&asked, &out, &scratch).finish(PATIENCE).0.success());
+    let results = results(&out);
+    let episodes = results["episodes"].as_array().unwrap();
+    assert_eq!(episodes.len(), 3);
+    for episode in episodes {
+        let force = episode["peak_hand_force_n"].as_f64().unwrap();
+        assert!(episode["strict_success"] == true && episode["strict_clean"] == true && force < 30.0, "{episode}");
+    }
+}
