@@ -50,7 +50,7 @@ impl BodyCommand {
         [vx, vy, wz, self.height, roll, pitch, yaw]
     }
 
-    /// Whether it asks for steps.
+    /// True if it asks for steps.
     pub fn walks(&self) -> bool {
         self.velocity.iter().zip(STANDS_BELOW).any(|(velocity, least)| velocity.abs() >= least)
     }

@@ -29,7 +29,7 @@ pub enum DecodeError {
     Malformed {
         /// Name of the message.
         message: &'static str,
-        /// What the decoder says.
+        /// The decoder's message.
         reason: String,
     },
     /// A field that this version does not know: what it asks for would silently not happen.

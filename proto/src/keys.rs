@@ -9,7 +9,7 @@ pub const LEGACY_ROOT: &str = "fiatlux/v1";
 /// Longest name of a server, bytes.
 pub const MAX_NAME: usize = 64;
 
-/// Whether a text can be a server's name: 1 to 64 letters, digits, `-` or `_`.
+/// True if a text can be a server's name: 1 to 64 letters, digits, `-` or `_`.
 pub fn is_name(name: &str) -> bool {
     let fits = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_';
     (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(fits)
@@ -99,7 +99,7 @@ impl SessionKeys {
         fits.then(|| (ServerKeys::new(server).session(session), server, session))
     }
 
-    /// What all its keys begin with.
+    /// Prefix of all its keys.
     pub fn root(&self) -> &str {
         &self.root
     }

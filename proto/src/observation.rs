@@ -15,7 +15,7 @@ const OBSERVATION: &str = "fiatlux.v3.Observation";
 const IMAGE: &str = "fiatlux.v3.Image";
 /// Fields of an observation that no sensor fills.
 const NO_SENSORS: [&str; 3] = ["episode", "step", "end"];
-/// What is made of a camera's image.
+/// Messages made of a camera's image.
 const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.FlatObservation"];
 
 /// Why an observation, or a session's description of its own, was refused.
@@ -60,7 +60,7 @@ pub enum TermError {
 }
 
 impl ObservationTerm {
-    /// How many numbers it has.
+    /// Count of numbers in it.
     pub fn length(&self) -> usize {
         self.shape.iter().fold(1, |length, extent| length.saturating_mul(*extent as usize))
     }
@@ -73,10 +73,10 @@ impl SessionInfo {
     }
 }
 
-/// What the observations of a session hold, as the server described it.
+/// Fields of a session's observations, as the server described them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ObservationLayout {
-    /// How many numbers each field has.
+    /// Count of numbers in each field.
     counts: BTreeMap<String, usize>,
     /// Width and height by the field of the image.
     images: BTreeMap<String, [u64; 2]>,
@@ -183,7 +183,7 @@ impl Observation {
     }
 }
 
-/// Whether a sensor of that name shows a camera's image, or what is made of one.
+/// True if a sensor of that name shows a camera's image, or data made of one.
 pub fn is_of_images(sensor: &str) -> bool {
     find(sensor).and_then(|field| field.message.as_deref()).is_some_and(|made| MADE_OF_IMAGES.contains(&made))
 }
@@ -203,7 +203,7 @@ fn is_single(path: &str) -> bool {
     find(path).is_some_and(|field| !field.is_repeated && field.kind != Type::Bytes)
 }
 
-/// Whether a field is within the message at that path.
+/// True if a field is within the message at that path.
 fn within(field: &str, path: &str) -> bool {
     field.strip_prefix(path).is_some_and(|rest| rest.starts_with('.'))
 }
@@ -216,7 +216,7 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// How many numbers it holds.
+    /// Count of its numbers.
     fn count(&self) -> usize {
         match self.field.kind {
             Type::Float => self.contents.len() / 4,

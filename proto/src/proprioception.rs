@@ -1,9 +1,9 @@
-//! What a robot senses of its own body, which sensors, messages, controllers and policies share.
+//! Proprioception, as sensors, messages, controllers and policies share it.
 
 use crate::{NOMINAL_HEIGHT, v3};
 
-/// What a robot senses of its own body in one row. The pelvis frame is the pelvis link's. `J` has the numbers of the joints: a
-/// list of its own, or a slice of another one.
+/// Readings of a robot's own body in one row. The pelvis frame is the pelvis link's. `J` has the numbers of the joints: a list
+/// of its own, or a slice of another one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Proprioception<J = Vec<f64>> {
     /// Angular velocity of the pelvis, pelvis frame, rad/s.

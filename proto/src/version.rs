@@ -2,10 +2,10 @@
 
 use crate::v3::Version;
 
-/// What this build speaks. The major number changes when an old client would be misunderstood.
+/// Protocol version of this build. The major number changes when an old client would be misunderstood.
 pub const PROTOCOL: Version = Version { major: 3, minor: 8 };
 
-/// Whether this build understands a peer.
+/// True if this build understands a peer.
 pub fn is_compatible(peer: &Version) -> bool {
     peer.major == PROTOCOL.major
 }

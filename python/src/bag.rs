@@ -37,17 +37,17 @@ impl Bag {
         Ok(Self { file, pool })
     }
 
-    /// What was set when the episode began, as nested dictionaries.
+    /// Settings of the episode, as nested dictionaries.
     fn header<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         dictionary(py, &dynamic(&self.pool, self.file.header())?)
     }
 
-    /// How the episode ended; `None` in a bag that was cut.
+    /// End of the episode; `None` in a bag that was cut.
     fn result<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         self.file.result().map(|result| dictionary(py, &dynamic(&self.pool, result)?)).transpose()
     }
 
-    /// Whether the bag holds the whole episode.
+    /// True if the bag holds the whole episode.
     #[getter]
     fn is_whole(&self) -> bool {
         matches!(self.file.completeness(), Completeness::Whole)

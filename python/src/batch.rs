@@ -29,7 +29,7 @@ const WALKING_ROOM: (fiatlux_rules::Task, u64) = (fiatlux_rules::Task::S07, 1000
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Batch {
     worlds: Worlds,
-    /// What made it, for copies: `kind` and `arguments` of its constructor.
+    /// Constructor call that copies repeat: `kind` and `arguments`.
     recipe: (String, Py<PyTuple>),
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct Batch {
 #[pyclass(module = "fiatlux._native", frozen)]
 pub(crate) struct Snapshot(Saved);
 
-/// What pickle calls to make a copy, and its arguments.
+/// Constructor, arguments and state for pickle.
 type Reduced<'py> = (Bound<'py, PyAny>, (String, Py<PyTuple>, Snapshot));
 
 #[pymethods]

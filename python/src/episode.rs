@@ -169,7 +169,7 @@ impl Episode {
         self.play.digest().hex()
     }
 
-    /// What was drawn for the episode, as the header of its bag has it.
+    /// Domain sample of the episode, as the header of its bag has it.
     fn drawn<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         bag::described(py, &fiatlux_wire::domain_sample_message(&self.play.domain_sample()))
     }

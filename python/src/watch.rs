@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 
 /// Time between two checks for Ctrl-C.
 const PERIOD: Duration = Duration::from_millis(50);
-/// How long to wait for work that was asked to stop. A query without an answer may take longer, and ends by itself.
+/// Time to wait for work that was asked to stop. A query without an answer may take longer, and ends by itself.
 const STOPPING_TIME: Duration = Duration::from_secs(10);
 
 /// Progress that the work reports.

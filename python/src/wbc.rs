@@ -18,7 +18,7 @@ pub(crate) struct WholeBody {
     controller: Controller,
     arms: Arms,
     reach: Reach,
-    /// Whether an episode is under way.
+    /// An episode is under way.
     has_begun: bool,
 }
 

@@ -29,7 +29,7 @@ pub struct Start {
     pub variation: Variation,
     /// Light of the episode, which cameras see.
     pub light: Light,
-    /// How likely it is among the bank's starts, in any unit: finite, at least 0, and above 0 for one start of the bank.
+    /// Relative likelihood among the bank's starts: finite, at least 0, and above 0 for one start of the bank.
     pub weight: f64,
 }
 

@@ -18,7 +18,7 @@ pub struct Batch {
     worlds: usize,
     spec: Arc<Spec>,
     autoreset: Autoreset,
-    /// What a snapshot of all worlds must share, and one of a world in each bank.
+    /// Settings that a snapshot of all worlds must share, and those of one world in each bank.
     settings: Vec<(String, String)>,
     settings_of_banks: Vec<Vec<(String, String)>>,
     banks: Vec<Arc<ReadyBank>>,

@@ -16,11 +16,11 @@ pub struct Buffers<'a> {
     pub reward: &'a mut [f32],
     /// Each term of the reward.
     pub reward_terms: Option<&'a mut [f32]>,
-    /// Whether the episode ended by success or failure.
+    /// The episode ended by success or failure.
     pub terminated: &'a mut [bool],
-    /// Whether the episode ended by time-out.
+    /// The episode ended by time-out.
     pub truncated: &'a mut [bool],
-    /// Whether the episode ended by success.
+    /// The episode ended by success.
     pub success: &'a mut [bool],
 }
 

@@ -35,7 +35,7 @@ pub struct Wrenches {
     pub link: usize,
     /// Time from the end of one to the start of the next, s.
     pub interval_s: [f64; 2],
-    /// How long one lasts, s.
+    /// Duration of each, s.
     pub duration_s: [f64; 2],
     /// Largest force along each of the world's axes, N.
     pub force_n: f64,
@@ -74,7 +74,7 @@ impl Disturbances {
     }
 }
 
-/// What is under way in one world; times are in control steps.
+/// Disturbances under way in one world; times are in control steps.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Disturber {
     until_push: u32,

@@ -15,7 +15,7 @@ pub enum BankError {
         task: fiatlux_rules::Task,
         /// The benchmark's seed of the room.
         seed: u64,
-        /// What the scene's builder found.
+        /// The scene builder's error.
         #[source]
         source: SceneError,
     },
@@ -174,7 +174,7 @@ pub enum BatchError {
     /// Bytes are not those of a snapshot.
     #[error("the snapshot is damaged: {reason}")]
     Damaged {
-        /// What is wrong with it.
+        /// Fault of the value.
         reason: String,
     },
     /// The process is a forked child of the one that made the batch, and so has none of its threads.

@@ -13,7 +13,7 @@ use crate::{BatchError, Control, Outcome, Spec};
 /// Up to so many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
 const MAX_SHARED_BANKS: usize = 16;
 
-/// What to do with a world.
+/// A job for one world.
 #[derive(Debug, Clone)]
 pub(crate) enum Order {
     /// Begin an episode, as `begin` says.
@@ -24,7 +24,7 @@ pub(crate) enum Order {
     End,
     /// Take a control step with its action.
     Step {
-        /// Whether to observe the last row of an episode too.
+        /// Observe the last row of an episode too.
         wants_final: bool,
     },
 }
@@ -90,8 +90,8 @@ impl Job {
     }
 }
 
-/// What a thread has of its own: the worlds that it begins with, and one [`World`] for each bank, where the worlds of the
-/// bank take turns and which stays in the cache.
+/// A thread's own memory: the worlds that it begins with, and one [`World`] for each bank, where the worlds of the bank take
+/// turns and which stays in the cache.
 pub(crate) struct Hand {
     /// The worlds that it begins with.
     pub own: Range<usize>,

@@ -1,4 +1,4 @@
-//! How worlds may differ from their scene.
+//! Ranges in which worlds differ from their scene.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ pub struct Ranges {
     pub friction: BTreeMap<String, [f64; 2]>,
     /// Factor of the mass of a movable thing, by its name: `ladder`, `old_bulb`, `fresh_bulb`; above 0.
     pub thing_mass: BTreeMap<String, [f64; 2]>,
-    /// Whether each variation draws its own light, as episodes do.
+    /// Each variation draws its own light, as episodes do.
     pub light: bool,
 }
 

@@ -25,14 +25,14 @@ pub enum ActionForm {
     JointTarget,
 }
 
-/// How a batch plays a task of the benchmark.
+/// Options of a batch that plays a task of the benchmark.
 #[derive(Debug, Clone)]
 pub struct RulebookOptions {
     /// Which judge ends an episode and pays rewards.
     pub protocol: Protocol,
     /// Thresholds that the judges use.
     pub thresholds: Thresholds,
-    /// What ends an episode, in place of the task's own conditions.
+    /// Causes that end an episode, in place of the task's own.
     pub end_on: Option<Causes>,
     /// Control steps until time-out; the task's own if there are more.
     pub horizon_steps: u64,
@@ -44,8 +44,7 @@ pub struct RulebookOptions {
     /// Sensors of the observation, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has its
     /// own devices: a camera takes a few hundred kilobytes in each.
     pub sensors: Sensors,
-    /// Whether sensors have noise, from the world's random stream; the benchmark's own episodes draw it by seed and
-    /// episode.
+    /// Sensors have noise, from the world's random stream; the benchmark's own episodes draw it by seed and episode.
     pub noise: bool,
     /// Width and height of the cameras' images, pixels.
     pub image_size: [usize; 2],
@@ -89,13 +88,13 @@ pub struct Rulebook {
     noise: Option<NoiseSeed>,
     /// Label of the network's weights.
     weights: String,
-    /// What each term of the reward pays is multiplied by.
+    /// Factors of the reward's terms.
     factors: Arc<[f64]>,
     /// Actions that have yet to act, one after the other, the oldest first.
     delayed: Vec<f64>,
 }
 
-/// What a world remembers of its episode.
+/// State of an episode in one world.
 #[derive(Serialize, Deserialize)]
 struct State {
     judges: JudgesState,
@@ -106,7 +105,7 @@ struct State {
     delayed: Vec<f64>,
 }
 
-/// What the cameras of each scene see; worlds of one scene share it.
+/// The meshes of each scene, for its cameras; worlds of one scene share them.
 type SharedVisuals = Arc<Mutex<Vec<(Arc<Scene>, Arc<Visuals>)>>>;
 
 #[derive(Debug, Clone)]

@@ -68,7 +68,7 @@ pub(crate) struct Stage {
     pub world: World,
 }
 
-/// What all worlds of a batch share.
+/// Shared by all worlds of a batch.
 pub(crate) struct Shared {
     pub disturbances: Disturbances,
     pub autoreset: Autoreset,
@@ -78,7 +78,7 @@ pub(crate) struct Shared {
 pub(crate) struct Slot {
     /// Index of its bank.
     pub bank: usize,
-    /// Whether the last step ended the episode, and the next one has not begun.
+    /// The last step ended the episode, and the next one has not begun.
     pub has_ended: bool,
     row: Row,
     /// Index into the starts of its bank.

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use crate::disturbance::Disturber;
 use crate::{Bank, BatchConfig, BatchError, Task};
 
-/// What the bytes begin with: a name and the version of the layout that follows.
+/// First bytes of a snapshot: a name and the version of the layout that follows.
 const MAGIC: &[u8] = b"fiatlux-snapshot/2\n";
 /// Length of the digest of the rest, which comes next.
 const DIGEST: usize = 32;
@@ -39,7 +39,7 @@ pub(crate) struct WorldState {
     pub stream: (u64, u64),
     pub drawn: u64,
     pub disturber: Disturber,
-    /// What its task saved.
+    /// State that its task saved.
     pub task: Vec<u8>,
 }
 

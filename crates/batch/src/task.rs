@@ -51,7 +51,7 @@ pub trait Task: TaskClone + Send + Sync {
     /// Name and value of each of its settings. A snapshot is restored only where all of them are equal.
     fn settings(&self) -> Vec<(&'static str, String)>;
 
-    /// What it remembers of the episode, for a [`Snapshot`](crate::Snapshot).
+    /// Saves the state of the episode, for a [`Snapshot`](crate::Snapshot).
     ///
     /// # Errors
     /// By default, that the task cannot be saved.
@@ -100,7 +100,7 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// How many numbers an observation has.
+    /// Count of numbers in an observation.
     pub fn observation_length(&self) -> usize {
         self.observation.iter().map(Field::length).sum()
     }
@@ -134,12 +134,12 @@ impl Field {
         Self { name, shape: shape.into(), range }
     }
 
-    /// Whether the numbers are the bytes of a picture: height x width x 3, from 0 to 255.
+    /// True if the numbers are the bytes of a picture: height x width x 3, from 0 to 255.
     pub fn is_picture(&self) -> bool {
         matches!(self.shape[..], [_, _, 3]) && self.range == [0.0, 255.0]
     }
 
-    /// How many numbers the field has.
+    /// Count of numbers in the field.
     pub fn length(&self) -> usize {
         self.shape.iter().product()
     }
@@ -160,7 +160,7 @@ pub struct Control {
     pub push: Option<Push>,
 }
 
-/// Whether an episode continues after a row.
+/// Outcome of a step: the episode goes on or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// The episode goes on with another step.

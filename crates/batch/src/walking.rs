@@ -35,10 +35,10 @@ const START_NOISE: (f64, f64, f64) = (0.08, 0.06, 0.3);
 const SLOW_S: f64 = 0.3;
 /// Most frames in an observation, 20 s.
 const MAX_FRAMES: usize = 1_000;
-/// How far from the room's middle the robot walks, where there is a room, m: inside, 20 s at 1 m/s would end at a wall.
+/// Distance of the robot from the room's middle, where there is a room, m: inside, 20 s at 1 m/s would end at a wall.
 const OUTSIDE_M: f64 = 50.0;
 
-/// What only a critic should see, without noise: name, count.
+/// Terms that only a critic should see, without noise: name, count.
 const PRIVILEGED: [(&str, usize); 11] = [
     ("velocity", 6),
     ("slow_velocity", 3),
@@ -53,7 +53,7 @@ const PRIVILEGED: [(&str, usize); 11] = [
     ("hand_force", 6),
 ];
 
-/// How walking is played.
+/// Options of walking.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WalkingOptions {
     /// Frames in an observation, the newest last.

@@ -21,7 +21,7 @@ const TAKEN: u8 = 2;
 /// In place of a number of calls: the threads must end.
 const OVER: usize = usize::MAX;
 
-/// What the threads share.
+/// Shared by the threads.
 struct Board {
     /// One for each world. The locks are never contended: [`Board::turns`] says who may use a job.
     jobs: Vec<Mutex<Job>>,
@@ -30,7 +30,7 @@ struct Board {
     calls: AtomicUsize,
     /// Number of threads that have begun.
     begun: AtomicUsize,
-    /// Whether jobs that are still due must not be done.
+    /// Jobs that are still due must not be done.
     stop: AtomicBool,
     /// Whom to wake when there is nothing left to take.
     caller: Mutex<Thread>,

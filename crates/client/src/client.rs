@@ -54,7 +54,7 @@ const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest time for each attempt to claim a session, s: the server closes a session that is not claimed within 2 s.
 const CLAIM_TIMEOUT_S: f64 = 0.5;
 
-/// How long to open sessions again that the server closes before they are used.
+/// Time for which sessions are opened again that the server closes before they are used.
 const REOPEN_TIME: Duration = Duration::from_secs(5);
 
 /// Longest time until a requested stop is noticed.

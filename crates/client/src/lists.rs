@@ -5,7 +5,7 @@ use std::str::FromStr;
 use fiatlux_rules::Task;
 
 /// Largest number of seeds in one range.
-const MOST_SEEDS: u64 = 10_000;
+const MAX_SEEDS: u64 = 10_000;
 
 /// Parses a list of tasks, such as `S01,S05,climb`, or `all` for the twelve subtasks; sorted, without duplicates.
 ///
@@ -79,9 +79,9 @@ pub fn parse_seeds(text: &str) -> Result<Vec<u64>, String> {
             None => seeds.push(seed(part)?),
             Some((first, last)) => {
                 let (first, last) = (seed(first)?, seed(last.trim_start_matches('='))?);
-                if last < first || last - first >= MOST_SEEDS {
+                if last < first || last - first >= MAX_SEEDS {
                     return Err(format!(
-                        "'{part}' is not a range of 1 to {MOST_SEEDS} seeds, from the first to the last"
+                        "'{part}' is not a range of 1 to {MAX_SEEDS} seeds, from the first to the last"
                     ));
                 }
                 seeds.extend(first..=last);

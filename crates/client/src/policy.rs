@@ -93,7 +93,7 @@ pub enum PolicyError {
     Unfit {
         /// Name of the policy.
         policy: &'static str,
-        /// What does not fit, and what to do about it.
+        /// The mismatch, and its remedy.
         reason: String,
     },
     /// The policy's own error, which says why it cannot be made or cannot continue.
@@ -131,7 +131,7 @@ pub enum PolicyError {
         policy: String,
         /// The list with the error: `action` or `joint_target`.
         field: &'static str,
-        /// What is wrong with the list.
+        /// Fault of the list.
         problem: String,
         /// Step of the observation that the command answers.
         step: u64,

@@ -22,7 +22,7 @@ pub use episodes::{Attempt, AttemptEnd, WantedEpisode, play_each};
 pub use file::{RunFile, RunFileError};
 pub use outcome::{EpisodeFate, EpisodeOutcome, Playing, RunOutcome, RunProgress};
 
-/// How to play a run.
+/// Options of a run.
 #[derive(Debug, Clone)]
 pub struct RunOptions {
     /// Name, key and contents of the run, see [`RunFile::open`].
@@ -32,10 +32,9 @@ pub struct RunOptions {
     pub server: Option<String>,
     /// Episodes to play at once, over all servers; `None` for as many as the servers accept, but at most eight on each.
     pub parallel: Option<usize>,
-    /// Whether to close the run even if episodes could not be played. They then count as failures and can no longer be
-    /// played.
+    /// Closes the run even if episodes could not be played. They then count as failures and can no longer be played.
     pub give_up_lost: bool,
-    /// How long to wait if all servers are gone, or if none lets anything be played.
+    /// Time to wait if all servers are gone, or if none lets anything be played.
     pub patience: Duration,
     /// Keys and tokens for the handshakes.
     pub access: Access,
@@ -121,7 +120,7 @@ impl Client {
 #[derive(Debug, Clone)]
 struct Group {
     name: String,
-    /// Whether servers whose names begin with the name and a hyphen belong to it too.
+    /// Servers whose names begin with the name and a hyphen belong to it too.
     is_open: bool,
 }
 

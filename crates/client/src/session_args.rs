@@ -46,7 +46,7 @@ pub struct SessionArgs {
     /// Reward to record: benchmark or training
     #[arg(long, value_name = "NAME")]
     reward: Option<String>,
-    /// What to keep fixed, such as start,noise
+    /// Quantities to keep fixed, such as start,noise
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     fix: Vec<Fixed>,
     /// Sizes of props: random, or factors such as ladder_z=1.05,socket=0.95 (ladder_x, ladder_y, ladder_z, socket,
@@ -61,7 +61,7 @@ pub struct SessionArgs {
     end_on: Vec<String>,
 }
 
-/// What can be kept fixed.
+/// Quantities that can be kept fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Fixed {
     /// The room of seed 0, whatever the seed

@@ -1,4 +1,4 @@
-//! What a body and a shape may be.
+//! Checks of bodies and shapes.
 
 use nalgebra::SymmetricEigen;
 

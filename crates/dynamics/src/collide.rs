@@ -72,7 +72,7 @@ pub(crate) struct Collider {
     moving: Vec<Moving>,
 }
 
-/// What contacts of single pairs are worked out in.
+/// Scratch memory for contacts of single pairs.
 #[derive(Clone)]
 struct Scratch {
     manifold: ContactManifold<(), ()>,
@@ -115,7 +115,7 @@ struct Carrier {
     shapes: std::ops::Range<usize>,
 }
 
-/// What the update of a moving shape needs.
+/// Inputs of the update of a moving shape.
 #[derive(Debug, Clone)]
 struct Moving {
     shape: usize,

@@ -1,4 +1,4 @@
-//! What is known of one contact point after a step.
+//! Readings of a contact point after a step.
 
 use nalgebra::Vector3;
 

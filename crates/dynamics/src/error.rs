@@ -24,7 +24,7 @@ pub enum ModelError {
         part: &'static str,
         /// Name of the part.
         name: String,
-        /// What is wrong and what to do.
+        /// Fault and remedy.
         reason: String,
     },
     /// An array has the wrong length.

@@ -47,7 +47,7 @@ impl Geometry {
         if let Self::Capsule { radius, half_length } = self { Some((*radius, *half_length)) } else { None }
     }
 
-    /// How far it reaches from its origin along a unit vector, m. Infinite for a half-space.
+    /// Reach from its origin along a unit vector, m. Infinite for a half-space.
     pub fn reach(&self, direction: &Vector3<f64>) -> f64 {
         match self {
             Self::HalfSpace => f64::INFINITY,

@@ -1,9 +1,9 @@
-//! What a caller may change in every step.
+//! Inputs of a step.
 
 use crate::spatial::Wrench;
 use crate::spec::BodyId;
 
-/// What acts on the bodies during one step besides gravity, limits and contact.
+/// Influences on the bodies during one step besides gravity, limits and contact.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Input<'a> {
     /// Joint targets, rad, in the order of [`Model::drives`](crate::Model::drives).

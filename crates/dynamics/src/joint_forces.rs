@@ -1,4 +1,4 @@
-//! What acts on one degree of freedom alone: drives and joint limits.
+//! Forces on single degrees of freedom: drives and joint limits.
 
 use crate::spec::{Drive, Hinge};
 
@@ -39,7 +39,7 @@ impl ImplicitDrive {
         Self { dof, offset: drive.stiffness * error, slope, limit, speed_limit, corner: Drive::CORNER * speed_limit }
     }
 
-    /// What caution adds to the derivative in the Hessian: for a saturated drive the secant to where its effort is zero,
+    /// Addition of caution to the derivative in the Hessian: for a saturated drive the secant to where its effort is zero,
     /// which bounds the potential from above (as for Huber's function).
     pub fn extra_stiffness(&self, velocity: f64, caution: f64) -> f64 {
         let (effort, slope) = self.effort(velocity);
@@ -98,7 +98,7 @@ impl JointLimit {
         limited.then_some(Self { dof, low, high, compliance: COMPLIANCE * inverse_weight })
     }
 
-    /// Whether a velocity stays within the limits.
+    /// True if a velocity stays within the limits.
     #[inline(always)]
     pub fn allows(&self, velocity: f64) -> bool {
         velocity >= self.low && velocity <= self.high

@@ -1,4 +1,4 @@
-//! What a state of a model means to planners and controllers: poses, velocities, Jacobians and the equation of motion.
+//! Readings of a state for planners and controllers: poses, velocities, Jacobians and the equation of motion.
 
 use std::sync::Arc;
 

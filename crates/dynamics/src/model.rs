@@ -1,4 +1,4 @@
-//! What is simulated: bodies in trees, their joints, drives and shapes. Built once, checked, then constant.
+//! The simulated model: bodies in trees, their joints, drives and shapes. Built once, checked, then constant.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -12,7 +12,7 @@ pub const MAX_DOFS: usize = 128 * MAX_WORDS;
 /// A body of a finished model.
 #[derive(Debug, Clone)]
 pub struct Body {
-    /// What was asked for.
+    /// The caller's description.
     pub spec: BodySpec,
     /// First entry in `qpos`.
     pub qpos_start: usize,

@@ -41,7 +41,7 @@ const CONTACTS_EXPECTED: [usize; 2] = [128, 20];
 /// Gap up to which a contact point without load counts as touching in a report, m.
 const TOUCHING: f64 = 5e-4;
 
-/// What one step minimises.
+/// The objective of one step.
 #[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub model: &'a Model,
@@ -52,7 +52,7 @@ pub(crate) struct Problem<'a> {
     pub dt: f64,
 }
 
-/// How the solve of one step went.
+/// Statistics of the solve of one step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StepReport {
     /// Newton iterations, of both tries.
@@ -60,7 +60,7 @@ pub struct StepReport {
     /// False when the iteration cap was reached first in some substep of the last try, or when numbers out of range left no
     /// positive definite Hessian.
     pub converged: bool,
-    /// Whether the first try did not converge.
+    /// The first try did not converge.
     pub retried: bool,
     /// Substeps that the step was divided into, in the try that counts.
     pub substeps: u32,
@@ -93,10 +93,10 @@ pub(crate) struct Solver<const W: usize> {
     constraint: Vec<f64>,
     direction: Vec<f64>,
     mass_direction: Vec<f64>,
-    /// How far the Hessian goes from the objective's own (0) to one that bounds the objective from above (1). Short steps
-    /// of the line search raise it: Newton runs across the kinks of friction and saturation then.
+    /// Blend from the objective's own Hessian (0) to one that bounds the objective from above (1). Short steps of the line
+    /// search raise it: Newton runs across the kinks of friction and saturation then.
     caution: f64,
-    /// What drives, limits and locks add to the Hessian's diagonal.
+    /// Contribution of drives, limits and locks to the Hessian's diagonal.
     diagonal: Vec<f64>,
     /// Rows for which the Hessian has been factorised.
     begun: RowSet<W>,
@@ -184,7 +184,7 @@ impl<const W: usize> Solver<W> {
         converged
     }
 
-    /// Whether the minimum is reached, and the iterations that it took.
+    /// True if the minimum is reached, and the iterations that it took.
     fn minimise_island(&mut self, problem: &Problem<'_>, island: &Island<W>, tolerance: f64) -> (bool, u32) {
         let mut iterations = 0;
         self.caution = 0.0;

@@ -1,4 +1,4 @@
-//! What a model is asked to contain: bodies, joints, drives and collision shapes, as the caller describes them.
+//! Specification of a model: bodies, joints, drives and collision shapes, as the caller describes them.
 
 use std::cmp::Ordering;
 
@@ -54,7 +54,7 @@ pub struct Hinge {
     pub drive: Option<Drive>,
 }
 
-/// How a body is joined to its parent.
+/// Joint between a body and its parent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Joint {
     /// Six free coordinates; only below the world. The coordinates are absolute: `parent_from_body` is the reference pose.
@@ -118,6 +118,6 @@ pub struct ShapeSpec {
     /// Shapes of one cull group lie near each other (a limb, a piece of furniture): they are culled together. A cull group belongs
     /// to the world or to moving bodies, not to both.
     pub cull_group: u16,
-    /// What the caller wants contact forces summed by, such as a link's index; the engine only passes it on.
+    /// Key by which the caller sums contact forces, such as a link's index; the engine only passes it on.
     pub label: u32,
 }

@@ -104,7 +104,7 @@ impl Dynamics {
         self.stepper.mechanics.vary(variation);
     }
 
-    /// Whether this world differs from its model by just this variation.
+    /// True if this world differs from its model by just this variation.
     pub fn has_variation(&self, variation: &PreparedVariation) -> bool {
         match (&self.stepper.mechanics.varied, &variation.0) {
             (None, None) => true,
@@ -149,7 +149,7 @@ impl Dynamics {
         StepReport { iterations: first.iterations + second.iterations, retried: true, ..second }
     }
 
-    /// How fast the fastest body turns, rad/s, as if the axes above it were at right angles.
+    /// Turning rate of the fastest body, rad/s, as if the axes above it were at right angles.
     fn turning_rate(&mut self, model: &Model, qvel: &[f64]) -> f64 {
         let mut fastest = 0.0;
         for (index, node) in model.nodes.iter().enumerate().skip(1) {

@@ -1,4 +1,4 @@
-//! How one world differs from the model that it shares with others, for training on varied bodies, drives and surfaces.
+//! Deviations of one world from the model that it shares with others, for training on varied bodies, drives and surfaces.
 
 use std::sync::Arc;
 
@@ -61,7 +61,7 @@ impl Default for DriveVariation {
 }
 
 impl Variation {
-    /// Whether it changes nothing.
+    /// True if it changes nothing.
     fn is_empty(&self) -> bool {
         self.bodies.is_empty() && self.drives.is_empty() && self.frictions.is_empty()
     }

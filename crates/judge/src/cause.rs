@@ -1,4 +1,4 @@
-//! What can end an episode.
+//! Causes that can end an episode.
 
 use std::fmt;
 use std::str::FromStr;
@@ -98,12 +98,12 @@ impl Causes {
         Self(bits)
     }
 
-    /// Whether the set contains a cause.
+    /// True if the set contains a cause.
     pub const fn contains(self, cause: Cause) -> bool {
         self.0 & (1 << cause as u8) != 0
     }
 
-    /// Whether the set is empty.
+    /// True if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }

@@ -8,7 +8,7 @@ use crate::protocol::Protocol;
 use crate::scores::Summary;
 use crate::verdict::{End, Verdict};
 
-/// What a row shows: all that a fold takes of it.
+/// The facts of a row that a fold needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RowFacts {
     /// Number of the row.
@@ -19,15 +19,15 @@ pub struct RowFacts {
     pub criteria: Criteria,
     /// Conditions that it meets but for success, which follows from the rows before.
     pub conditions: Causes,
-    /// Whether something broke.
+    /// Something broke.
     pub breaks: bool,
-    /// Whether something was dropped that must not be, whether or not this ends the episode.
+    /// Something was dropped that must not be, even if this does not end the episode.
     pub drops: bool,
-    /// Whether the robot rises or sinks faster than anybody climbs.
+    /// The robot rises or sinks faster than anybody climbs.
     pub leaps: bool,
-    /// Whether the robot is upright on its feet: the strict way of counting counts no criterion without it.
+    /// The robot is upright on its feet. Without it the strict way of counting counts no criterion.
     pub stands: bool,
-    /// Whether the pelvis is at working height.
+    /// The pelvis is at working height.
     pub is_high: bool,
     /// Largest contact force on a hand body, N.
     pub hand_force_n: f64,
@@ -60,7 +60,7 @@ impl RowFacts {
 /// By what a fold judges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FoldRules {
-    /// How criteria are counted, and whether a spoilt episode may succeed.
+    /// Decides how criteria are counted, and if a spoilt episode may succeed.
     pub protocol: Protocol,
     /// The gate by that protocol.
     pub gate: GateSize,
@@ -82,7 +82,7 @@ pub struct Fold {
     state: FoldState,
 }
 
-/// What a fold remembers of an episode, for snapshots.
+/// State of a fold, for snapshots.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FoldState {
     first_step: u64,
@@ -140,7 +140,7 @@ impl Fold {
         step.saturating_sub(self.state.first_step)
     }
 
-    /// What it remembers; [`Fold::set_state`] continues from it exactly.
+    /// The state, from which [`Fold::set_state`] continues exactly.
     pub fn state(&self) -> &FoldState {
         &self.state
     }
@@ -238,7 +238,7 @@ impl Fold {
         at_start.enumerate().filter(|criterion| counts(*criterion)).count() as u32
     }
 
-    /// Whether something broke, was dropped or met a spoiling condition, or the robot leapt, in this row or earlier.
+    /// True if something broke, was dropped or met a spoiling condition, or the robot leapt, in this row or earlier.
     fn is_spoilt(&self) -> bool {
         let v = &self.state.verdict;
         v.broken || v.dropped || v.leapt || self.rules.spoilt_by.iter().any(|cause| self.first_met(cause).is_some())

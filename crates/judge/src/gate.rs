@@ -15,8 +15,8 @@ pub struct Gate<C: 'static> {
     pub strict: &'static [C],
     /// Consecutive control steps in protocol `strict`.
     pub strict_steps: u32,
-    /// How many of the first criteria are what the task is for. Strict progress counts the others only if they hold in
-    /// row 0, or once the very first has held: what brings the goal about is no progress by itself.
+    /// Number of criteria, from the first, that are the task's goal. Strict progress counts the others only if they hold in row
+    /// 0, or once the very first has held: only the goal itself is progress.
     pub goals: usize,
 }
 
@@ -90,12 +90,12 @@ impl Criteria {
         self.held.get(..self.len).unwrap_or_default()
     }
 
-    /// How many of the criteria hold.
+    /// Number of criteria that hold.
     pub fn count(&self) -> u32 {
         self.as_slice().iter().map(|held| u32::from(*held)).sum()
     }
 
-    /// Whether every criterion holds; true for a gate that has none.
+    /// True if every criterion holds; also for a gate that has none.
     pub fn all(&self) -> bool {
         self.as_slice().iter().all(|held| *held)
     }

@@ -1,5 +1,5 @@
-//! How an episode is judged and scored, whatever the task: gates that hold for a window, a fold of measured rows into a verdict by
-//! the published or the strict protocol, the end of an episode, digest chains, and scores over episodes.
+//! Judges and scores episodes, whatever the task: gates that hold for a window, a fold of measured rows into a verdict by the
+//! published or the strict protocol, the end of an episode, digest chains, and scores over episodes.
 //!
 //! A rulebook measures its rows and says by [`RowFacts`] what they show; [`Fold`] does the rest:
 //!

@@ -22,11 +22,11 @@ pub trait ScoredTask: Copy + PartialEq + 'static {
 pub struct Summary<T> {
     /// The task that was played.
     pub task: T,
-    /// Whether the gate fired: it held for its whole window.
+    /// The gate fired: it held for its whole window.
     pub success: bool,
-    /// Whether something broke.
+    /// Something broke.
     pub broken: bool,
-    /// Whether something was dropped that must not be.
+    /// Something was dropped that must not be.
     pub dropped: bool,
     /// Gate progress, from 0 to 1.
     pub gate_progress: f64,
@@ -36,9 +36,9 @@ pub struct Summary<T> {
     pub control_effort: f64,
     /// Control steps that were played.
     pub steps: u64,
-    /// How it ended; `None` while it runs or if it was cut.
+    /// The end; `None` while the episode runs or if it was cut.
     pub end: Option<End>,
-    /// Whether the pelvis was at working height; a diagnostic.
+    /// The pelvis was at working height; a diagnostic.
     pub reached_working_height: bool,
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::cause::{Cause, Causes};
 use crate::gate::Criteria;
 
-/// How an episode ended.
+/// The end of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct End {
     /// The row that ended it.
@@ -20,12 +20,12 @@ impl End {
         self.causes.iter().next().unwrap_or(Cause::TimeOut)
     }
 
-    /// Whether a success or a failure ended it.
+    /// True if a success or a failure ended it.
     pub fn is_terminated(&self) -> bool {
         !self.is_truncated()
     }
 
-    /// Whether only the time-out ended it.
+    /// True if only the time-out ended it.
     pub fn is_truncated(&self) -> bool {
         self.cause() == Cause::TimeOut
     }
@@ -46,24 +46,23 @@ pub struct Verdict {
     pub progress: f64,
     /// Consecutive rows, up to this one, in which all held.
     pub sustained: u32,
-    /// Whether the gate has held for its window, in this row or earlier, and no row has diverged.
+    /// The gate has held for its window, in this row or earlier, and no row has diverged.
     pub success: bool,
     /// Conditions that this row meets, in force or not; success only in the row that completes its window.
     pub conditions: Causes,
-    /// Whether something broke, in this row or earlier.
+    /// Something broke, in this row or earlier.
     pub broken: bool,
-    /// Whether something was dropped that must not be, in this row or earlier.
+    /// Something was dropped that must not be, in this row or earlier.
     pub dropped: bool,
-    /// Whether the robot rose or sank faster than anybody climbs, in this row or earlier; only protocol `strict` uses
-    /// it.
+    /// The robot rose or sank faster than anybody climbs, in this row or earlier; only protocol `strict` uses it.
     pub leapt: bool,
-    /// Whether the pelvis was at working height, in this row or earlier; a diagnostic.
+    /// The pelvis was at working height, in this row or earlier; a diagnostic.
     pub reached_working_height: bool,
     /// Largest contact force of what is handled on a hand body so far, N.
     pub peak_hand_force_n: f64,
     /// The same over all physics steps, N; a diagnostic.
     pub peak_substep_force_n: f64,
-    /// How the episode ended, once it has.
+    /// The end, once there is one.
     pub end: Option<End>,
 }
 

@@ -1,10 +1,10 @@
-//! What inverse kinematics is asked for, and what it answers.
+//! Goals of inverse kinematics, and its answers.
 
 use fiatlux_dynamics::{BodyId, ShapeId, Site};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-/// What is brought to its place.
+/// The part that a goal is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part {
     /// A site.
@@ -16,7 +16,7 @@ pub enum Part {
 /// Where a part is wanted. A weight of 0 leaves an axis free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Goal {
-    /// What is brought there.
+    /// The part that is brought there.
     pub part: Part,
     /// The wanted pose; a centre of mass has no rotation.
     pub world_from_part: Isometry3<f64>,
@@ -45,7 +45,7 @@ impl Goal {
     }
 }
 
-/// How long it tries, and what counts as reached.
+/// Limits of the search, and tolerances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOptions {
     /// Largest position error that counts as reached, m.
@@ -87,7 +87,7 @@ pub struct Clearance {
     pub margin: f64,
 }
 
-/// How it ended.
+/// Outcome of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// All goals are reached.
@@ -104,7 +104,7 @@ pub enum Outcome {
 /// The result; the state has the posture that it belongs to, the best that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
-    /// Whether the goals are reached, and if not why.
+    /// Success, or the reason why a goal is not reached.
     pub outcome: Outcome,
     /// Largest position error of a goal, m, over the axes that have a weight.
     pub position_error: f64,
@@ -138,7 +138,7 @@ pub enum KinematicsError {
     /// A number that is not finite.
     #[error("{field} has a number that is not finite")]
     NotFinite {
-        /// What the number belongs to.
+        /// Name of the field.
         field: &'static str,
     },
     /// An array of another length.

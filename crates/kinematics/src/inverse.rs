@@ -55,7 +55,7 @@ pub struct InverseKinematics {
     variables: Vec<Variable>,
     /// Column of each degree of freedom that may move.
     column: Vec<Option<u16>>,
-    /// How long it tries.
+    /// Limits of the search.
     pub options: SearchOptions,
     clearances: Vec<Clearance>,
     /// Those that the step minds, by index, with the nearest points.
@@ -482,7 +482,7 @@ impl InverseKinematics {
         }
     }
 
-    /// What keeps the posture from the goals: the joint at a limit that the error presses most against it.
+    /// The obstacle between the posture and the goals: the joint at a limit that the error presses most against it.
     fn obstacle(&self, state: &State) -> Outcome {
         let (rows, first) = (self.error.len(), self.change.len() - self.variables.len());
         let mut most = (Outcome::OutOfReach, 1e-9);

@@ -1,4 +1,4 @@
-//! What a controller needs to know of a robot, on the engine's own model and state: no second description of it.
+//! Kinematics and statics of a robot for controllers, on the engine's own model and state: no second description of it.
 //!
 //! Poses and velocities of [`Site`]s, Jacobians, the mass matrix, the bias force and inverse dynamics are readings of
 //! [`Mechanics`], which is the engine's. On top of it, [`InverseKinematics`] finds postures, and [`SupportSolver`] the contact

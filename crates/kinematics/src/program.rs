@@ -30,7 +30,7 @@ pub struct Program<'a> {
     pub rows: &'a [f64],
     /// `m` numbers.
     pub bounds: &'a [f64],
-    /// How many of the rows are equalities.
+    /// Number of equalities among the rows; they come first.
     pub equalities: usize,
 }
 
@@ -140,7 +140,7 @@ impl ProgramSolver {
         Ok(())
     }
 
-    /// How far a row is from its bound, negative where it is violated.
+    /// Distance of a row from its bound, negative where it is violated.
     fn slack(&self, program: &Program<'_>, row: usize, x: &[f64]) -> f64 {
         dot(&program.rows[row * self.n..][..self.n], x) - program.bounds[row]
     }

@@ -26,7 +26,7 @@ pub struct Support {
     pub most: f64,
 }
 
-/// How the robot is to accelerate: as one rigid body, all joints as they move. The default is rest.
+/// Acceleration of the robot as one rigid body, all joints as they move. The default is rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Acceleration {
     /// Of the centre of mass, world, m/s^2.
@@ -52,7 +52,7 @@ pub enum SupportError {
     Support {
         /// Index of the support.
         index: usize,
-        /// What is wrong, and what to do.
+        /// Fault and remedy.
         reason: &'static str,
     },
     /// An array of another length.
@@ -97,7 +97,7 @@ pub struct SupportSolver {
     gradient: Vec<f64>,
     rows: Vec<f64>,
     bounds: Vec<f64>,
-    /// How many rows, of the first ones, speak of supports alone.
+    /// Number of rows, from the first, that concern supports alone.
     of_supports: usize,
     solution: Vec<f64>,
     forces: Vec<Vector3<f64>>,
@@ -271,7 +271,7 @@ impl SupportSolver {
         Ok(())
     }
 
-    /// What a drive adds: to the cost its effort relative to its limit, and its limits.
+    /// Adds a drive: its effort relative to its limit to the cost, and its limits to the rows.
     fn add_drive(&mut self, body: usize, dof: usize, limit: f64) -> Result<(), SupportError> {
         let (n, needed) = (self.solution.len(), self.needed[dof]);
         let line = &self.transposed[dof * n..][..n];

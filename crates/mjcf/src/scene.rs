@@ -1,4 +1,4 @@
-//! What can be exported: a model with its start state.
+//! A scene to export: a model with its start state.
 
 use std::sync::Arc;
 

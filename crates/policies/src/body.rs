@@ -47,7 +47,7 @@ impl Senses {
         Self { policy, sensed: Proprioception::default() }
     }
 
-    /// What the robot senses of its own body. The controller refuses terms that are too short.
+    /// Reads the observation's proprioception. The controller refuses terms that are too short.
     ///
     /// # Errors
     /// The observation has no proprioception.

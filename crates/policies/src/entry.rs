@@ -1,4 +1,4 @@
-//! What a registry knows of a policy.
+//! An entry of the registry of policies.
 
 use fiatlux_client::{Policy, PolicyError};
 
@@ -7,7 +7,7 @@ use fiatlux_client::{Policy, PolicyError};
 pub struct Entry {
     /// Its name, with what follows it: `zero`, `gear:DIR`, or `walk[:FILE]` where that may be left out.
     pub name: &'static str,
-    /// What it does, for the command line.
+    /// One line of help for the command line.
     pub does: &'static str,
     /// Makes one from what follows the colon of the name, which is empty where nothing does.
     pub make: fn(&str) -> Result<Box<dyn Policy>, PolicyError>,
@@ -19,7 +19,7 @@ impl Entry {
         self.name.split([':', '[']).next().unwrap_or(self.name)
     }
 
-    /// Whether this may follow its name. A colon with nothing behind it is a slip.
+    /// True if this may follow its name. A colon with nothing behind it is a slip.
     pub(crate) fn takes(&self, argument: Option<&str>) -> bool {
         match argument {
             None => self.name.contains('[') || !self.name.contains(':'),

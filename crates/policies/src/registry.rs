@@ -5,7 +5,7 @@ use fiatlux_client::{Policy, PolicyError};
 use crate::entry::Entry;
 use crate::{foreign, hands, hold, random, replay, stand, vla, walk, wbc, zero};
 
-/// What a program plays: the built-in policies, and more that it adds.
+/// The policies of a program: the built-in ones, and more that it adds.
 ///
 /// ```
 /// use fiatlux_policies::{Entry, Policies, Zero};

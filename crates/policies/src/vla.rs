@@ -50,9 +50,9 @@ struct Shared {
     mapping: Mapping,
     play: Play,
     robot: Robot,
-    /// What moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
+    /// Controller that moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
     carrier: Option<Carrier>,
-    /// How long to retry a server that is gone.
+    /// Time for which a server that is gone is tried again.
     patience: Duration,
     /// Longest wait for the answer to the first question; zero if none is asked.
     warm_up: Duration,
@@ -278,7 +278,7 @@ impl Policy for Vla {
 }
 
 impl Episode {
-    /// Whether a question is asked at this step, or a later question needs this step's picture.
+    /// True if a question is asked at this step, or a later question needs this step's picture.
     fn needs_picture(&self, mapping: &Mapping, step: u64) -> bool {
         mapping.lookbacks().iter().any(|back| self.player.asks_after(step, *back))
     }

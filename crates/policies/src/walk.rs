@@ -26,7 +26,7 @@ pub(crate) const ENTRY: Entry = Entry {
 
 /// Control steps between plans.
 const REPLAN: u64 = 25;
-/// How far ahead on its path the robot aims, m.
+/// Distance ahead on its path at which the robot aims, m.
 const AHEAD_M: f64 = 0.35;
 /// Largest speed along the path, m/s, and about the vertical, rad/s.
 const FASTEST: (f64, f64) = (0.45, 0.7);
@@ -43,7 +43,7 @@ const LEAVES: u64 = 250;
 const LADDER_HALF: [f64; 2] = [0.41, 0.60];
 /// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
 const AT_RAILS: f64 = 0.25;
-/// How fast it steps away, m/s.
+/// Speed at which it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
 const NEAR_M: f64 = 0.4;
@@ -240,7 +240,7 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
     observation.privileged.as_ref().ok_or(PolicyError::Sensor { policy: "walk", sensor: "privileged" })
 }
 
-/// Whether a bulb touches the hands, left first, by the sensor `hand_contact`, which has the right hand first.
+/// True for each hand that a bulb touches, left first, by the sensor `hand_contact`, which has the right hand first.
 fn touched(forces: &[f32]) -> [bool; 2] {
     let (right, left) = forces.split_at(forces.len() / 2);
     let force = |body: &[f32; 3]| body.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();

@@ -111,7 +111,7 @@ impl WholeBody {
         }
     }
 
-    /// Whether the robot is kept over its feet where they are; see [`Controller::is_standing`].
+    /// True if the robot is kept over its feet where they are; see [`Controller::is_standing`].
     pub(super) fn is_standing(&self) -> bool {
         matches!(&self.controller, Moves::Own(controller) if controller.is_standing())
     }

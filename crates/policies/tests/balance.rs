@@ -33,7 +33,7 @@ fn carried(task: Task) -> Option<Bulb> {
     }
 }
 
-/// What one episode showed.
+/// Measurements of one episode.
 struct Stood {
     /// Control steps until the end.
     steps: usize,
@@ -46,7 +46,7 @@ struct Stood {
     per_step: Duration,
 }
 
-/// How the hand held its bulb.
+/// Measurements of a hand that held its bulb.
 struct Held {
     at_10_s: bool,
     at_end: bool,

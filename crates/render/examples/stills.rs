@@ -22,11 +22,11 @@ struct Still {
     name: &'static str,
     task: Task,
     seed: u64,
-    /// How far the camera is from what it looks at, on which bearing, and how high it is.
+    /// Distance of the camera from its target, its bearing and its height.
     away: f64,
     bearing: f64,
     height: f64,
-    /// What it looks at: so far ahead of the robot, so high.
+    /// Target: distance ahead of the robot, and height.
     ahead: f64,
     target_height: f64,
     /// Vertical field of view, degrees.

@@ -31,7 +31,7 @@ pub enum MeshError {
     Folder {
         /// Path of the folder, as it was given.
         path: PathBuf,
-        /// What the operating system says.
+        /// The system's error.
         #[source]
         source: io::Error,
     },
@@ -63,7 +63,7 @@ pub enum MeshError {
     Read {
         /// Path of the file that cannot be read.
         path: PathBuf,
-        /// What the operating system says.
+        /// The system's error.
         #[source]
         source: io::Error,
     },
@@ -72,7 +72,7 @@ pub enum MeshError {
     Content {
         /// Path of the file that cannot be used.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// Fault and remedy.
         problem: String,
     },
 }

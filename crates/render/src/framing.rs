@@ -21,7 +21,7 @@ pub const FOLLOW_ELEVATION: f64 = 0.21;
 const FILLED: f64 = 0.86;
 /// Nearest that a camera comes to the pelvis, m along its axis.
 const NEAREST: f64 = 2.6;
-/// How much farther away than robot and task need a camera goes to hold ladder and lamp as well, m.
+/// Distance by which a camera backs off to hold ladder and lamp besides robot and task, m.
 const BACK_OFF: f64 = 1.5;
 /// Time over which a camera's path is averaged, three times over, s.
 const AVERAGED_S: f64 = 1.0;
@@ -37,7 +37,7 @@ const LAMP: f64 = 0.2;
 /// Rows in a simulated second.
 const ROW_RATE: f64 = 1.0 / CONTROL_DT;
 
-/// What of a row a camera follows.
+/// Places in a row that a camera follows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spot {
     /// Control step of the row.
@@ -68,7 +68,7 @@ impl Spot {
     }
 }
 
-/// What is held in the picture besides the robot.
+/// Things to keep in the picture besides the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Focus {
     /// The ladder and the lamp.
@@ -80,7 +80,7 @@ pub enum Focus {
 }
 
 impl Focus {
-    /// What a task is about.
+    /// Focus for a task.
     pub fn of(task: Option<Task>) -> Self {
         match task {
             Some(Task::S05 | Task::S06) => Focus::Crate,
@@ -246,14 +246,14 @@ pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Fo
     scored.iter().fold((0.0, f64::NEG_INFINITY), |best, next| if next.1 > best.1 { *next } else { best }).0
 }
 
-/// Whether the lamp is on a wall and is seen from behind that wall.
+/// True if the lamp is on a wall and is seen from behind that wall.
 fn is_behind_wall(row: &Row, bearing: f64) -> bool {
     let out = row.things[errand::FIXTURE].pose.rotation * Vector3::z();
     let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
     out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
 }
 
-/// How much a picture shows: the size of the robot, and whether ladder, lamp, and the room behind are there.
+/// Amount that a picture shows: the size of the robot, and the presence of ladder, lamp, and the room behind.
 fn seen(renderer: &Renderer) -> f64 {
     let [width, height] = TRIAL;
     let (mut robot, mut ladder, mut lamp, mut room) = (0, 0, 0, 0);

@@ -11,7 +11,7 @@ const KEY_TILT: f64 = 40.0 / 180.0 * std::f64::consts::PI;
 /// even brightness.
 const NOMINAL_LIGHT: [f64; 2] = [0.58, 1.55];
 
-/// How a scene is lit. The default is the published benchmark's nominal light.
+/// Light of a scene. The default is the published benchmark's nominal light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {
     /// Strength of the soft light from all around; nominal 1000.

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::paint::Paint;
 
-/// What a mesh moves with.
+/// Frame that a mesh moves with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Frame {
     World,
@@ -25,7 +25,7 @@ pub(crate) struct Triangle {
     pub paint: Paint,
 }
 
-/// How finely round things are cut into triangles.
+/// Fineness with which round things are cut into triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Detail {
     /// For people to look at.
@@ -43,13 +43,12 @@ pub(crate) struct Mesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub triangles: Vec<Triangle>,
-    /// How many of the triangles, from the first, throw a shadow; the others are the insides of a surface that is not
-    /// closed.
+    /// Number of triangles, from the first, that throw a shadow; the others are the insides of a surface that is not closed.
     pub casting: usize,
     /// Centre of the bounding sphere, m; `radius` is its radius.
     pub center: Vector3<f64>,
     pub radius: f64,
-    /// Whether it throws a shadow.
+    /// It throws a shadow.
     pub casts: bool,
 }
 

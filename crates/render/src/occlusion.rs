@@ -8,7 +8,7 @@ use crate::shade::{Vec3, dot, sub};
 const REACH: f32 = 0.35;
 /// Largest reach in the picture, as a share of its height.
 const LARGEST: f32 = 0.10;
-/// How dark it gets, and the least light that is left.
+/// Strength of the darkening, and the least light that is left.
 const STRENGTH: f32 = 2.4;
 const DARKEST: f32 = 0.15;
 /// Neighbours that rise less than this above the surface hide nothing, m.
@@ -26,7 +26,7 @@ pub(crate) struct Occlusion {
     cell: usize,
     width: usize,
     height: usize,
-    /// What is visible: point, and inverse of its depth (0 for the background).
+    /// Visible points, each with the inverse of its depth (0 for the background).
     seen: Vec<(Vec3, f32)>,
     /// Light left as found, then as smoothed, and the inverse depth it was found at.
     found: Vec<[f32; 2]>,

@@ -1,6 +1,6 @@
 //! Colours and finishes.
 
-/// What a triangle is painted with.
+/// Paint of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Paint {
@@ -31,7 +31,7 @@ pub(crate) enum Paint {
     LitGlass,
 }
 
-/// How a paint answers to light.
+/// Response of a paint to light.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Finish {
     /// Share of the light that it scatters, linear.
@@ -75,7 +75,7 @@ impl Paint {
         Paint::LitGlass,
     ];
 
-    /// Whether a flat surface of it at that height (m) looks the same all around but for shadows.
+    /// True if a flat surface of it at that height (m) looks the same all around but for shadows.
     pub(crate) fn is_plain(self, finishes: &[Finish], height: f32) -> bool {
         let patterned = self == Paint::Floor || (self == Paint::Wall && height < 0.3);
         !patterned && finishes[self as usize].mirror == 0.0

@@ -9,9 +9,7 @@ use crate::mesh::{Detail, Mesh};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{Corner, Plane, Setup, fill};
-use crate::shade::{
-    LEAST_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness,
-};
+use crate::shade::{MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::view::{Turn, View, single};
@@ -431,7 +429,7 @@ fn tiles_of_four(view: &View, [x, y]: [usize; 2], inverse: [f32; 4], normal: Vec
         across[k] = view.eye[0] + rx * distance;
         along[k] = view.eye[1] + ry * distance;
         let slant = -(normal[0] * rx + normal[1] * ry + normal[2] * rz);
-        width[k] = distance * view.inverse_focal[0] / slant.max(LEAST_SLANT);
+        width[k] = distance * view.inverse_focal[0] / slant.max(MIN_SLANT);
     }
     tile_brightness(across, along, width)
 }

@@ -81,8 +81,8 @@ impl RobotMeshes {
         Ok(Self { label: format!("meshes:{hex}"), links })
     }
 
-    /// What the pictures depend on: `meshes:` and the SHA-256, hexadecimal, over names and bytes of the files that are used,
-    /// sorted by name.
+    /// Identity of the meshes: `meshes:` and the SHA-256, hexadecimal, over names and bytes of the files that are used, sorted
+    /// by name.
     pub fn label(&self) -> &str {
         &self.label
     }
@@ -100,7 +100,7 @@ impl RobotMeshes {
         }))
     }
 
-    /// Whether the mesh of another link shows this one too: the base of a hand has its palm.
+    /// True if the mesh of another link shows this one too: the base of a hand has its palm.
     pub(crate) fn covers(&self, link: usize, robot: &Robot) -> bool {
         let name = robot.links().get(link).and_then(|link| link.name.strip_suffix("_palm"));
         let base = name.and_then(|side| robot.link_index(&format!("{side}_hand_base_link")));

@@ -58,7 +58,7 @@ pub(crate) fn floor(x: f32) -> f32 {
 const SKY: Vec3 = [0.97, 1.0, 1.05];
 const GROUND: Vec3 = [0.56, 0.54, 0.51];
 const SIDE: f32 = 0.14;
-/// What stands behind everything, low and high.
+/// Colours of the haze behind everything, low and high.
 const HAZE: [Vec3; 2] = [[0.60, 0.65, 0.71], [0.70, 0.78, 0.88]];
 /// The floor fades into the haze between these distances from the world's origin, m.
 const FADE: [f32; 2] = [6.5, 13.0];
@@ -68,7 +68,7 @@ const GROUT: f32 = 0.006;
 /// Height of the skirting on the walls, m.
 const SKIRTING: f32 = 0.09;
 
-/// What lights a pixel and how it is seen.
+/// Geometry and light of a pixel.
 pub(crate) struct Spot {
     pub point: Vec3,
     /// Unit normal of the surface.
@@ -147,14 +147,14 @@ impl Shader<'_> {
         colour
     }
 
-    /// What is seen where nothing is.
+    /// Colour of the haze along a ray.
     pub(crate) fn haze(&self, ray: Vec3) -> Vec3 {
         let up = (ray[2] * 2.0).clamp(0.0, 1.0);
         scale(mix(HAZE[0], HAZE[1], up), self.light.dome + 0.25 * self.light.key[1])
     }
 }
 
-/// Whether a point of the floor is so near that the haze does not reach it.
+/// True if a point of the floor is so near that the haze does not reach it.
 pub(crate) fn is_clear(point: Vec3) -> bool {
     let most = FADE[0] - 0.2;
     point[0] * point[0] + point[1] * point[1] < most * most
@@ -163,12 +163,12 @@ pub(crate) fn is_clear(point: Vec3) -> bool {
 /// Brightness of the tiled floor, smoothed over a pixel of that footprint.
 #[inline]
 pub(crate) fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {
-    let [brightness] = tile_brightness([point[0]], [point[1]], [footprint / (-dot(normal, ray)).max(LEAST_SLANT)]);
+    let [brightness] = tile_brightness([point[0]], [point[1]], [footprint / (-dot(normal, ray)).max(MIN_SLANT)]);
     brightness
 }
 
 /// Cosine of the flattest look at the floor that widens a pixel.
-pub(crate) const LEAST_SLANT: f32 = 0.05;
+pub(crate) const MIN_SLANT: f32 = 0.05;
 
 /// Brightness of the tiled floor at some points, each smoothed over a width (m). No branches: several points take little
 /// longer than one.

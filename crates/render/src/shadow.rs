@@ -80,7 +80,7 @@ impl ShadowMap {
         true
     }
 
-    /// Whether a sphere can throw a shadow on anything visible.
+    /// True if a sphere can throw a shadow on anything visible.
     pub(crate) fn reaches(&self, center: Vec3, radius: f32) -> bool {
         (0..2).all(|i| {
             let at = dot(self.axes[i], center);

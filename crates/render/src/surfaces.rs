@@ -6,7 +6,7 @@ use crate::Visuals;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
-/// What a surface moves with.
+/// Frame that a surface moves with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Carrier {
     /// Nothing: it stands in the world.
@@ -24,7 +24,7 @@ pub struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// What it moves with.
+    /// Frame that it moves with.
     pub fn carrier(&self) -> Carrier {
         match self.mesh.frame {
             Frame::World => Carrier::World,
@@ -33,7 +33,7 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// What it is part of.
+    /// Object that it is part of.
     pub fn owner(&self) -> ShapeOwner {
         self.mesh.owner
     }
@@ -48,7 +48,7 @@ impl<'a> Surface<'a> {
         &self.mesh.normals
     }
 
-    /// Whether it throws a shadow.
+    /// True if it throws a shadow.
     pub fn casts_shadow(&self) -> bool {
         self.mesh.casts
     }
@@ -59,7 +59,7 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// How a paint answers to light.
+/// Response of a paint to light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PaintLook {
     /// Its name, such as `Aluminium`.

@@ -40,13 +40,13 @@ impl View {
         add(self.axes[0], add(scale(self.axes[1], self.left_of(x)), scale(self.axes[2], self.up_of(y))))
     }
 
-    /// How far left a column is, one metre ahead.
+    /// Distance of a column to the left, one metre ahead, m.
     #[inline]
     pub(crate) fn left_of(&self, x: usize) -> f32 {
         (self.middle[0] - x as f32) * self.inverse_focal[0]
     }
 
-    /// How far up a row is, one metre ahead.
+    /// Distance of a row above the middle, one metre ahead, m.
     #[inline]
     pub(crate) fn up_of(&self, y: usize) -> f32 {
         (self.middle[1] - y as f32) * self.inverse_focal[1]
@@ -59,7 +59,7 @@ impl View {
         Corner { u, v, depth }
     }
 
-    /// Whether a sphere can be in the picture.
+    /// True if a sphere can be in the picture.
     pub(crate) fn reaches(&self, center: Vec3, radius: f32) -> bool {
         let way = sub(center, self.eye);
         let at = self.axes.map(|axis| dot(axis, way));

@@ -1,4 +1,4 @@
-//! What a scene looks like: its meshes, and where they are in a row.
+//! Meshes of a scene, and their places in a row.
 
 mod bulb;
 mod fixture;

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use crate::robot::HAND_SURFACE;
 use crate::{GainSet, Gains, Robot, RobotError};
 
-/// How a robot is put into a model.
+/// Options for adding a robot to a model.
 #[derive(Debug, Clone)]
 pub struct BuildOptions {
     /// Drives, by joint index.

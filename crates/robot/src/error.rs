@@ -11,7 +11,7 @@ pub enum RobotError {
     Syntax {
         /// Line in the file, from 1.
         line: usize,
-        /// What the parser found.
+        /// The parser's message.
         problem: String,
     },
     /// A value of the file makes no sense.
@@ -25,7 +25,7 @@ pub enum RobotError {
         name: String,
         /// Name of the field at fault, such as `mass`.
         field: &'static str,
-        /// What is wrong and what to do.
+        /// Fault and remedy.
         problem: String,
     },
     /// A robot that does not exist.
@@ -34,7 +34,7 @@ pub enum RobotError {
     /// Joints that belong to none of the known robots.
     #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = NAMES.join(", "))]
     Joints {
-        /// How many joints were named.
+        /// Number of joints that were named.
         found: usize,
     },
     /// A gain set that does not exist.

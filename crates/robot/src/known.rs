@@ -65,7 +65,7 @@ fn text_of(name: &str) -> Result<&'static str, RobotError> {
     known.map(|(_, text)| text).ok_or_else(|| RobotError::Name(name.into()))
 }
 
-/// Whether a text says that it is made from another robot. One that is not TOML says nothing; its reader will complain.
+/// True if a text says that it is made from another robot. One that is not TOML says nothing; its reader will complain.
 fn names_base(text: &str) -> bool {
     toml::de::DeTable::parse(text).is_ok_and(|table| table.get_ref().contains_key("base"))
 }

@@ -183,7 +183,7 @@ impl Robot {
         self.joints.iter().position(|j| j.name == name)
     }
 
-    /// Whether the shapes of a link have the surface named `hand`.
+    /// True if the shapes of a link have the surface named `hand`.
     pub fn is_hand_surface(&self, link: usize) -> bool {
         self.shapes.iter().any(|shape| shape.link == link && self.surfaces[shape.surface].name == HAND_SURFACE)
     }

@@ -12,13 +12,13 @@ pub struct Shape {
     pub link_from_shape: Isometry3<f64>,
     /// Sphere, capsule or box.
     pub geometry: Geometry,
-    /// What it is made of: an index into [`crate::Robot::surfaces`].
+    /// Its surface: an index into [`crate::Robot::surfaces`].
     pub surface: usize,
     /// Number of its cull group, from 0.
     pub group: u16,
 }
 
-/// What a link's shapes are made of.
+/// Surface of a link's shapes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
     /// Name in the file.

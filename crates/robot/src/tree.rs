@@ -8,7 +8,7 @@ use crate::locate::Step;
 use crate::refuse::{Part, Refuse};
 use crate::{Joint, JointGains, Link, RobotError};
 
-/// What joins a link to its parent.
+/// Joint between a link and its parent.
 struct EdgeDef<'a> {
     /// Entry of `[[joint]]`; `None` for one of `[[fixed]]`.
     joint: Option<usize>,

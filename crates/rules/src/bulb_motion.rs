@@ -20,7 +20,7 @@ pub(crate) struct BulbMotion {
     last: [Option<Instant>; 2],
 }
 
-/// What struck a bulb in a row.
+/// Signs that a bulb was struck.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Jolts {
     /// The bulb's velocity has changed since the last row by more than free fall explains.

@@ -1,4 +1,4 @@
-//! What predicates of rows see, and the criteria that are made of them.
+//! The view of a row that predicates get, and the criteria made of them.
 
 use crate::geometry::Geometry;
 use crate::parts::Bulb;
@@ -51,6 +51,5 @@ pub type Predicate = fn(&Row, &Context<'_>) -> bool;
 pub struct Criterion {
     /// Name of the criterion in results, such as those of `results.json`.
     pub name: &'static str,
-    /// Whether it holds in a row.
     pub holds: Predicate,
 }

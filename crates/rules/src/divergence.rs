@@ -19,7 +19,7 @@ const BULB_SPEED: f64 = 100.0;
 /// All bounds, for the digest of the rules.
 pub(crate) const BOUNDS: [f64; 4] = [RATED_JOINT_SPEED, JOINT_SPEED, BODY_SPEED, BULB_SPEED];
 
-/// Whether a row has diverged: a speed beyond the plausible, or a number of its state that is not finite.
+/// True if a row has diverged: a speed is implausible, or a number of its state is not finite.
 pub fn diverged(row: &Row) -> bool {
     let limit = |thing: &Thing| if thing.socket { BULB_SPEED } else { BODY_SPEED };
     let things = manifest().things.iter().map(limit).zip(&row.things);

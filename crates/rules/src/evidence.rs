@@ -1,4 +1,4 @@
-//! What a row shows under either protocol: it is measured once, and both judges use it.
+//! Measurements of a row that do not depend on the protocol: made once, used by both judges.
 
 use fiatlux_judge::{Cause, Causes};
 use serde::{Deserialize, Serialize};
@@ -28,13 +28,13 @@ pub(crate) struct Evidence {
     pub grip_speeds: [[f64; 2]; 2],
     /// Conditions that it meets. Success is never among them: it follows from the rows before and the protocol.
     pub conditions: Causes,
-    /// Whether a bulb is dropped in a task that forbids it, whether or not this drop ends the episode.
+    /// A bulb is dropped in a task that forbids it, even if this does not end the episode.
     pub drops: bool,
-    /// Whether something struck a bulb, except in the first rows.
+    /// Something struck a bulb, except in the first rows.
     pub has_blow: bool,
-    /// Whether the robot rises or sinks faster than anybody climbs.
+    /// The robot rises or sinks faster than anybody climbs.
     pub leaps: bool,
-    /// Whether the pelvis is at working height.
+    /// The pelvis is at working height.
     pub is_high: bool,
     /// Largest contact force of a bulb on a hand body, N.
     pub hand_force_n: f64,

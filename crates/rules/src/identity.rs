@@ -1,4 +1,4 @@
-//! What an episode is, apart from its rows: the start of its digest chain.
+//! The identity of an episode, without its rows: the start of its digest chain.
 
 use fiatlux_judge::{Causes, Protocol};
 
@@ -41,7 +41,7 @@ pub struct EpisodeIdentity {
     pub hand_friction: Option<f64>,
     /// Factors of the props' sizes: ladder x, y and z, socket, fresh bulb.
     pub prop_scale: [f64; 5],
-    /// Whether the start has noise.
+    /// The start has noise.
     pub is_start_drawn: bool,
     /// All thresholds in force.
     pub thresholds: Thresholds,

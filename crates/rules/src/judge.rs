@@ -17,8 +17,8 @@ use crate::thresholds::Thresholds;
 /// Choices of a session or of a grading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct JudgeOptions {
-    /// What ends an episode instead of the task's own conditions, besides [`Cause::Diverged`], which always does. Cleared
-    /// conditions are still noted.
+    /// Causes that end an episode in place of the task's own, besides [`Cause::Diverged`], which always does. The task's own
+    /// are still noted.
     pub end_on: Option<Causes>,
     /// Counts criteria as the published numbers do: `c0` in row 1, and in place of an episode's last row the reset
     /// state with that row's contact forces, which is what a simulator shows that resets within the step. Protocol `strict`
@@ -26,7 +26,7 @@ pub struct JudgeOptions {
     pub published_counting: bool,
 }
 
-/// What spoils an episode for good by protocol `strict`, besides something broken or dropped and a leap.
+/// Causes that spoil an episode for good by protocol `strict`, besides something broken or dropped and a leap.
 const SPOILT_BY: Causes = Causes::of(&[Cause::Fall, Cause::Tip, Cause::Crush]);
 
 /// Judges the rows of one episode, one at a time. Rows after the end change nothing.
@@ -51,7 +51,7 @@ pub struct Judge {
     fold: Fold,
 }
 
-/// What a judge remembers of an episode, for snapshots. Published counting is left out: only gradings use it.
+/// State of a judge, for snapshots. Published counting is left out: only gradings use it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct JudgeState {
     motion: BulbMotion,
@@ -196,7 +196,7 @@ impl Judge {
         Evidence::of(row, follows, steps, &mut self.motion, self.task.spec(), &cx)
     }
 
-    /// What the row shows whose measurements it has, `steps` after the start.
+    /// Facts of the row to which the measurements belong, `steps` after the start.
     fn facts(&self, row: &Row, steps: u64) -> RowFacts {
         let (seen, cx, protocol) = (&self.evidence, self.context(), self.protocol());
         RowFacts {

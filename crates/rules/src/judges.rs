@@ -20,7 +20,7 @@ pub struct Judges {
     strict: Judge,
 }
 
-/// What both judges remember of an episode, for snapshots.
+/// State of both judges, for snapshots.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct JudgesState([JudgeState; 2]);
 
@@ -76,7 +76,7 @@ impl Judges {
         }
     }
 
-    /// What they remember of the episode; [`Judges::set_state`] continues from it exactly.
+    /// The state, from which [`Judges::set_state`] continues exactly.
     pub fn state(&self) -> JudgesState {
         JudgesState([self.published.state(), self.strict.state()])
     }

@@ -38,7 +38,7 @@ pub enum ManifestError {
 pub struct Manifest {
     /// The things in the room that have a place in the row.
     pub things: Vec<Thing>,
-    /// What is measured at contacts, and other numbers of parts.
+    /// Contact measures, and other numbers of parts.
     pub contacts: Vec<Contact>,
     /// Name and version of the layout of a row, with the first digits of the digest over the manifest: what the digest chain of an
     /// episode starts from.
@@ -54,14 +54,14 @@ pub struct Manifest {
 pub struct Thing {
     /// Name, as in messages, scenes and pictures.
     pub name: String,
-    /// Whether it can move.
+    /// Free or fixed.
     pub motion: Motion,
-    /// Whether the lamp's socket can hold it.
+    /// The lamp's socket can hold it.
     #[serde(default)]
     pub socket: bool,
 }
 
-/// Whether a thing can move.
+/// Free or fixed, as the manifest declares it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Motion {
@@ -78,9 +78,9 @@ pub struct Contact {
     pub name: String,
     /// The parts on which the force acts, each with its own numbers.
     pub of: Group,
-    /// What exerts it.
+    /// The other side of the contact.
     pub with: Partner,
-    /// What is taken of it.
+    /// The quantity.
     pub measure: Measure,
     /// First place in the row's forces or loads.
     first: Size,
@@ -101,7 +101,7 @@ pub enum Group {
     Thing(usize),
 }
 
-/// What exerts a measured force.
+/// The other side of a measured force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Partner {
     /// Nothing: the measure is no force.
@@ -119,7 +119,7 @@ pub enum Partner {
     },
 }
 
-/// What is taken of a force; `manifest.toml` defines them.
+/// The quantity derived from a force, as `manifest.toml` defines it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measure {
     /// A vector for each part.

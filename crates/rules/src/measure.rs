@@ -48,7 +48,7 @@ pub fn wrap_angle(angle: f64) -> f64 {
     if wrapped >= PI { wrapped - TAU } else { wrapped }
 }
 
-/// How far a body would have to turn about the vertical to face a point, rad, in [-pi, pi).
+/// Angle about the vertical from a body's heading to a point, rad, in [-pi, pi).
 pub fn facing_angle(world_from_body: &Isometry3<f64>, target: &Vector3<f64>) -> f64 {
     let position = world_from_body.translation.vector;
     wrap_angle(bearing(&position.xy(), &target.xy()) - yaw(&world_from_body.rotation))

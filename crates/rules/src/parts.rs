@@ -1,4 +1,4 @@
-//! What a row is made of: bodies, limbs, bulbs, and the sizes that depend on the robot.
+//! Parts of a row: bodies, limbs, bulbs, and the sizes that depend on the robot.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What the benchmark is, pinned: digests of the published robot, scene, rules and sensors of [`BENCHMARK_VERSION`].
+//! Digests that pin the benchmark: of the published robot, scene, rules and sensors of [`BENCHMARK_VERSION`].
 //!
 //! Whoever changes one of them changes the benchmark: raise the version, then set the digest here. A test recomputes all of
 //! them (`tests/tests/it/pins.rs`), and the scorer says of a run whether it was played in what is pinned.

@@ -34,8 +34,8 @@ pub enum Variant {
 
 /// Pays for the rows of one episode. Runs next to a [`Judge`], whose verdict it reads.
 ///
-/// What is not finite pays nothing: a potential counts it as 0, a record ignores it, and a value drops out. A row that
-/// diverged pays its failures alone.
+/// Numbers that are not finite pay nothing: a potential counts them as 0, a record ignores them, and a value drops out. A row
+/// that diverged pays its failures alone.
 #[derive(Debug, Clone)]
 pub struct Rewards {
     ledgers: Vec<Ledger>,
@@ -46,7 +46,7 @@ pub struct Rewards {
     looks_back: bool,
 }
 
-/// What the terms of a reward remember of an episode, for snapshots.
+/// State of a reward's terms in an episode, for snapshots.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct RewardsState(Vec<LedgerState>);
 
@@ -76,7 +76,8 @@ impl Rewards {
         }
     }
 
-    /// What the next row pays, after the judge has judged it. Show it no row after the episode's end: it would pay.
+    /// Pays for the next row, after the judge has judged it. Rows after the episode's end must not be given: they would be
+    /// paid.
     pub fn advance(&mut self, judge: &Judge, row: &Row) -> &[Term] {
         let (context, verdict): (Context<'_>, &Verdict) = (judge.context(), judge.verdict());
         if let Some(before) = &mut self.before {
@@ -96,7 +97,7 @@ impl Rewards {
         &self.terms
     }
 
-    /// What the terms remember of the episode; [`Rewards::set_state`] continues from it exactly.
+    /// The state, from which [`Rewards::set_state`] continues exactly.
     pub fn state(&self) -> RewardsState {
         RewardsState(self.ledgers.iter().map(Ledger::state).collect())
     }

@@ -11,7 +11,7 @@ use crate::parts::{AttachmentRow, BodyRow, Bulb, RobotLayout};
 /// Length of a control step, s: the time from one row to the next.
 pub const CONTROL_DT: f64 = 0.02;
 
-/// How the numbers of a field are grouped.
+/// The parts among which the numbers of a field are divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum By {
     /// A single number.
@@ -26,7 +26,7 @@ pub enum By {
     Part {
         /// The group.
         of: Group,
-        /// Whether each part has a vector.
+        /// Each part has a vector.
         axes: bool,
     },
 }
@@ -38,7 +38,7 @@ pub struct Field<'a> {
     pub of: &'a str,
     /// Name of the field.
     pub name: &'a str,
-    /// How they are grouped.
+    /// Grouping of its numbers.
     pub by: By,
 }
 
@@ -72,7 +72,7 @@ pub struct Row {
     pub joint_effort: Vec<f64>,
     /// The action that led to this row as it was received; in row 0 the staged posture in action units.
     pub action: Vec<f64>,
-    /// Whether the scene has each thing.
+    /// For each thing, true if the scene has it.
     pub present: Vec<bool>,
     /// Pose and velocity of each thing. One that the scene lacks is at the origin; rules read [`Row::body`].
     pub things: Vec<BodyRow>,
@@ -156,7 +156,7 @@ impl Row {
         [right, left]
     }
 
-    /// Whether all its lists have the lengths of a layout.
+    /// True if all its lists have the lengths of a layout.
     pub fn fits(&self, layout: RobotLayout) -> bool {
         let manifest = manifest();
         let joints = [&self.joint_position, &self.joint_velocity, &self.joint_target, &self.joint_effort, &self.action];

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 
 use thiserror::Error;
 
-/// What a seed is for.
+/// Purpose of a seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeedOwner {
     /// The four rooms of the published protocol.
@@ -25,7 +25,7 @@ pub enum SeedOwner {
 pub struct ReservedSeed {
     /// The seed that was asked for.
     pub seed: u64,
-    /// What the seed is reserved for.
+    /// Purpose that the seed is reserved for.
     pub owner: SeedOwner,
 }
 
@@ -48,7 +48,7 @@ impl SeedOwner {
         Self::ALL.into_iter().find(|owner| owner.seeds().contains(&seed)).unwrap_or(SeedOwner::Training)
     }
 
-    /// What it does with its seeds, in words.
+    /// Its purpose, as in messages.
     pub fn purpose(self) -> &'static str {
         match self {
             SeedOwner::Published => "the published protocol",

@@ -14,7 +14,7 @@ pub(crate) const ONE_SECOND: u32 = 50;
 /// Horizon of a subtask and of `climb`: 120 s.
 pub(crate) const SUBTASK_HORIZON: u64 = 6_000;
 
-/// How a robot is controlled in a task.
+/// Control mode of a task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControlMode {
     /// Walking on the floor.
@@ -36,7 +36,7 @@ impl ControlMode {
     }
 }
 
-/// What makes a subtask hard. Its weight is the product of its factors.
+/// Difficulty of a subtask. The subtask's weight is the product of its factors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Factor {
     /// Work from the ladder.
@@ -104,7 +104,7 @@ pub enum Landmark {
     FreshBulb,
 }
 
-/// How far from a landmark the robot starts. The scene config has the figures, as `start.<name>_distance`.
+/// Distance of the robot from a landmark at the start. The scene config has the figures, as `start.<name>_distance`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StartDistance {
     /// Before the lowest tread.
@@ -130,9 +130,9 @@ pub enum Stand {
     Beside {
         /// The landmark that it stands next to.
         landmark: Landmark,
-        /// How far from it.
+        /// Distance from it.
         distance: StartDistance,
-        /// What it is turned to.
+        /// Landmark that it faces.
         facing: Landmark,
     },
     /// At the bench, within reach of the fresh bulb and turned to it (`start.grab_place`).
@@ -211,7 +211,7 @@ pub struct SpecialRules {
     /// The bulb that has to stay in the socket: without it the condition [`Cause::Unseated`](crate::Cause::Unseated) is
     /// met.
     pub keeps_seated: Option<Bulb>,
-    /// Whether a grade mentions that the pelvis was at working height, which the gate does not need.
+    /// Grades mention that the pelvis was at working height, which the gate does not need.
     pub notes_working_height: bool,
 }
 
@@ -240,7 +240,7 @@ pub struct TaskSpec {
     pub factors: &'static [Factor],
     /// Weight in the benchmark score; 0 outside it.
     pub weight: f64,
-    /// How the robot is controlled.
+    /// Control modes that it allows.
     pub modes: &'static [ControlMode],
     /// Control steps until time-out.
     pub horizon_steps: u64,
@@ -248,7 +248,7 @@ pub struct TaskSpec {
     pub bulbs: &'static [Bulb],
     /// Where robot, ladder and bulbs are at the start.
     pub start: StartSpec,
-    /// What must hold, and for how long, for success.
+    /// Condition for success.
     pub gate: Gate,
     /// Criteria that hold in its start state.
     pub start_count: u32,

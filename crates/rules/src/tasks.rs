@@ -19,7 +19,7 @@ pub(crate) mod s10_climb_with_bulb;
 pub(crate) mod s11_screw_in_bulb;
 pub(crate) mod s12_climb_down;
 
-/// What every task file uses.
+/// Names that every task file uses.
 mod page {
     pub(super) use fiatlux_judge::{Cause, Causes};
 

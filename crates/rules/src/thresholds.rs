@@ -22,7 +22,7 @@ pub enum ThresholdError {
         key: &'static str,
         /// The value that was given.
         value: String,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
 }
@@ -139,7 +139,7 @@ thresholds! {
     placement_m: f64 = 0.67,
     /// Height of a standing ladder's feet, m (paper, S01).
     feet_height_m: f64 = 0.02,
-    /// How far the pelvis may be below the ladder's top point, m (paper, S02).
+    /// Largest height of the ladder's top point above the pelvis, m (paper, S02).
     top_slack_m: f64 = 0.15,
     /// Horizontal distance of the pelvis from the ladder on it and below it, m (paper, S02, S04).
     ladder_near_m: f64 = 0.6,
@@ -155,7 +155,7 @@ thresholds! {
     grab_drop_m: f64 = 0.50,
     /// Distance of the pelvis from the crate's footprint, m (paper, S05; the code has the arm's reach, 0.5045).
     crate_near_m: f64 = 0.50,
-    /// How far a bulb at rest may press into the crate's walls, m (code, S06).
+    /// Deepest that a bulb at rest may press into the crate's walls, m (code, S06).
     crate_slack_m: f64 = 0.001,
     /// Horizontal distance of the pelvis from the fresh bulb, m (paper, S07; the code has 0.6265).
     bench_near_m: f64 = 0.63,

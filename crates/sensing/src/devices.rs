@@ -1,4 +1,4 @@
-//! What sensors share: each is computed at most once a row.
+//! Devices that sensors share: each computes at most once a row.
 
 use std::sync::Arc;
 
@@ -50,7 +50,7 @@ impl<T> Made<T> {
         Self { by, step: None }
     }
 
-    /// Whether it has to be made for a row; from then on it counts as made.
+    /// True if it has to be computed for a row; from then on it counts as computed.
     fn is_due(&mut self, step: u64) -> bool {
         self.step.replace(step) != Some(step)
     }
@@ -66,7 +66,7 @@ struct Studio {
 
 #[derive(Debug)]
 pub(crate) struct Devices {
-    /// What the LiDAR sees where a sensor does not ask for the published sight.
+    /// Sight of the LiDAR where a sensor does not ask for the published one.
     pub sight: Sight,
     pub noise: Noise,
     image_size: [usize; 2],
@@ -152,7 +152,7 @@ impl Devices {
         }
     }
 
-    /// What the robot senses of its own body.
+    /// Proprioception of the row.
     pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
         let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
         if body.is_due(view.row.step) {

@@ -1,6 +1,6 @@
-//! What a robot senses, as a registry of sensors: each one is a file in `sensors/` that says its name, its terms, what it
-//! needs, how it computes its numbers and where a message has them. Nothing is computed that nobody asks for, and nothing
-//! twice in a row. Noise is drawn by step: the noise of observation k is the same whatever was asked for before.
+//! The robot's senses, as a registry of sensors: each one is a file in `sensors/` with its name, its terms, its needs, the code
+//! that computes its numbers and their place in a message. Nothing is computed that nobody asks for, and nothing twice in a
+//! row. Noise is drawn by step: the noise of observation k is the same whatever was asked for before.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -32,7 +32,7 @@ pub const LIDAR_RANGE: f64 = 10.0;
 /// Greatest elevation, rad; the least is its negative.
 const ELEVATION: f64 = 25.0 * PI / 180.0;
 
-/// What a LiDAR sees.
+/// Objects that a LiDAR sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sight {
     /// Floor and ladder, as the published benchmark has it.
@@ -123,7 +123,7 @@ impl Lidar {
         &self.ranges
     }
 
-    /// What the last scan hit, in the sensor's frame, m, in the order of the rays. A ray without a hit gives no point.
+    /// Hits of the last scan, in the sensor's frame, m, in the order of the rays. A ray without a hit gives no point.
     pub fn points(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
         let hit = |(range, direction): (&f32, &Vector3<f64>)| {
             (*range < LIDAR_RANGE as f32)

@@ -1,4 +1,4 @@
-//! What a client is told of a session's sensors.
+//! Messages that describe a session's sensors to its client.
 
 use fiatlux_proto::v3;
 use fiatlux_robot::Robot;

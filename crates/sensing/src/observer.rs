@@ -1,4 +1,4 @@
-//! What the robot senses of its own body: a row, and uniform noise.
+//! Proprioception: a row with uniform noise.
 
 use fiatlux_proto::Proprioception;
 use fiatlux_rules::Row;

@@ -6,7 +6,8 @@ use crate::{Setup, sensors};
 /// Makes the list of sensors from the entry in each one's file.
 macro_rules! sensors {
     ($($(#[$doc:meta])* $sensor:ident: $module:ident,)*) => {
-        /// What a session can sense: a sensor for each file of `sensors/`. `proto/fiatlux/v3/observation.proto` has the
+        /// Sensors that a session can have: one for each file of `sensors/`. `proto/fiatlux/v3/observation.proto` has the field
+        /// of each.
         /// field of each.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Sensor {
@@ -44,7 +45,7 @@ impl Sensor {
         Self::ALL.map(Sensor::name).join(", ")
     }
 
-    /// What a run with it may be compared with.
+    /// Class of runs that have it.
     pub const fn class(self) -> Class {
         self.entry().class
     }
@@ -54,7 +55,7 @@ impl Sensor {
         self.entry().is_large
     }
 
-    /// How much work it is.
+    /// Cost of computing it.
     pub const fn cost(self) -> Cost {
         let needs = &self.entry().needs;
         if needs.network {
@@ -85,7 +86,7 @@ impl Sensor {
         terms
     }
 
-    /// How many numbers it has.
+    /// Count of its numbers.
     pub fn length(self, setup: &Setup) -> usize {
         (self.entry().terms)(setup).iter().map(Term::length).sum()
     }

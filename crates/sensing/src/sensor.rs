@@ -1,4 +1,4 @@
-//! What a sensor's file says of it.
+//! The entry in a sensor's file.
 
 use fiatlux_proto::v3::Observation;
 use fiatlux_render::HEAD_PIXELS;
@@ -15,7 +15,7 @@ pub(crate) struct Entry {
     pub class: Class,
     /// Large in a message: a bag has it only where the session asks for it.
     pub is_large: bool,
-    /// What it is computed from besides the row.
+    /// Shared computations that it needs besides the row.
     pub needs: Needs,
     /// Its terms in order; their offsets are filled in later.
     pub terms: fn(&Setup) -> Vec<Term>,
@@ -25,7 +25,7 @@ pub(crate) struct Entry {
     pub encode: fn(&View<'_>, &mut Devices, &mut Observation) -> Result<(), SenseError>,
 }
 
-/// What is computed once a row for all sensors that need it.
+/// Computations made once a row for all sensors that need them.
 pub(crate) struct Needs {
     pub scan: bool,
     /// Name of a camera in the robot's file.
@@ -46,7 +46,7 @@ impl Needs {
     pub const ROW: Self = Self { scan: false, camera: None, network: false };
 }
 
-/// What a run with a sensor may be compared with.
+/// Runs that a run with a sensor may be compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
     /// The benchmark's: what a robot could sense as well.
@@ -57,7 +57,7 @@ pub enum Class {
     Optional,
 }
 
-/// How much work a sensor is: by the costliest thing that it needs.
+/// Work that a sensor is: by the costliest thing that it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Cost {
     /// Read off the row: a few microseconds.
@@ -70,7 +70,7 @@ pub enum Cost {
     Network,
 }
 
-/// What the shapes of terms depend on.
+/// Settings on which the shapes of terms depend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Setup {
     /// The task whose episode is sensed.
@@ -109,7 +109,7 @@ pub struct Term {
     pub scale: f64,
     /// Half-width of its uniform noise, in its unit; 0 for none.
     pub noise: f64,
-    /// What the numbers are, in their order.
+    /// Meaning of the numbers, in their order.
     pub meaning: &'static str,
 }
 
@@ -141,7 +141,7 @@ impl Term {
         self
     }
 
-    /// How many numbers it has.
+    /// Count of its numbers.
     pub fn length(&self) -> usize {
         self.shape.iter().product()
     }
@@ -161,7 +161,7 @@ enum Places<'a> {
 }
 
 impl<'a> Out<'a> {
-    /// What does not fit is left out.
+    /// Numbers that do not fit are left out.
     pub fn slice(numbers: &'a mut [f32]) -> Self {
         Self { places: Places::Slice(numbers.iter_mut()), scale: 1.0 }
     }

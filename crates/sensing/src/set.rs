@@ -49,13 +49,13 @@ impl Sensors {
         set
     }
 
-    /// What a session has that names none: the robot's own body, as the published vector of the task has it.
+    /// Sensors of a session that names none: the robot's own body, as the published vector of the task has it.
     pub fn of_body(task: Task) -> Self {
         let contact = if task == Task::Climb { Sensor::LimbContact } else { Sensor::HandContact };
         Self::of(&[Sensor::Proprioception, contact, Sensor::LastAction])
     }
 
-    /// Whether it has a sensor.
+    /// True if it has a sensor.
     pub const fn contains(self, sensor: Sensor) -> bool {
         self.0 & 1 << sensor as u32 != 0
     }
@@ -78,7 +78,7 @@ impl Sensors {
         Self(self.0 & !other.0)
     }
 
-    /// Whether some sensor is in both.
+    /// True if some sensor is in both.
     pub const fn meets(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }

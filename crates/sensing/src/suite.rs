@@ -67,7 +67,7 @@ impl SensorSuite {
         self.devices.restart(noise, lighting);
     }
 
-    /// How many numbers a sensor has.
+    /// Count of a sensor's numbers.
     pub fn length(&self, sensor: Sensor) -> usize {
         self.lengths[sensor as usize]
     }
@@ -109,7 +109,7 @@ impl SensorSuite {
         Ok(CompressedImage { timestamp: Some(time_of(view.row.step)), frame_id, data, format: "png".into() })
     }
 
-    /// What the LiDAR hits in a row, in its own frame, for a viewer.
+    /// Hits of the LiDAR in a row, in its own frame, for a viewer.
     ///
     /// # Errors
     /// [`SenseError`]: no LiDAR.

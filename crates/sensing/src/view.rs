@@ -1,7 +1,7 @@
 use fiatlux_rules::{Judge, Row, Task};
 use fiatlux_world::{Episode, Scene};
 
-/// What there is to be sensed: a row, and what the rules say of it.
+/// Inputs of the sensors: a row, and what the rules say of it.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The scene that the row belongs to.
@@ -14,7 +14,7 @@ pub struct View<'a> {
     pub task: Task,
     /// The judge, who has seen the row.
     pub judge: &'a Judge,
-    /// What the step to this row paid.
+    /// Reward of the step to this row.
     pub reward: f64,
 }
 

@@ -41,7 +41,7 @@ const AWAY: Duration = Duration::from_secs(5);
 /// One in this many tries also asks for the last observation.
 const ASK_EVERY: u32 = 4;
 
-/// How a query ended: with a reply, an error reply, or none.
+/// Answer to a query: a reply, an error reply, or none.
 pub type Answer = Option<Result<Bytes, Bytes>>;
 
 /// An input of a client.
@@ -67,7 +67,7 @@ pub enum Input {
     Tick,
 }
 
-/// What the caller should do for a client.
+/// Requests of a client to its caller.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Output {
     /// Query `reset` with this [`ResetRequest`].
@@ -213,13 +213,13 @@ impl ClientSession {
         }
     }
 
-    /// Whether actions have been sent before their observations arrived.
+    /// True if actions have been sent before their observations arrived.
     pub fn is_ahead(&self) -> bool {
         matches!(&self.phase, Phase::Waiting { actions, .. } if actions.len() > 1)
     }
 
-    /// Whether a notice speaks of an action that was sent ahead, or twice, and needs nobody's attention: its episode is over,
-    /// or the session sends again what is missing.
+    /// True if a notice concerns an action that was sent ahead, or twice, and needs nobody's attention: its episode is over, or
+    /// the session sends again what is missing.
     pub fn is_left_over(&self, notice: &Notice) -> bool {
         let is_playing = matches!(self.phase, Phase::Waiting { .. } | Phase::Acting { .. });
         notice.code() == Code::Step && (self.is_ahead() || !is_playing || notice.episode != self.episode)
@@ -228,7 +228,7 @@ impl ClientSession {
     /// Returns the answer to a look if its parts are those that the session announced.
     ///
     /// # Errors
-    /// What is wrong with the observation.
+    /// The fault of the observation.
     pub fn check(&self, observation: Observation) -> Result<Observation, String> {
         let layout = self.layout.as_ref().map_err(ToString::to_string)?;
         layout.check(&observation).map_err(|error| error.to_string())?;

@@ -85,7 +85,7 @@ impl CommandError {
         }
     }
 
-    /// What the sender should do.
+    /// Remedy for the sender.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Range { field: "action", .. } => "clip the action, whose usual range is [-1, 1]",

@@ -6,9 +6,9 @@ use std::time::Duration;
 /// carries out what [`poll`](Machine::poll) returns until that is `None`, and sleeps until the next message or until
 /// [`wake_at`](Machine::wake_at), when it gives a `Tick`.
 pub trait Machine {
-    /// What happens to the peer: messages, answers, and time passing.
+    /// Events of the peer: messages, answers, and time passing.
     type Input;
-    /// What the caller should do for the peer.
+    /// Requests of the peer to its caller.
     type Output;
 
     /// Handles one input, and everything that is due at `now`.

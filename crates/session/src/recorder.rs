@@ -43,7 +43,7 @@ pub enum Input {
     Tick,
 }
 
-/// What the caller should do for a recorder.
+/// Requests of a recorder to its caller.
 #[derive(Debug, PartialEq)]
 pub enum Output {
     /// Write this, then report what is on disk.
@@ -59,7 +59,7 @@ pub enum Output {
     Done,
 }
 
-/// What to write into a bag.
+/// Data to write into a bag.
 #[derive(Debug, PartialEq)]
 pub enum Write {
     /// Begin a new bag with this header.
@@ -219,7 +219,7 @@ impl RecorderSession {
         }
     }
 
-    /// What to request from the server or tell it, once everything is written.
+    /// Next request or news for the server, once everything is written.
     fn poll_server(&mut self) -> Option<Output> {
         if let Some(request) = self.order.request(self.now) {
             return Some(Output::Request(request.encode_to_vec().into()));

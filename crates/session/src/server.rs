@@ -221,7 +221,7 @@ impl<H: Host, R> ServerSession<H, R> {
         &self.host
     }
 
-    /// Whether the server can stop now without losing anything.
+    /// True if the server can stop now without losing anything.
     pub fn is_settled(&self) -> bool {
         let draining = matches!(self.phase, Phase::Draining(_)) && !self.recorded && !self.recording.registered;
         self.phase == Phase::Done || draining

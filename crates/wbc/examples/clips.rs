@@ -1,5 +1,5 @@
-//! What the controller looks like: a contact sheet of each of some short clips; how flat the feet are that bear a load, how far
-//! apart to the side two of them are, and how the torso leans.
+//! Contact sheets of some short clips of the controller; the tilt of feet that bear a load, the distance between two of them to
+//! the side, and the lean of the torso.
 //!
 //!     cargo run --release -p fiatlux-wbc --example clips -- OUT_DIR [WEIGHTS.safetensors]
 #![allow(clippy::unwrap_used)]

@@ -1,4 +1,4 @@
-//! How well the controller stands: still while both arms reach, over a minute, at commanded postures, with loads and pulls.
+//! Measures standing: still while both arms reach, over a minute, at commanded postures, with loads and pulls.
 //!
 //!     cargo run --release -p fiatlux-wbc --example stand -- [--exact] [--robots N]
 #![allow(clippy::unwrap_used)]

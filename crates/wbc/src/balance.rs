@@ -32,8 +32,8 @@ pub(crate) use estimate::Pendulum;
 
 use crate::Sensed;
 
-/// How far beyond the capture point the pressure goes, per deviation of it from the reference. The poles of the loop are
-/// -w and -k w: with 1 both are those of the pendulum itself. More only sends the estimate's noise (6 mm) to the ankles.
+/// Gain of the pressure beyond the capture point, per deviation of it from the reference. The poles of the loop are -w and -k
+/// w: with 1 both are those of the pendulum itself. More only sends the estimate's noise (6 mm) to the ankles.
 const CAPTURE_GAIN: f64 = 1.0;
 
 /// Largest deviation of the pressure from the soles' centre, fore and aft, m. The sole is 0.101 m long either way; its

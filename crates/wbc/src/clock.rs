@@ -8,7 +8,7 @@ use crate::CONTROL_DT;
 const RATE: f64 = 1.3;
 /// Part of its period in which a foot swings.
 const SWING: f64 = 0.45;
-/// How high its sole swings, m.
+/// Height of a swinging sole, m.
 const SWING_HEIGHT: f64 = 0.08;
 
 /// When each foot is due up and down. On a command to stand it stops as soon as both are due down.
@@ -44,12 +44,12 @@ impl Clock {
         (self.phase + 0.5 * foot as f64) % 1.0
     }
 
-    /// Whether both feet are due down until a command to walk.
+    /// True if both feet are due down until a command to walk.
     pub fn stands(&self) -> bool {
         self.stands
     }
 
-    /// Whether a foot is due on the floor: 0 is the left one.
+    /// True if a foot is due on the floor: 0 is the left one.
     pub fn is_down(&self, foot: usize) -> bool {
         self.stands || self.phase(foot) >= SWING
     }

@@ -1,4 +1,4 @@
-//! What a controller was made for.
+//! The contract of a controller: robot, rates, sizes and training.
 
 use fiatlux_robot::{GainSet, Gains, JointGains, Robot};
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ const FORMAT: &str = "fiatlux-wbc/2";
 /// The robots that a controller plays: the same legs and waist, and hands that weigh the same.
 const ROBOTS: [&str; 2] = ["g1_bare", "g1_inspire"];
 
-/// What a controller was made for; it stands in its file.
+/// The contract of a controller; it stands in its file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contract {
     /// Name and version of this layout.
@@ -68,16 +68,16 @@ impl Joint {
     }
 }
 
-/// How a controller was trained.
+/// Record of a controller's training.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Training {
     /// Of networks and worlds.
     pub seed: u64,
     /// Control steps of all worlds together.
     pub samples: u64,
-    /// How long it took, minutes of wall-clock time.
+    /// Duration, minutes of wall-clock time.
     pub minutes: f64,
-    /// What it ran on.
+    /// Machine that it ran on.
     pub hardware: String,
 }
 

@@ -46,7 +46,7 @@ impl Controller {
         self.last_action = [0.0; MOVED];
     }
 
-    /// What it was made for.
+    /// Network, with its contract.
     pub fn network(&self) -> &Network {
         &self.network
     }
@@ -101,7 +101,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Whether both feet stay down until a command to walk.
+    /// True if both feet stay down until a command to walk.
     pub fn stands(&self) -> bool {
         self.clock.stands()
     }
@@ -111,7 +111,7 @@ impl Controller {
         self.clock.stride()
     }
 
-    /// Whether it keeps the robot over its feet where they are, without the network.
+    /// True if it keeps the robot over its feet where they are, without the network.
     pub fn is_standing(&self) -> bool {
         self.standing.has_taken_over()
     }

@@ -12,7 +12,7 @@ pub enum WbcError {
     Read {
         /// As it was given.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         #[source]
         source: std::io::Error,
     },
@@ -68,7 +68,7 @@ pub enum WbcError {
     Sensed {
         /// Name of the term.
         term: &'static str,
-        /// What is wrong with it.
+        /// Fault of the value.
         problem: &'static str,
     },
     /// Arms whose weight cannot be compensated; says why.

@@ -1,4 +1,4 @@
-//! What the controller observes.
+//! Observations of the controller.
 
 use fiatlux_proto::Proprioception;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ pub const MOVED: usize = 15;
 /// Joints of both arms, which come next; the controller sees them alone.
 pub const ARMS: usize = 14;
 
-/// What is observed in one frame: name, count.
+/// Terms of one frame: name, count.
 pub const FRAME: [(&str, usize); 10] = [
     ("base_angular_velocity", 3),
     ("projected_gravity", 3),
@@ -30,7 +30,7 @@ pub const FRAME: [(&str, usize); 10] = [
 /// Numbers of one frame.
 pub const FRAME_LENGTH: usize = 80;
 
-/// What a controller reads of the standard observation: positions of legs, waist and arms at least, velocities of legs and waist.
+/// Proprioception as a controller reads it: positions of legs, waist and arms at least, velocities of legs and waist.
 pub type Sensed<'a> = Proprioception<&'a [f64]>;
 
 /// The first of some terms of an observation that has fewer numbers than are needed, or one among these that is not finite;
@@ -55,7 +55,7 @@ impl History {
         Self { numbers: vec![0.0; frames * FRAME_LENGTH] }
     }
 
-    /// How many frames it has.
+    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.numbers.len() / FRAME_LENGTH
     }

@@ -17,7 +17,7 @@ use crate::{Contract, FRAME, MOVED, WbcError, mirrored_action, mirrored_frame};
 const TOLERANCE: f32 = 1e-5;
 /// Under which name a file carries the contract.
 const CONTRACT: &str = "contract";
-/// How a checkpoint begins, which is a zip archive.
+/// First bytes of a checkpoint, which is a zip archive.
 const CHECKPOINT: &[u8] = b"PK\x03\x04";
 /// The largest layer that is taken.
 const WIDEST: usize = 1 << 12;
@@ -101,7 +101,7 @@ impl Network {
         }
     }
 
-    /// What it was made for.
+    /// Contract of its file.
     pub fn contract(&self) -> &Contract {
         &self.contract
     }

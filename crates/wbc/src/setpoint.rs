@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::CONTROL_DT;
 
-/// How fast height, m/s, and torso, rad/s, follow the command.
+/// Rates at which height, m/s, and torso, rad/s, follow the command.
 const HEIGHT_RATE: f64 = 0.3;
 const TORSO_RATE: f64 = 1.0;
 
@@ -32,7 +32,7 @@ impl Setpoint {
         }
     }
 
-    /// What holds in this control step.
+    /// Setpoint of this control step.
     pub fn now(&self) -> &BodyCommand {
         &self.now
     }

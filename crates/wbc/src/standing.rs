@@ -15,8 +15,8 @@ use crate::balance::{Balance, Pendulum};
 use crate::setpoint::towards;
 use crate::{BODY, BodyCommand, CONTROL_DT, Joint, LEGS, MOVED, Sensed, WbcError};
 
-/// How far the capture point may be from the middle between the soles, fore and aft and sideways, m: while the robot comes to
-/// rest, and afterwards. The sole is 0.101 m long either way.
+/// Farthest that the capture point may be from the middle between the soles, fore and aft and sideways, m: while the robot
+/// comes to rest, and afterwards. The sole is 0.101 m long either way.
 const CALM: [f64; 2] = [0.035, 0.035];
 const HELD: [f64; 2] = [0.055, 0.055];
 /// Control steps of calm before it takes over.
@@ -34,9 +34,9 @@ const CENTRE_RATE: f64 = 0.1;
 const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
 /// Nearer to their stop than the first number the ankles make the pelvis lean forwards, farther than the second back, rad.
 const ANKLE_ROOM: [f64; 2] = [0.08, 0.14];
-/// How fast it leans, rad/s, and how far at most, rad.
+/// Rate of the lean, rad/s, and its bound, rad.
 const LEAN_RATE: f64 = 0.3;
-const LEAN_MOST: f64 = 0.45;
+const MAX_LEAN: f64 = 0.45;
 /// Index of ankle pitch in a leg.
 const ANKLE_PITCH: usize = 4;
 /// Least distance from the ends of the joints' ranges, rad.
@@ -72,7 +72,7 @@ struct Stance {
     turned: [f64; 3],
     /// Roll, pitch and yaw of the torso from upright axes that point where the pelvis points, rad.
     torso: [f64; 3],
-    /// What the ankles' range asks of the pelvis's pitch, rad.
+    /// Pitch of the pelvis that the ankles' range asks for, rad.
     lean: f64,
 }
 
@@ -117,7 +117,7 @@ impl Standing {
         (self.average, self.calm, self.stance) = (None, 0, None);
     }
 
-    /// Whether it has taken over.
+    /// True if it has taken over.
     pub fn has_taken_over(&self) -> bool {
         self.stance.is_some()
     }
@@ -251,7 +251,7 @@ impl Stance {
         let room = [ANKLE_PITCH, LEGS / 2 + ANKLE_PITCH].map(|joint| posture[joint] - robot.joints()[joint].lower);
         let room = room[0].min(room[1]) - RANGE_MARGIN;
         let lean = if room < ANKLE_ROOM[0] {
-            LEAN_MOST
+            MAX_LEAN
         } else if room > ANKLE_ROOM[1] {
             0.0
         } else {

@@ -5,9 +5,10 @@ use crate::{ARMS, BodyCommand, CONTROL_DT, MOVED};
 
 /// Shoulder pitch, shoulder roll and elbow in an arm.
 const JOINTS: [usize; 3] = [0, 1, 3];
-/// How a left arm hangs, rad: next to the thigh, the forearm down. Turns about the forward axis are mirrored on the right.
+/// Posture of a hanging left arm, rad: next to the thigh, the forearm down. Turns about the forward axis are mirrored on the
+/// right.
 const HANGS: [f64; 3] = [0.15, 0.2, 0.8];
-/// How fast it comes to hang, rad/s.
+/// Rate at which it comes to hang, rad/s.
 const HANG_RATE: f64 = 1.0;
 /// Swing of the shoulder's pitch for a speed forwards, rad s/m, and the widest, rad: as fast as arms moved in training, 2 rad/s.
 const SWING: [f64; 2] = [0.5, 0.24];

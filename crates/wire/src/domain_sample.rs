@@ -1,4 +1,4 @@
-//! What was drawn for an episode, as messages and back.
+//! Domain samples, as messages and back.
 
 use fiatlux_proto::v3;
 use fiatlux_world::{DomainSample, Layout, Light, Mount, Place, PropScale, Randomization, StartOffset};
@@ -22,7 +22,7 @@ pub fn light_of(header: &v3::EpisodeHeader) -> Light {
     })
 }
 
-/// What varies, from a request.
+/// Randomization that a request asks for.
 pub fn randomization(asked: &v3::Randomization) -> Randomization {
     Randomization {
         layout: !asked.fixed_layout,
@@ -45,7 +45,7 @@ pub fn prop_scale(asked: &v3::PropScale) -> PropScale {
     }
 }
 
-/// What was drawn for an episode, as a message.
+/// Message of a domain sample.
 pub fn domain_sample_message(sample: &DomainSample) -> v3::DomainSample {
     let DomainSample { layout, scale, hand_friction, light, start } = sample;
     let point = |point: Option<Vector2<f64>>| point.map_or_else(Vec::new, |point| vec![point.x, point.y]);

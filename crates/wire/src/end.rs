@@ -1,10 +1,10 @@
-//! How an episode ended and what its judges say, as messages.
+//! Ends of episodes and judgements, as messages.
 
 use fiatlux_proto::v3;
 use fiatlux_rules::{Judge, Summary};
 
-/// What an episode amounts to by the judge in force, with the cause of its end (`aborted` where no row ended it), all causes
-/// that its last row met, and the digest of its rows, hexadecimal.
+/// Summary of an episode by the judge in force, with the cause of its end (`aborted` where no row ended it), all causes that
+/// its last row met, and the digest of its rows, hexadecimal.
 pub fn end_message(summary: &Summary, cause: &str, causes: Vec<String>, digest: String) -> v3::EpisodeEnd {
     v3::EpisodeEnd {
         cause: cause.into(),
@@ -18,7 +18,7 @@ pub fn end_message(summary: &Summary, cause: &str, causes: Vec<String>, digest: 
     }
 }
 
-/// What one judge says, from the rows up to its end.
+/// Judgement of one judge, from the rows up to its end.
 pub fn judgement_message(judge: &Judge) -> v3::Judgement {
     let summary = judge.summary();
     let end = summary.end;

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// What is wrong with a message, by field.
+/// Fault of a message, by field.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum WireError {
     /// A part is missing.
@@ -32,7 +32,7 @@ pub enum WireError {
     Value {
         /// Path of the field in the message.
         field: &'static str,
-        /// What is wrong with it.
+        /// Fault of its value.
         problem: String,
     },
 }

@@ -1,4 +1,4 @@
-//! What stands still in a scene, as messages.
+//! Static parts of a scene, as messages.
 
 use fiatlux_proto::v3;
 use fiatlux_world::Scene;

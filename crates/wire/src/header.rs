@@ -1,4 +1,4 @@
-//! What a bag's header says of the rows that follow it.
+//! The header of a bag, which describes the rows that follow it.
 
 use data_encoding::HEXLOWER;
 use fiatlux_proto::Message;
@@ -90,7 +90,7 @@ pub fn reward_of(header: &EpisodeHeader) -> Result<Variant, WireError> {
     })
 }
 
-/// What the episode is, apart from its rows: the header's digest_context must be the digest of this.
+/// Identity of the episode: the header's digest_context must be the digest of this.
 ///
 /// # Errors
 /// [`WireError`], with the field: one is missing, or names what this version does not know.

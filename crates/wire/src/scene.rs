@@ -17,7 +17,7 @@ pub enum RebuildError {
     /// A part of it is missing or cannot be read.
     #[error("cannot read the bag's header; the bag is of another version, or damaged")]
     Header(#[from] WireError),
-    /// What it says makes no scene.
+    /// The scene cannot be built.
     #[error("cannot build the scene of the bag's header")]
     Scene(#[from] SceneError),
 }

@@ -1,4 +1,4 @@
-//! What a viewer shows: the scene's shapes, and where its frames are.
+//! Shapes of a scene and poses of its frames, for viewers.
 //!
 //! Frames: `world`; below it `pelvis` with the robot's links in their tree, and one for each thing of the manifest that the scene
 //! has. Things are drawn in their own frames, the rest in `world`.

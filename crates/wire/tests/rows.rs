@@ -82,7 +82,7 @@ fn body(body: &mut Option<v3::Body>) -> &mut v3::Body {
     body.as_mut().expect("a body")
 }
 
-/// What a scene lacks comes back as lacking.
+/// Things that a scene lacks come back as absent.
 #[test]
 fn absent_things_stay_absent() {
     let mut row = full(&mut Draw(7), 9);

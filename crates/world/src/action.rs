@@ -1,4 +1,4 @@
-//! What the numbers of an action are.
+//! The numbers of an action.
 
 /// Radians of joint target per unit of action: target = q0 + 0.5 action.
 pub const ACTION_SCALE: f64 = 0.5;

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::config::AttachmentConfig;
 
-/// Whether the socket holds a bulb.
+/// State of a bulb in a socket.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AttachmentState {
     /// The socket does not hold the bulb.
@@ -20,7 +20,7 @@ pub enum AttachmentState {
 /// The socket's hold on one bulb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attachment {
-    /// Whether the bulb is held.
+    /// Held or not.
     pub state: AttachmentState,
     /// Consecutive control steps that a held bulb has spent beyond the release gap.
     pub steps_beyond: u32,
@@ -69,7 +69,7 @@ impl Attachment {
     /// A bulb that the socket holds and that has not begun to leave.
     pub const SEATED: Self = Self { state: AttachmentState::Seated, steps_beyond: 0 };
 
-    /// Whether the bulb is held.
+    /// True if the socket holds the bulb.
     pub fn is_seated(&self) -> bool {
         self.state == AttachmentState::Seated
     }

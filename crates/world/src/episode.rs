@@ -24,7 +24,7 @@ pub struct EpisodeSpec {
     pub seed: u64,
     /// Index of the episode; with the seed it determines everything that varies.
     pub episode: u64,
-    /// What to draw at random.
+    /// Quantities to draw at random.
     pub randomize: Randomization,
     /// Sizes of the props, unless they are drawn.
     pub scale: PropScale,
@@ -32,7 +32,7 @@ pub struct EpisodeSpec {
     pub thresholds: Thresholds,
     /// Which of the two judges ends it and pays its rewards.
     pub protocol: Protocol,
-    /// What ends it, in place of the task's own conditions.
+    /// Causes that end it, in place of the task's own.
     pub end_on: Option<Causes>,
     /// Which reward it pays; not part of the digest.
     pub variant: Variant,
@@ -158,11 +158,11 @@ pub enum EpisodeError {
 pub struct Step<'a> {
     /// The row after it.
     pub row: &'a Row,
-    /// What the rows so far say.
+    /// Verdict on the rows so far.
     pub verdict: &'a Verdict,
-    /// What each term of the reward paid.
+    /// Payment of each term of the reward.
     pub terms: &'a [Term],
-    /// Whether a number of the action was outside the box [-1, 1].
+    /// A number of the action was outside the box [-1, 1].
     pub outside_box: bool,
 }
 
@@ -299,12 +299,12 @@ impl Episode {
         self.judge().verdict()
     }
 
-    /// What each term of the reward paid in the last step.
+    /// Payment of each term of the reward in the last step.
     pub fn terms(&self) -> &[Term] {
         self.rewards.terms()
     }
 
-    /// What all terms paid in the last step.
+    /// Sum of the terms in the last step.
     pub fn reward(&self) -> f64 {
         self.rewards.reward()
     }
@@ -329,7 +329,7 @@ impl Episode {
         self.judge().summary()
     }
 
-    /// How it ended; `None` while it runs.
+    /// Its end; `None` while it runs.
     pub fn end(&self) -> Option<End> {
         self.verdict().end
     }

@@ -13,7 +13,7 @@ pub enum SceneError {
     Toml {
         /// Line of the fault, from 1, where known.
         line: Option<usize>,
-        /// What is wrong with the text.
+        /// Fault of the text.
         reason: String,
     },
     /// A field has an invalid value.
@@ -33,7 +33,7 @@ pub enum SceneError {
     Layout {
         /// The layout seed that the room was drawn from.
         seed: u64,
-        /// How often the room was drawn.
+        /// Number of rooms that were drawn.
         redraws: u32,
         /// The zone that found no place in the last draw.
         zone: &'static str,
@@ -66,11 +66,11 @@ pub enum SceneError {
     RobotParts {
         /// Name of the robot.
         robot: String,
-        /// What is counted, such as `joints`.
+        /// Items that are counted, such as `joints`.
         part: &'static str,
-        /// How many the robot has.
+        /// Number that the robot has.
         found: usize,
-        /// How many it must have.
+        /// Number that it must have.
         needed: usize,
     },
     /// The robot cannot be added as asked.
@@ -112,7 +112,7 @@ pub enum WorldError {
     Wrench {
         /// Its place in the list.
         index: usize,
-        /// What is wrong and what to do.
+        /// Fault and remedy.
         problem: &'static str,
     },
     /// A push is NaN or infinite.

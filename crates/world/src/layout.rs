@@ -39,7 +39,7 @@ impl Place {
     }
 }
 
-/// What the fixture hangs on.
+/// The surface that the fixture hangs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mount {
     /// A rod from the ceiling; opens downwards.
@@ -66,7 +66,7 @@ impl Mount {
     }
 }
 
-/// How the ladder starts.
+/// Start state of the ladder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LadderStart {
     /// Anywhere in the room, with any heading: S01 and the full errand.
@@ -78,7 +78,7 @@ pub enum LadderStart {
 /// Where everything stands, as drawn by the layout seed or as recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
-    /// What the fixture hangs on.
+    /// The surface that the fixture hangs on.
     pub mount: Mount,
     /// Pose of the socket.
     pub world_from_fixture: Isometry3<f64>,

@@ -2,7 +2,7 @@ use std::fmt;
 
 use fiatlux_rules::{errand, manifest};
 
-/// What a collision shape belongs to.
+/// The object that a collision shape belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ShapeOwner {
     /// The floor of the scene.

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-/// How a ladder stands.
+/// Posture of a ladder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LadderPart {
     /// Free to move, in its own place.
@@ -59,7 +59,7 @@ impl SceneParts {
         Self { ladder: Some(ladder), bulbs: true, room: true, fixture: true, furniture }
     }
 
-    /// Whether a bulb can be in a socket.
+    /// True if a bulb can be in a socket.
     pub(crate) fn has_hold(&self) -> bool {
         self.bulbs && self.fixture
     }

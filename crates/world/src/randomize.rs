@@ -22,7 +22,7 @@ use crate::Random;
 /// Which quantities an episode draws. The others are nominal. The default is the benchmark's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Randomization {
-    /// Whether the seed draws the room; if not, it is that of layout seed 0.
+    /// The room, from the seed; else it is that of layout seed 0.
     pub layout: bool,
     /// Place, heading and joints of the robot at the start.
     pub start: bool,

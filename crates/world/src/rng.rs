@@ -92,7 +92,7 @@ impl Random {
         self.generator.advance(u128::from(count));
     }
 
-    /// How many numbers were drawn or skipped: [`Random::skip`] of as many takes a new stream to the same place.
+    /// Count of numbers drawn or skipped: [`Random::skip`] of as many takes a new stream to the same place.
     pub fn drawn(&self) -> u64 {
         self.drawn
     }

@@ -218,7 +218,7 @@ fn check_robot(robot: &Robot) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Whether a link is another one or hangs below it.
+/// True if a link is another one or hangs below it.
 pub(crate) fn is_below(robot: &Robot, link: usize, above: usize) -> bool {
     std::iter::successors(Some(link), |at| robot.links()[*at].parent).any(|at| at == above)
 }

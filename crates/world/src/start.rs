@@ -24,7 +24,7 @@ use crate::{ACTION_SCALE, Scene, SceneKind, SceneParts, ShapeOwner, World, World
 /// Options for the start of an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartOptions {
-    /// Whether to add the task's reset noise.
+    /// Adds the task's reset noise.
     pub reset_noise: bool,
     /// Seed that draws the reset noise, with the episode; `None` for the layout seed.
     pub seed: Option<u64>,
@@ -63,11 +63,11 @@ pub enum StartError {
         seed: u64,
         /// Index of the episode.
         episode: u64,
-        /// What differs, such as `hand friction`.
+        /// The quantity that differs, such as `hand friction`.
         what: &'static str,
-        /// What the episode has.
+        /// Its value in the episode.
         needed: String,
-        /// What the scene has.
+        /// Its value in the scene.
         found: String,
     },
     /// The config names a part that the robot lacks.
@@ -90,7 +90,7 @@ pub enum StartError {
         seed: u64,
         /// Index of the episode.
         episode: u64,
-        /// What is in the way of the first place that was tried.
+        /// The obstacle at the first place that was tried.
         obstacle: ShapeOwner,
     },
     /// The staged hand does not hold the bulb properly.

@@ -1,4 +1,4 @@
-//! What the arms do while the robot walks.
+//! Motions of the arms while the robot walks.
 
 use fiatlux_robot::Robot;
 use fiatlux_rules::CONTROL_DT;

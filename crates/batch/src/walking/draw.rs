@@ -1,4 +1,4 @@
-//! What a learner's robot is asked for.
+//! Draws of commands for a learner's robot.
 
 use fiatlux_rules::CONTROL_DT;
 use fiatlux_wbc::{BodyCommand, NOMINAL_HEIGHT};

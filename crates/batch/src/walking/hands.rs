@@ -1,4 +1,4 @@
-//! What the hands carry and what pulls at them while the robot walks.
+//! Loads and pulls at the hands while the robot walks.
 
 use fiatlux_dynamics::Wrench;
 use fiatlux_rules::CONTROL_DT;
@@ -11,7 +11,7 @@ const GRAVITY: f64 = 9.81;
 /// Part of the episodes in which a hand carries something, and part of the times in which forces pull.
 const CARRIES: f64 = 0.5;
 const PULLS: f64 = 0.5;
-/// How long a pull lasts, and a pause, s.
+/// Durations of a pull and of a pause, s.
 const PULL_S: [f64; 2] = [0.3, 3.0];
 
 /// Forces at both hands, the left one first. A load is its weight alone: its inertia is left out.

@@ -1,4 +1,4 @@
-//! How far knees bend at a height.
+//! Angle of the knees at a height of the pelvis.
 
 use fiatlux_world::World;
 
@@ -35,7 +35,7 @@ impl Knees {
         Some(knees)
     }
 
-    /// How far the knee is from straight where hip and ankle are this far apart, rad.
+    /// Angle of the knee from straight where hip and ankle are this far apart, rad.
     fn turn(&self, leg_m: f64) -> f64 {
         let (a, b) = (self.thigh_m, self.shin_m);
         let cosine = (a * a + b * b - leg_m * leg_m) / (2.0 * a * b);

@@ -1,4 +1,4 @@
-//! What walking pays, a second.
+//! Rewards of walking, per second.
 
 use fiatlux_rules::{CONTROL_DT, Row, Support, errand};
 use fiatlux_wbc::{LEGS, MOVED};
@@ -7,12 +7,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Walking;
 
-/// What a term reads.
+/// Inputs of a term.
 pub(super) struct View<'a> {
     pub walking: &'a Walking,
     pub world: &'a World,
     pub row: &'a Row,
-    /// What [`velocity`] says of the row.
+    /// Result of [`velocity`] for the row.
     pub velocity: Vector3<f64>,
     pub fell: bool,
 }
@@ -127,7 +127,7 @@ fn height_error(view: &View<'_>) -> f64 {
     view.row.robot.pose.translation.z - view.walking.setpoint.now().height
 }
 
-/// How much straighter the knees are than the height asks for, rad.
+/// Sum of the knees' angles by which they are straighter than the height asks for, rad.
 fn knees(view: &View<'_>) -> f64 {
     let knees = &view.walking.knees;
     let least = knees.least(view.walking.setpoint.now().height);
@@ -172,7 +172,7 @@ fn posture(view: &View<'_>) -> f64 {
     leg(0) + leg(LEGS / 2)
 }
 
-/// How far joints are beyond the free part of their range, rad.
+/// Sum of the joints' angles beyond the free part of their ranges, rad.
 fn joint_range(view: &View<'_>) -> f64 {
     let joints = view.world.scene().robot.joints().iter().zip(&view.row.joint_position).take(MOVED);
     let beyond = joints.map(|(joint, q)| {
@@ -188,7 +188,7 @@ fn slip(view: &View<'_>) -> f64 {
     standing.map(|foot| view.walking.foot_velocity[foot].xy().norm_squared()).sum()
 }
 
-/// How much nearer or wider than comfortable the feet are, m.
+/// Distance by which the feet are nearer or wider apart than comfortable, m.
 fn feet_apart(view: &View<'_>) -> f64 {
     let [left, right] = &view.walking.foot_position;
     let apart = heading(view.row).inverse_transform_vector(&(left - right)).y;

@@ -1,4 +1,4 @@
-//! What a walker remembers of its episode, for snapshots.
+//! State of a walker in an episode, for snapshots.
 
 use fiatlux_sensing::NoiseSeed;
 use fiatlux_wbc::{BodyCommand, Clock, History, MOVED, Setpoint};

@@ -1,4 +1,4 @@
-//! What a client knows about servers, and what it shows them: keys and tokens.
+//! Keys of servers that a client trusts, and tokens that it shows them.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use fiatlux_access::{AccessError, KnownServers, PublicKey, Token};
 
 use super::ClientError;
 
-/// What a client knows about servers, and what it shows them. By default it trusts whichever server answers.
+/// Keys of servers that a client trusts, and tokens that it shows them. By default it trusts whichever server answers.
 #[derive(Debug, Clone, Default)]
 pub struct Access {
     /// The key that the server must have; `None` to accept any.

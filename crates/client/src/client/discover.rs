@@ -11,7 +11,7 @@ use fiatlux_proto::{PROTOCOL, decode, is_compatible};
 
 use super::ClientError;
 
-/// How long to look for a server, s. Tokens take a moment to arrive after connecting.
+/// Time to look for a server, s. Tokens take a moment to arrive after connecting.
 pub(crate) const DISCOVERY_S: f64 = 5.0;
 
 /// Longest time for one look.

@@ -15,7 +15,7 @@ pub enum ClientError {
     /// No server answers in time.
     #[error("no server was found within {waited_s} s; start `sim-server`, or give its address with -e tcp/HOST:PORT")]
     NoServer {
-        /// How long the client looked, s.
+        /// Time for which the client looked, s.
         waited_s: f64,
     },
     /// Several servers answer, and none was chosen.
@@ -31,7 +31,7 @@ pub enum ClientError {
         name: String,
         /// Names of the servers that answer.
         found: Vec<String>,
-        /// How long the client looked, s.
+        /// Time for which the client looked, s.
         waited_s: f64,
     },
     /// Only servers of an older version exist.
@@ -86,7 +86,7 @@ pub enum ClientError {
     /// The server describes a session that is not valid.
     #[error("cannot use the server's session: {reason}; use server and client of the same version")]
     Session {
-        /// What is wrong with the description.
+        /// Fault of the description.
         reason: String,
     },
     /// A query got no answer.
@@ -96,7 +96,7 @@ pub enum ClientError {
     Unanswered {
         /// Key of the query.
         key: String,
-        /// How long the client waited, s.
+        /// Time for which the client waited, s.
         waited_s: f64,
     },
     /// The handshake failed: another program answers, or the server has another key.

@@ -15,7 +15,7 @@ const CAPACITY: usize = 64;
 #[derive(Debug, Default)]
 pub struct Mailbox {
     queue: Mutex<VecDeque<Input>>,
-    /// Whether a message waits; can be read without the lock.
+    /// A message waits; can be read without the lock.
     has_mail: AtomicBool,
     filled: Condvar,
 }

@@ -15,7 +15,7 @@ use fiatlux_session::client::{Answer, Input};
 use super::mailbox::Mailbox;
 use super::{Access, ClientError};
 
-/// How long to repeat queries, s: just after connecting they reach nobody for a moment.
+/// Time for which queries are repeated, s: just after connecting they reach nobody for a moment.
 const PATIENCE_S: f64 = 3.0;
 
 /// The keys of a session, shared by all threads that send in it.
@@ -104,7 +104,7 @@ pub fn ask<T>(
 /// The content of a reply to a greeting.
 pub struct Greeted<T> {
     pub content: Result<T, Refusal>,
-    /// Whether the reply came over a link, which nobody else can use.
+    /// The reply came over a link, which nobody else can use.
     pub is_sealed: bool,
     pub welcome: Option<Welcome>,
 }

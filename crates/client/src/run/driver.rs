@@ -138,7 +138,7 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
         Ok(self.outcome(stopped))
     }
 
-    /// Whether a server has accepted the run.
+    /// True if a server has accepted the run.
     fn is_registered(&self) -> bool {
         !self.episodes.wanted.is_empty()
     }
@@ -277,7 +277,7 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
         Ok(())
     }
 
-    /// Whether nothing has been played for so long that nothing can be expected; notes the reason.
+    /// True if nothing has been played for so long that nothing can be expected; notes the reason.
     fn is_idle(&mut self) -> bool {
         let RunProgress { done, lost, .. } = self.episodes.progress();
         let is_at_work = |attempt: &Attempt| attempt.since.elapsed() >= AT_WORK;
@@ -348,7 +348,7 @@ fn play(
     attempt.play(client, policy.as_mut(), stop)
 }
 
-/// What an error means for the episode.
+/// Consequence of an error for the episode.
 fn setback(error: &ClientError) -> Setback {
     match error {
         ClientError::Stopped => Setback::BrokenOff,

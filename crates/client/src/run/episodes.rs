@@ -82,7 +82,7 @@ impl Attempt {
         self.shared.broken_off.load(Ordering::Relaxed)
     }
 
-    /// Whether the policy refused the session before its first step.
+    /// True if the policy refused the session before its first step.
     pub(super) fn is_refused(&self) -> bool {
         self.shared.refused.load(Ordering::Relaxed)
     }
@@ -265,7 +265,7 @@ mod tests {
         assert!(last.playing.is_empty() && last.steps_left == 0, "{last:?}");
     }
 
-    /// What runs then is broken off, and the rest is not begun.
+    /// A stop breaks off the episodes that run, and does not begin the rest.
     #[test]
     fn a_stop_leaves_the_rest_for_the_next_call() {
         let stop = AtomicBool::new(false);

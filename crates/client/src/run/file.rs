@@ -40,7 +40,7 @@ pub enum RunFileError {
     /// The file cannot be read or written.
     #[error("cannot {what} the run file {}; name another one with --run-file", path.display())]
     Io {
-        /// What was attempted, such as `read` or `create`.
+        /// Operation, such as `read` or `create`.
         what: &'static str,
         /// Path of the file.
         path: PathBuf,
@@ -53,7 +53,7 @@ pub enum RunFileError {
     Content {
         /// Path of the file.
         path: PathBuf,
-        /// What is wrong with its content.
+        /// Fault of its content.
         reason: String,
     },
     /// The file belongs to a run with other settings.

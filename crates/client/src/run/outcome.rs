@@ -18,15 +18,15 @@ pub struct EpisodeOutcome {
     pub task: String,
     /// Layout seed; `None` if it is hosted and the run is not finished.
     pub seed: Option<u64>,
-    /// Whether it was played, failed or lost.
+    /// Played, failed or lost.
     pub fate: EpisodeFate,
-    /// What ended it, or why it was not played.
+    /// Cause of its end, or the reason why it was not played.
     pub cause: String,
-    /// Whether it succeeded by the protocol of the run.
+    /// It succeeded by the protocol of the run.
     pub success: bool,
     /// Digest of its rows; empty if it has none.
     pub digest: String,
-    /// How many times its server began it.
+    /// Number of times that its server began it.
     pub attempts: u32,
     /// Server that has its bag; `None` if it was not played.
     pub server: Option<String>,
@@ -39,9 +39,9 @@ pub struct RunOutcome {
     pub run: String,
     /// Every episode of the run, by index.
     pub episodes: Vec<EpisodeOutcome>,
-    /// Whether the run is closed, so that no more episodes can be played.
+    /// The run is closed, so that no more episodes can be played.
     pub finished: bool,
-    /// Whether the caller stopped it before the end.
+    /// The caller stopped it before the end.
     pub stopped: bool,
     /// Names of the servers that took part in this call.
     pub servers: Vec<String>,
@@ -50,7 +50,7 @@ pub struct RunOutcome {
 }
 
 impl RunOutcome {
-    /// Whether every episode was played to its end.
+    /// True if every episode was played to its end.
     pub fn is_whole(&self) -> bool {
         self.episodes.iter().all(|episode| episode.fate == EpisodeFate::Played)
     }

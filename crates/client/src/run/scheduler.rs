@@ -285,12 +285,12 @@ impl Scheduler {
         live.map(|(name, _)| name.clone()).filter(|name| asks(name)).collect()
     }
 
-    /// Whether any server is known.
+    /// True if a server is live.
     pub(super) fn has_server(&self) -> bool {
         self.servers.values().any(Server::is_live)
     }
 
-    /// Whether nothing is left to do: each episode is decided or given up.
+    /// True if each episode is decided or given up.
     pub(super) fn is_over(&self) -> bool {
         let is_over = |episode: &Episode| {
             matches!(episode.standing, Standing::Decided { .. } | Standing::Lost | Standing::Unplayable)

@@ -214,7 +214,7 @@ fn best_axis(scratch: &mut HullScratch, a: &Hull, b: &Hull, margin: f64) -> Opti
     (most <= margin).then_some((best, most))
 }
 
-/// Whether the arcs between the normals beside two edges cross on the sphere of directions: then the edges' common normal
+/// True if the arcs between the normals beside two edges cross on the sphere of directions: then the edges' common normal
 /// supports both hulls there. The normals of the second edge are reversed.
 fn arcs_cross([a, b]: [V3; 2], along_a: V3, [c, d]: [V3; 2], along_b: V3) -> bool {
     // Up to a factor of one sign each, these are the normals of the great circles through the arcs.

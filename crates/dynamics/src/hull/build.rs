@@ -94,7 +94,7 @@ impl Hull {
         self.vertices.len() + self.faces.len() == self.edges.len() + 2 && self.faces.iter().all(below)
     }
 
-    /// How far the hull reaches below a face.
+    /// Depth of the hull below a face.
     fn depth(&self, face: &Face) -> f64 {
         face.offset - self.support(&-face.normal).dot(&face.normal)
     }

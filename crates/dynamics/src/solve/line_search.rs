@@ -1,4 +1,4 @@
-//! How far to go along Newton's direction.
+//! The step length along Newton's direction.
 
 use std::ops::Range;
 

@@ -138,7 +138,7 @@ fn inverse_dynamics_gives_back_what_a_step_was_given() {
     close(&forces, &dense, 1e-9, "mass matrix times acceleration");
 }
 
-/// What inverse kinematics relies on: a part of the bodies, the others as they were.
+/// Inverse kinematics relies on this: a part of the bodies is updated, the others stay as they were.
 #[test]
 fn an_update_of_some_bodies_is_that_of_all_for_these() {
     let model = model();

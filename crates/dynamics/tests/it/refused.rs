@@ -1,4 +1,4 @@
-//! What no model, state or command may be: each refusal names the part, the field and the rule.
+//! Refused models, states and commands: each refusal names the part, the field and the rule.
 
 use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, Vector3};

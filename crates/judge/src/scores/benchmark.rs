@@ -34,7 +34,7 @@ pub struct SubtaskScore<T> {
     pub task: T,
     /// Half the success rate plus half the mean gate progress under each layout seed; then over the seeds.
     pub score: Spread,
-    /// How many episodes succeeded.
+    /// Rate of successful episodes.
     pub success: Rate,
     /// Successes with nothing broken and nothing dropped.
     pub clean_success: Rate,

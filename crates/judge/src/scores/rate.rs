@@ -3,7 +3,7 @@
 /// 97.5 % quantile of the normal distribution.
 const Z_95: f64 = 1.959963984540054;
 
-/// How often something happened.
+/// A count of hits out of trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rate {
     /// Number of times that it happened.

@@ -51,7 +51,7 @@ pub struct VlaArgs {
     /// question [default: 300]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_cli::whole::<u16>(0..=3600))]
     pub warm_up_timeout: Option<u16>,
-    /// How long to retry a server that is gone, s; an episode waits 60 s for an action [default: 30]
+    /// Time to retry a server that is gone, s; an episode waits 60 s for an action [default: 30]
     #[arg(long, value_name = "SECONDS", value_parser = fiatlux_cli::whole::<u16>(0..=600))]
     pub model_patience: Option<u16>,
     /// File with the server's API token or key
@@ -121,7 +121,7 @@ impl VlaArgs {
         })))
     }
 
-    /// What moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
+    /// Controller that moves the body; `None` if the model does it alone, or outputs tokens and no decoder is given.
     fn carrier(&self, mapping: &Mapping) -> Result<Option<Carrier>, PolicyError> {
         let (kind, folder) =
             self.controller.as_deref().map_or(("", ""), |name| name.split_once(':').unwrap_or((name, "")));

@@ -132,7 +132,7 @@ impl Asker {
         Some((step, q, answered))
     }
 
-    /// Whether a question is pending.
+    /// True if a question is pending.
     pub fn is_asking(&self) -> bool {
         self.out.is_some()
     }
@@ -142,7 +142,7 @@ impl Asker {
         (self.usual.as_secs_f64() / CONTROL_DT).ceil() as u64
     }
 
-    /// What went wrong before the last answer; each problem is returned once.
+    /// The fault before the last answer; each is returned once.
     pub fn problem(&mut self) -> Option<String> {
         self.problem.take()
     }

@@ -13,13 +13,12 @@ use super::{Shared, VlaSource};
 /// A wait that lasts longer is reported.
 const SILENCE: Duration = Duration::from_secs(3);
 
-/// What a server says about itself, and its answer to one observation: the standing posture, and pictures of a grey
-/// ramp.
+/// A server's description of itself, and its answer to one observation: the standing posture, and pictures of a grey ramp.
 #[derive(Debug)]
 pub struct Probed {
     /// The contract that it announced.
     pub contract: Contract,
-    /// Whether the contract fits the mapping.
+    /// The contract fits the mapping, or the reason why not.
     pub fit: Result<(), BridgeError>,
     /// Key and shape of everything that was sent.
     pub sent: Vec<(String, Vec<usize>)>,

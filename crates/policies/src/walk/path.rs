@@ -10,7 +10,7 @@ pub(super) type Point = [f64; 2];
 const CELL_M: f64 = 0.05;
 /// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
 const CLEAR_M: f64 = 0.45;
-/// How far ahead a direction with more room is looked for, m, and how much more room it must give.
+/// Distance at which a direction with more room is looked for, m, and the room that it must add, m.
 const LOOK_M: f64 = 0.15;
 const MORE_M: f64 = 0.03;
 /// Number of cells from the robot to the grid's edge in each direction: 8 m, the longer side of the floor that layouts use.
@@ -101,7 +101,7 @@ impl Map {
     }
 }
 
-/// What a metre costs at a distance from the nearest obstacle.
+/// Cost of a metre of path at a distance from the nearest obstacle.
 fn weight(clearance: f64) -> f64 {
     let near = (1.0 - clearance / CLEAR_M).max(0.0);
     1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::surface::Surface;
 
-/// How much a cell grows from one try to the next.
+/// Factor by which a cell grows from one try to the next.
 const GROWTH: f64 = 1.12;
 
 impl Surface {

@@ -16,7 +16,7 @@ const FLAT: f64 = 0.999_962;
 /// Points nearer than about this are one, m.
 const SAME: f64 = 1e-6;
 /// A vertex of more faces than this is the hub of a fan: its faces keep their own normals.
-const MOST_FACES: usize = 64;
+const MAX_FACES: usize = 64;
 
 /// Triangles that share their vertices.
 #[derive(Debug, Clone)]
@@ -142,7 +142,7 @@ impl Surface {
         }
         let normal = |own: &Vec3, vertex: u32| {
             let faces = &around[first[vertex as usize]..first[vertex as usize + 1]];
-            if faces.len() > MOST_FACES {
+            if faces.len() > MAX_FACES {
                 return *own;
             }
             let near = faces.iter().filter(|(face, _)| units[*face as usize].dot(own) > CREASE);

@@ -1,4 +1,4 @@
-//! What a file may be.
+//! Limits of mesh files.
 
 /// Bytes of a file.
 pub(super) const FILE_BYTES: u64 = 64 << 20;
@@ -11,4 +11,4 @@ pub(super) const LINE_BYTES: usize = 4096;
 /// Farthest that a vertex may be from its link's origin, m.
 pub(super) const REACH: f32 = 2.0;
 /// Smallest that a link's longest side may be, m.
-pub(super) const LEAST_SIDE: f32 = 0.001;
+pub(super) const MIN_SIDE: f32 = 0.001;

@@ -61,7 +61,7 @@ fn check(triangles: &[Corners]) -> Result<(), String> {
         ));
     }
     let side = (0..3).map(|i| high[i] - low[i]).fold(0.0, f32::max);
-    if side < limits::LEAST_SIDE {
+    if side < limits::MIN_SIDE {
         return Err(format!("it is only {side:e} m large; export it in metres"));
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! What a frame shows is where the pinhole formula says, the same each time, and complete.
+//! Frames show things where the pinhole formula says, the same each time, and complete.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

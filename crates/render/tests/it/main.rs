@@ -1,4 +1,4 @@
-//! What pictures show, and the meshes that a user brings.
+//! Pictures, and the meshes that a user brings.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod frames;

@@ -33,7 +33,7 @@ impl Folder {
         RobotMeshes::open(&self.0, &Robot::g1_inspire().unwrap())
     }
 
-    /// What it is refused with.
+    /// Message of the refusal.
     fn refused(&self) -> String {
         self.open().unwrap_err().to_string()
     }

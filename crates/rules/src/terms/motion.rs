@@ -47,7 +47,7 @@ fn joint_acceleration(view: &View<'_>) -> f64 {
     view.joints.legs.iter().map(|&joint| acceleration(joint) * acceleration(joint)).sum()
 }
 
-/// How far the ankles are beyond their soft limits, rad.
+/// Distance of the ankles beyond their soft limits, rad.
 fn ankle_limits(view: &View<'_>) -> f64 {
     let excess = |(joint, [lower, upper]): &(usize, [f64; 2])| {
         let (middle, soft_half) = ((lower + upper) / 2.0, SOFT_RANGE * (upper - lower) / 2.0);

@@ -1,4 +1,4 @@
-//! What a reward term is, and the state that it keeps.
+//! Reward terms, and the state that they keep.
 
 use fiatlux_judge::{Cause, Verdict};
 
@@ -9,7 +9,7 @@ use crate::row::{CONTROL_DT, Row};
 /// Shortest start distance that an approach is measured against, m (paper).
 const MIN_START_DISTANCE: f64 = 1e-3;
 
-/// What a term can read in a step.
+/// The inputs of a term in a step.
 pub(crate) struct View<'a> {
     pub before: &'a Row,
     pub row: &'a Row,
@@ -21,7 +21,7 @@ pub(crate) struct View<'a> {
 /// A measure of one row.
 pub(crate) type Measure = fn(&Row, &Context<'_>) -> f64;
 
-/// How the value of a term is computed.
+/// Formula of a term.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Kind {
     /// A value in each step.
@@ -71,7 +71,7 @@ impl TermSpec {
     }
 }
 
-/// What one term paid in a step.
+/// Payment of one term in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Term {
     /// Name of the term in results.
@@ -101,7 +101,7 @@ pub(crate) struct Ledger {
     paid: bool,
 }
 
-/// What a term remembers of an episode: start, level, and whether it has paid.
+/// State of a term in an episode: start, level, and true once it has paid.
 pub(crate) type LedgerState = (f64, f64, bool);
 
 impl Ledger {

@@ -1,4 +1,4 @@
-//! How episodes end, and what is noted whether they end or not.
+//! Ends of episodes, and conditions that are noted even if they end nothing.
 
 use crate::common::*;
 use fiatlux_rules::{Cause, Causes, End, Judge, JudgeOptions, Row, Task, errand};

@@ -45,7 +45,7 @@ impl Meter {
         }
     }
 
-    /// What a term paid for the last row.
+    /// Payment of a term for the last row.
     fn last(&self, name: &str) -> f64 {
         self.term(name).reward
     }
@@ -55,7 +55,7 @@ impl Meter {
         term.unwrap_or_else(|| panic!("no term {name} in {:?}", self.paid))
     }
 
-    /// What a term has paid.
+    /// Sum that a term has paid.
     fn paid(&self, name: &str) -> f64 {
         let paid = self.paid.iter().find(|(n, _)| *n == name);
         paid.unwrap_or_else(|| panic!("no term {name} in {:?}", self.paid)).1

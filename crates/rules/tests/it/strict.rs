@@ -306,8 +306,8 @@ fn progress_needs_a_robot_that_stands() {
 /// A task, a criterion that holds from some row on and what makes it hold, and the strict progress that it pays.
 type Case<'a> = (Task, &'a str, &'a dyn Fn(&mut Row), f64);
 
-/// What a robot can do where it stands pays nothing before the goal: no hand on a bulb, foot on a tread or step towards the
-/// ladder. Of the full errand, the old bulb in the crate is a goal as well.
+/// Acts possible from the start pay nothing before the goal: no hand on a bulb, foot on a tread or step towards the ladder. Of
+/// the full errand, the old bulb in the crate is a goal as well.
 #[test]
 fn only_goals_are_progress_by_themselves() {
     let pinch: fn(&mut Row, usize) = |row, bulb| {
@@ -393,7 +393,7 @@ fn the_published_verdict_is_that_of_an_episode_that_ended_there() {
     }
 }
 
-/// What held in row 0 counts in the strict way, so it is a part of the state, and not of the judges that take it.
+/// Criteria that held in row 0 count in the strict way, so they are a part of the state, and not of the judges that take it.
 #[test]
 fn a_state_has_what_held_at_the_start() {
     let (start, mut leaning) = (with_palms(start_of(Task::S02)), with_palms(start_of(Task::S02)));

@@ -23,7 +23,7 @@ fn row_and_q0() -> (Row, Vec<f64>) {
     (World::new(Arc::new(scene)).row().clone(), q0)
 }
 
-/// What an observer makes of a row, in a buffer that held other numbers.
+/// Proprioception of a row, in a buffer that held other numbers.
 fn sensed(observer: &mut Observer, row: &Row) -> Proprioception {
     let mut sensed = Proprioception::zeros(2);
     sensed.base_height = f64::NAN;

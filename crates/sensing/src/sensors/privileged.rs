@@ -88,7 +88,7 @@ pub struct Privileged {
     /// d1 to d4, those of the full errand's rewards, m: the ladder's top point from the seat, the fresh bulb's plug from
     /// the seat, the old bulb's plug from the seat, the old bulb's origin from the crate's. A seated bulb changes none.
     pub distances: [f64; 4],
-    /// Whether the old and the fresh bulb are held in the socket.
+    /// The old and the fresh bulb are held in the socket.
     pub seated: [bool; 2],
 }
 

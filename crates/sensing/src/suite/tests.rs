@@ -111,7 +111,7 @@ fn flat_is_the_raw_sensors_in_order() {
     assert_eq!(flat.weights, seen.features.unwrap().weights);
 }
 
-/// What else is sensed changes nothing: neither the noise of the body's own sensors nor the rows.
+/// Other sensors change nothing: neither the noise of the body's own sensors nor the rows.
 #[test]
 fn sensors_do_not_touch_each_other() {
     let body = Sensors::of_body(Task::S07);

@@ -1,4 +1,4 @@
-//! What the tests of the sensors share.
+//! Shared helpers of the sensors' tests.
 #![allow(clippy::unwrap_used, dead_code)]
 
 use std::path::Path;
@@ -93,7 +93,7 @@ impl Rig {
     }
 }
 
-/// What an observer makes of a row.
+/// Proprioception of a row.
 pub fn sensed(observer: &mut Observer, row: &Row) -> Proprioception {
     let mut sensed = Proprioception::zeros(0);
     observer.observe(row, &mut sensed);

@@ -24,7 +24,7 @@ const SOLE: f64 = 0.035;
 /// Joints of a leg, the first of the left leg at 0.
 const LEG: usize = 6;
 
-/// What a set of samples, one a foot and control step, showed.
+/// Statistics of a set of samples, one a foot and control step.
 #[derive(Debug, Default)]
 struct Stats {
     samples: usize,

@@ -1,4 +1,4 @@
-//! What a policy senses, and what varies between episodes.
+//! Sensors, and the quantities that vary between episodes.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod chest_camera;

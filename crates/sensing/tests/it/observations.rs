@@ -101,7 +101,7 @@ fn flat_vectors_have_the_published_order_and_scale() {
     }
 }
 
-/// What the contacts, the camera, the LiDAR and the last action read is exact.
+/// Contacts, camera, LiDAR and last action are exact.
 #[test]
 fn terms_without_published_noise_have_none() {
     for task in [Task::S03, Task::Climb] {

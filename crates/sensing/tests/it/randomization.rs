@@ -1,4 +1,4 @@
-//! What is drawn for an episode reaches it, and only where it should.
+//! Draws for an episode reach it, and only where they should.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ fn started(spec: &EpisodeSpec) -> Episode {
     Episode::start(scene_of(spec), spec).unwrap()
 }
 
-/// What the robot senses of itself in the last row.
+/// Proprioception of the last row.
 fn sensed(episode: &Episode) -> Proprioception {
     let q0 = episode.scene().robot.q0().to_vec();
     super::common::sensed(&mut Observer::new(q0, NoiseSeed::of(episode.spec())), episode.row())
@@ -208,7 +208,7 @@ fn broken_recordings_are_refused() {
     }
 }
 
-/// What was recorded rebuilds the scene without a draw, and row 0 and the actions give the same rows to the bit.
+/// A recording rebuilds the scene without a draw, and row 0 and the actions give the same rows to the bit.
 #[test]
 fn a_recording_plays_again_without_draws() {
     for (task, prop_scale) in

@@ -32,7 +32,7 @@ pub enum SessionFailure {
         field: String,
         /// The server's reason, in its own words.
         message: String,
-        /// What to do, as the server advises.
+        /// Remedy, as the server advises.
         remedy: String,
     },
     /// The session no longer exists.
@@ -63,7 +63,7 @@ pub enum SessionFailure {
     Silent {
         server: String,
         waited_for: String,
-        /// How long the server was silent, s.
+        /// Time for which the server was silent, s.
         silence_s: f64,
         tries: u32,
         /// The last thing that went wrong; may be empty.

@@ -24,7 +24,7 @@ const TRIES: u32 = 3;
 /// The same, if the server should still have the record: the request or its reply may have been lost.
 const TRIES_IN_WINDOW: u32 = 15;
 
-/// How far a recorder that resumes a bag searches for the first record that the server has, in requests.
+/// Requests in which a recorder that resumes a bag searches for the first record that the server has.
 const MAX_PROBES: u64 = 4096;
 
 /// The next part of a session's sequence of records.
@@ -54,11 +54,11 @@ pub(super) struct Order {
     ask_at: Duration,
     heard_at: Duration,
     since: Duration,
-    /// Whether any record has come, in order or not.
+    /// A record has come, in order or not.
     is_heard: bool,
     tries: u32,
     lost: Option<(u64, u64)>,
-    /// Whether no record was given out yet.
+    /// No record was given out yet.
     is_fresh: bool,
 }
 
@@ -121,7 +121,7 @@ impl Order {
         Some(Next::StepRecord(Box::new(record)))
     }
 
-    /// What to request now. There is no other request until [`Order::answered`] is called.
+    /// The request to send now. There is no other until [`Order::answered`] is called.
     pub fn request(&mut self, now: Duration) -> Option<StepRecordRequest> {
         if self.asked.is_some() || now < self.ask_at {
             return None;
@@ -179,7 +179,7 @@ impl Order {
         }
     }
 
-    /// Whether the records waiting from there on are a reply of the server, and not single rows that were sent just now.
+    /// True if the records waiting from there on are a reply of the server, and not single rows that were sent just now.
     fn is_answer(&self, first: u64) -> bool {
         let in_a_row = self.waiting.keys().zip(first..).take_while(|(seq, expected)| *seq == expected).count();
         in_a_row as u64 >= MAX_TRUTHS_PER_REQUEST / 2 || in_a_row > 1 && in_a_row == self.waiting.len()

@@ -27,7 +27,7 @@ fn episode(first_seq: u64, episode: u64, rows: u64) -> Vec<StepRecord> {
 struct Harness {
     session: RecorderSession,
     now: Duration,
-    /// What was written: `o` for a new bag, steps, `f` for its end, `c` for a cut.
+    /// Written so far: `o` for a new bag, steps, `f` for its end, `c` for a cut.
     written: Vec<String>,
     request: Option<StepRecordRequest>,
     /// Number of records that it reported as lost.
@@ -88,7 +88,7 @@ impl Harness {
         self.session.next_seq()
     }
 
-    /// What has been written since the last call.
+    /// Written since the last call.
     fn written(&mut self) -> String {
         std::mem::take(&mut self.written).join(" ")
     }

@@ -9,7 +9,7 @@ use fiatlux_proto::{DecodeError, Message, decode, limits};
 use super::{Deferred, Host, Output, Phase, ServerSession};
 use crate::command::Command;
 
-/// How many steps an action of a real-time session may be ahead of the present one.
+/// Farthest that an action of a real-time session may be ahead of the present step.
 const MAX_AHEAD: Duration = Duration::from_secs(1);
 
 /// An action, and its command.
@@ -50,7 +50,7 @@ pub(super) struct Unrecorded {
     at: Duration,
 }
 
-/// How a step got its action.
+/// Arrival of a step's action.
 #[derive(Debug, Clone, Copy, Default)]
 struct Arrival {
     held: bool,

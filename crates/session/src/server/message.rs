@@ -7,13 +7,13 @@ use fiatlux_proto::{Bytes, limits};
 /// Timeouts of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timeouts {
-    /// How long the session waits for a client whose token is gone.
+    /// Time for which the session waits for a client whose token is gone.
     pub grace: Duration,
-    /// How long the session waits for an action.
+    /// Time for which the session waits for an action.
     pub action: Duration,
     /// Time without an observation after which a client should send its action again.
     pub resend: Duration,
-    /// How long the session waits for a recorder that makes no progress.
+    /// Time for which the session waits for a recorder that makes no progress.
     pub recorder: Duration,
 }
 
@@ -59,7 +59,7 @@ pub enum Input<R> {
     Tick,
 }
 
-/// What the caller should do for a session.
+/// Requests of a session to its caller.
 #[derive(Debug)]
 pub enum Output<R> {
     /// Publish an [`Observation`](fiatlux_proto::v3::Observation) on `observation`.

@@ -11,7 +11,7 @@ use super::{Deferred, Host, Output, Phase, ServerSession};
 /// State of the recording.
 #[derive(Debug, Default)]
 pub(super) struct Recording {
-    /// Whether a recorder has acknowledged anything yet.
+    /// A recorder has acknowledged something.
     pub registered: bool,
     /// When the session began to wait for room in the window.
     pub waiting_since: Option<Duration>,
@@ -26,19 +26,19 @@ pub(super) struct Recording {
 }
 
 impl Recording {
-    /// Whether no recorder takes the present episode's records.
+    /// True if no recorder takes the present episode's records.
     pub fn is_lost(&self) -> bool {
         self.lost || self.has_failed()
     }
 
-    /// Whether the present episode's bag cannot be written.
+    /// True if the present episode's bag cannot be written.
     fn has_failed(&self) -> bool {
         self.failed == Some(self.episode)
     }
 }
 
 impl<H: Host, R> ServerSession<H, R> {
-    /// Whether the next row has to wait for the recorder; starts the wait if so.
+    /// True if the next row has to wait for the recorder; starts the wait if so.
     pub(super) fn must_wait(&mut self, now: Duration) -> bool {
         let waits = self.recorded && !self.is_real_time() && !self.recording.is_lost() && self.window.is_full();
         if waits {
@@ -47,7 +47,7 @@ impl<H: Host, R> ServerSession<H, R> {
         waits
     }
 
-    /// Whether a recorder takes the records, or is still expected.
+    /// True if a recorder takes the records, or is still expected.
     pub(super) fn has_recorder(&self) -> bool {
         self.recorded || self.recording.registered
     }

@@ -34,7 +34,6 @@ impl RecordWindow {
         bytes
     }
 
-    /// Whether the window is full.
     pub fn is_full(&self) -> bool {
         self.records.len() as u64 >= RECORDING_WINDOW || self.bytes >= RECORDING_WINDOW_BYTES
     }
@@ -46,7 +45,7 @@ impl RecordWindow {
         }
     }
 
-    /// Whether every record is acknowledged.
+    /// True if every record is acknowledged.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }

@@ -36,7 +36,7 @@ const RANGES: [[f64; 2]; JOINTS.len()] = [
     [-1.2, 1.5],
 ];
 
-/// What to look for, and how long.
+/// Goal and budget of a search.
 pub struct Search {
     /// Whose gate is to be passed.
     pub protocol: Protocol,
@@ -46,7 +46,7 @@ pub struct Search {
     pub tries: u64,
     /// Threads; the result does not depend on their number.
     pub threads: usize,
-    /// Whether the first trace that passes is enough, robust or not.
+    /// Stop at the first trace that passes, even if it is not robust.
     pub first: bool,
 }
 
@@ -59,7 +59,7 @@ pub struct Found {
     pub number: u64,
     /// Shaped score: the larger, the nearer to the gate.
     pub score: f64,
-    /// Whether it passes the gate.
+    /// It passes the gate.
     pub passes: bool,
     /// Progress that the judge pays for it.
     pub progress: f64,
@@ -73,7 +73,7 @@ impl Found {
     }
 }
 
-/// What came of a search.
+/// Result of a search.
 pub struct Outcome {
     /// The best trace: a robust one, one that passes, or one that comes near.
     pub best: Found,
@@ -222,7 +222,7 @@ fn is_spoilt(judge: &Judge, row: &Row) -> bool {
         || !strict::upright(row, &context)
 }
 
-/// How far a row is from what its task asks of places and speeds, roughly in metres.
+/// Distance of a row from what its task asks of places and speeds, roughly in metres.
 fn shortfall(judge: &Judge, row: &Row) -> f64 {
     let (cx, task) = (judge.context(), judge.task());
     let (limits, geometry) = (cx.thresholds, cx.geometry);

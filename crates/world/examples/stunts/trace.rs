@@ -88,7 +88,7 @@ impl Trace {
 /// The start of an episode, from which any number of traces play.
 pub struct Stage {
     start: Episode,
-    /// What each joint of the robot takes of the trace: an index into [`JOINTS`] and a sign.
+    /// For each joint of the robot, an index into [`JOINTS`] and a sign, if the trace moves it.
     moves: Vec<Option<(usize, f64)>>,
     right_fingers: Vec<bool>,
 }

@@ -364,7 +364,7 @@ section! {
     CarryConfig {
         /// Angles of the carrying arm's joints by name, rad; the others stand as in the standing posture.
         arm: BTreeMap<String, f64>,
-        /// What of it is different on the platform.
+        /// Angles that differ on the platform, rad.
         platform_arm: BTreeMap<String, f64>,
         /// Link whose frame the grasp is given in.
         hand_link: String,
@@ -374,9 +374,9 @@ section! {
         glass_height: f64,
         /// Tilt of the bulb about x, beyond half a turn, then about y, rad.
         glass_tilt: [f64; 2],
-        /// How long the hand closes around a bulb that is held still, s.
+        /// Time in which the hand closes around a bulb that is held still, s.
         closing_time: f64,
-        /// How long it then holds it on its own, s.
+        /// Time for which it then holds the bulb on its own, s.
         holding_time: f64,
         /// Targets of the hand's joints by name, rad.
         grip: BTreeMap<String, f64>,

@@ -43,7 +43,7 @@ impl PythonRandom {
 mod tests {
     use super::*;
 
-    /// What Python 3.11 prints: `r = random.Random(seed); [r.random(), r.uniform(-3, 5), *(r.choice("abc") for _ in "12345")]`.
+    /// Printed by Python 3.11: `r = random.Random(seed); [r.random(), r.uniform(-3, 5), *(r.choice("abc") for _ in "12345")]`.
     #[test]
     fn numbers_are_pythons() {
         let cases = [

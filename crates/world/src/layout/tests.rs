@@ -90,7 +90,7 @@ fn coupled_ladder_stands_before_the_fixture_steps_away() {
     assert_eq!(moved, [67, 165]);
 }
 
-/// Whether a ladder of the nominal size would stand in a wall, a point of a grid at a time.
+/// True if a ladder of the nominal size would stand in a wall. Tries the points of a grid.
 fn in_wall(config: &SceneConfig, place: &Place) -> bool {
     let ladder = place.world_from_place(0.0);
     let [half_x, half_y] = [config.ladder.size[0] / 2.0, config.ladder.size[1] / 2.0];

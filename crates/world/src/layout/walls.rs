@@ -46,7 +46,7 @@ fn outline(config: &SceneConfig, place: &Place, side: f64) -> [Vector2<f64>; 4] 
     })
 }
 
-/// How far an outline reaches along one axis where its other coordinate is positive.
+/// Reach of an outline along one axis where its other coordinate is positive.
 fn reach_beside(outline: &[Vector2<f64>; 4], axis: usize) -> f64 {
     let other = 1 - axis;
     let mut most = f64::NEG_INFINITY;

@@ -35,7 +35,7 @@ fn contacts_between(scene: &Scene, contacts: &[Contact], a: ShapeOwner, b: Shape
     contacts.iter().filter(|c| is(c, a, b) || is(c, b, a)).map(|c| c.distance).collect()
 }
 
-/// What the rulebook's tests know of the published scene is what its file says.
+/// The geometry in the rulebook's tests is that of the published scene's file.
 #[test]
 fn geometry_is_the_rulebooks() {
     let (found, expected) = (scene_of(SceneKind::CoupledLadder, 0).geometry(), geometry());

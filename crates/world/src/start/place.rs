@@ -14,7 +14,7 @@ use crate::{Random, Scene, ShapeOwner, Stream, World};
 /// The robot exactly in its nominal place and posture.
 pub(super) const NO_NOISE: StartNoise = StartNoise { shift: 0.0, turn: 0.0, joint: 0.0 };
 
-/// How far above its nominal height the robot is put to find what is below its soles, and how far down it looks, m.
+/// Height above the nominal from which the search for the surface below the soles starts, and the depth that it covers, m.
 const LIFT: f64 = 0.2;
 
 /// Places to try straight behind the one on the platform, before others on it.
@@ -192,8 +192,8 @@ impl Start<'_> {
         Ok(world.reset_to(row)?)
     }
 
-    /// What is nearer to the robot or its bulb than the clearance. Where the gate asks to come near the crate, also the
-    /// crate that is nearly reached.
+    /// The obstacle that is nearer to the robot or its bulb than the clearance. Where the gate asks to come near the crate,
+    /// also the crate that is nearly reached.
     fn obstacle(&self, world: &World, stand: &Stand) -> Result<Option<ShapeOwner>, StartError> {
         let (scene, row) = (self.scene, world.row());
         let pelvis = &row.robot.pose.translation.vector;
@@ -213,12 +213,12 @@ impl Start<'_> {
 }
 
 impl Stand {
-    /// What the robot stands on.
+    /// The surface that the robot stands on.
     fn support(&self) -> ShapeOwner {
         if matches!(self, Stand::Platform(_)) { ShapeOwner::LADDER } else { ShapeOwner::Floor }
     }
 
-    /// Whether the first is a foot and the second what it stands on.
+    /// True if the first is a foot and the second the surface below it.
     fn bears(&self, [foot, support]: [ShapeOwner; 2], scene: &Scene) -> bool {
         support == self.support() && matches!(foot, ShapeOwner::Robot(link) if scene.robot.feet().contains(&link))
     }

@@ -1,4 +1,4 @@
-//! Whether a world can start from a row.
+//! Checks that a world can start from a row.
 
 use fiatlux_rules::{Motion, Row, manifest};
 

@@ -8,12 +8,12 @@ use nalgebra::Vector3;
 use crate::owner::ShapeOwner;
 use crate::scene::{Scene, is_below};
 
-/// What physics steps are watched for.
+/// Contact measures, and the shapes that they watch in physics steps.
 #[derive(Debug)]
 pub(super) struct Sensors {
-    /// What each shape counts as, by shape index.
+    /// Role of each shape, by shape index.
     shapes: Vec<Sensed>,
-    /// How contacts are summed, by measure.
+    /// Sums of contacts, by measure.
     sums: Vec<Sum>,
     peaks: Vec<Peak>,
     /// First place of each press peak in the row's loads.
@@ -33,7 +33,7 @@ struct Sensed {
     with: u64,
     /// Its place in each group of the robot's; the last one is for robot and things, which have one.
     part: [u8; 4],
-    /// What it counts as where it presses.
+    /// Its index among those that can press.
     presser: u8,
 }
 
@@ -215,8 +215,8 @@ impl Sensed {
     }
 }
 
-/// Whether a shape of a thing is a box whose top is at a height or above. Treads and platform are the ladder's boxes; rails, legs
-/// and guard are round. A ladder of another size has its treads elsewhere: what counts is the nominal height.
+/// True if a shape of a thing is a box whose top is at a height or above. Treads and platform are the ladder's boxes; rails,
+/// legs and guard are round. A scaled ladder has its treads elsewhere: the nominal height counts.
 fn is_box_from(height: f64, scene: &Scene, thing: usize, shape: &ShapeSpec) -> bool {
     let Some(half_extents) = shape.geometry.as_cuboid() else { return false };
     let thing_from_shape = match scene.body(thing) {

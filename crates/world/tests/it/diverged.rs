@@ -1,4 +1,4 @@
-//! What a world does when its state leaves what numbers can hold, and what it notes of every control step.
+//! States that leave the range of numbers, and the peaks that a world notes in every control step.
 
 use std::sync::Arc;
 

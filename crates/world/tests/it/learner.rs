@@ -1,5 +1,5 @@
-//! What a learner needs of a world: a robot on a floor, wrenches and pushes, resets to rows that were changed, worlds that
-//! differ from their scene.
+//! Needs of a learner: a robot on a floor, wrenches and pushes, resets to rows that were changed, worlds that differ from their
+//! scene.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What the rulebook takes from the world, what a learner needs of it, and stunts that its judges must tell from work.
+//! The world as the rulebook reads it and as a learner uses it, and stunts that its judges must tell from work.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod diverged;

@@ -1,4 +1,4 @@
-//! What the rulebook reads of a robot's joints is what the robot's file says.
+//! Groups of joints and limits that the rulebook reads are those of the robot's file.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What protocol `strict` reads of rows, against worlds in motion.
+//! Readings of protocol `strict` against worlds in motion.
 
 use std::sync::Arc;
 

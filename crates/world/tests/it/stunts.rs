@@ -27,7 +27,7 @@ fn replay(name: &str) -> (Episode, Vec<&'static str>) {
     (episode.unwrap(), runs.too_short(stage.task()).into_iter().map(|(criterion, _)| criterion).collect())
 }
 
-/// What to do where a trace no longer does what it did.
+/// Remedy to print where a trace no longer does what it did.
 fn remedy(name: &str, protocol: Protocol) -> String {
     let task = name[..3].to_uppercase();
     format!(

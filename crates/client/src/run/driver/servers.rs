@@ -22,11 +22,11 @@ const MISSING_TIME: Duration = Duration::from_secs(2);
 /// Time between two queries to the same server.
 const ASKING_PERIOD: Duration = Duration::from_millis(500);
 
-/// How long to wait for a server that neither accepts nor refuses the run.
+/// Time to wait for a server that neither accepts nor refuses the run.
 const JOINING_TIME: Duration = Duration::from_secs(15);
 
-/// How long to wait at the start for servers to appear, and then for them to accept the run, so that it is spread over
-/// all of them.
+/// Times to wait at the start for servers to appear, and then for them to accept the run, so that it is spread over all of
+/// them.
 const SETTLING_TIMES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(3)];
 
 /// A server of the group.
@@ -45,7 +45,7 @@ pub(super) struct ServerState {
     asked_at: Option<Instant>,
 }
 
-/// What the servers of a run must have in common.
+/// Build properties that all servers of a run must share.
 #[derive(Debug, PartialEq)]
 pub(super) struct Build {
     version: String,
@@ -150,7 +150,7 @@ impl RunDriver<'_, '_> {
         }
     }
 
-    /// Whether every server has refused for good.
+    /// True if every server has refused for good.
     pub(super) fn all_refuse(&self) -> bool {
         !self.servers.is_empty() && self.servers.values().all(|state| state.refused)
     }
@@ -216,7 +216,7 @@ impl RunDriver<'_, '_> {
     }
 }
 
-/// Whether the error means that the server cannot write the run's ledger.
+/// True if the error means that the server cannot write the run's ledger.
 pub(super) fn cannot_keep(error: &ClientError) -> bool {
     matches!(error, ClientError::Refused { code: Code::Busy, field, .. } if field == "journal")
 }

@@ -3,7 +3,7 @@
 use super::*;
 use fiatlux_rules::errand;
 
-/// What a term can earn in an episode: weight x 0.02 s, in the order of the terms (paper).
+/// Upper bounds of the terms in an episode: weight x 0.02 s, in the order of the terms (paper).
 const BOUNDS: [(&str, f64); 9] = [
     ("ladder_progress", 5.0),
     ("fresh_bulb_progress", 10.0),
@@ -23,7 +23,7 @@ const POSE_NUMBERS: usize = 4 * 7 + 2 * 3;
 /// Rounding of sums of some hundred payments.
 const EPSILON: f64 = 1e-9;
 
-/// What a sequence is made of.
+/// Ingredients of a sequence.
 #[derive(Debug, Clone, Copy)]
 struct Mood {
     /// The robot stands as it did, so that no penalty hides what is earned.

@@ -1,4 +1,4 @@
-//! What a row pays that ends `replace` or `climb` or completes a part of the errand, and from which figure on it does.
+//! Payments for rows that end `replace` or `climb` or complete a part of the errand, and the figures from which they are paid.
 
 use fiatlux_rules::{Cause, errand};
 use nalgebra::Vector3;
@@ -209,7 +209,7 @@ fn a_row_that_diverges_pays_its_failures_alone() {
     }
 }
 
-/// What a socket still holds is not disposed of, wherever the socket is.
+/// A bulb in a socket is not disposed of, wherever the socket is.
 #[test]
 fn a_seated_bulb_is_not_disposed_of() {
     let start = start_of(Task::Replace);
@@ -223,7 +223,7 @@ fn a_seated_bulb_is_not_disposed_of() {
     assert_eq!((meter.last("old_bulb_disposed"), meter.last("success_bonus")), (5.0, 10.0));
 }
 
-/// What an episode that goes on pays for success and failures: once, whether they last, cease or come again.
+/// An episode that goes on pays for success and failures once, even if they last, cease or come again.
 #[test]
 fn success_and_failures_pay_once() {
     let (start, goal) = (start_of(Task::Replace), goal_of(Task::Replace));

@@ -236,7 +236,7 @@ fn records_pay_each_centimetre_once() {
     }
 }
 
-/// What is measured and not finite pays nothing, and leaves no trace: rows of junk between two good ones change no sum of a
+/// Measurements that are not finite pay nothing, and leave no trace: rows of junk between two good ones change no sum of a
 /// potential, and a record goes on from where it was. A state that is not finite ends the episode and pays failures alone.
 #[test]
 fn what_is_not_finite_pays_nothing() {

@@ -114,7 +114,7 @@ const SHARED: [(&str, f64); 9] = [
     ("finger_deviation", -0.05),
 ];
 
-/// What a task charges 200 for: the failures that end it.
+/// Failures that end a task, which it charges 200 for.
 fn charges(task: Task) -> &'static [&'static str] {
     match task {
         Task::S01 | Task::S02 => &["robot_fall", "ladder_tipped"],

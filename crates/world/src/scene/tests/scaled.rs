@@ -74,7 +74,7 @@ fn a_seated_bulb_stays() {
     }
 }
 
-/// What the rulebook is told of the sizes.
+/// The rulebook gets the sizes of the scaled props.
 #[test]
 fn geometry_is_that_of_the_scaled_props() {
     let config = SceneConfig::default();
