@@ -20,7 +20,7 @@ use crate::settings;
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
 type Numbers<'py> = Bound<'py, PyArray1<f64>>;
-type Made<'py> = PyResult<Numbers<'py>>;
+type Computed<'py> = PyResult<Numbers<'py>>;
 
 /// A room with a robot, or a robot on a floor. Arrays have a row for each state; they come back flat.
 #[pyclass(module = "fiatlux._native")]
@@ -106,7 +106,7 @@ impl Kinematics {
     }
 
     /// Position and quaternion of each site.
-    fn poses<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, sites: Vec<String>) -> Made<'py> {
+    fn poses<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, sites: Vec<String>) -> Computed<'py> {
         let sites = self.find_sites(&sites)?;
         self.each(py, &qpos, None, 7 * sites.len(), |_, mechanics, _, out| {
             for (site, out) in sites.iter().zip(out.chunks_mut(7)) {
@@ -124,7 +124,7 @@ impl Kinematics {
         qpos: Array<'py>,
         qvel: Array<'py>,
         sites: Vec<String>,
-    ) -> Made<'py> {
+    ) -> Computed<'py> {
         let sites = self.find_sites(&sites)?;
         self.each(py, &qpos, Some(&qvel), 6 * sites.len(), |_, mechanics, _, out| {
             for (site, out) in sites.iter().zip(out.chunks_mut(6)) {
@@ -135,26 +135,26 @@ impl Kinematics {
         })
     }
 
-    fn jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, site: String) -> Made<'py> {
+    fn jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, site: String) -> Computed<'py> {
         let site = self.find_sites(&[site])?[0];
         let nv = self.scene.model.nv();
         self.each(py, &qpos, None, 6 * nv, |scene, mechanics, _, out| mechanics.jacobian(&scene.model, &site, out))
     }
 
-    fn center_of_mass<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Made<'py> {
+    fn center_of_mass<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
         self.each(py, &qpos, None, 3, |scene, mechanics, _, out| {
             out.copy_from_slice(mechanics.center_of_mass(&scene.model, scene.robot_ids.root).1.as_slice());
         })
     }
 
-    fn com_jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Made<'py> {
+    fn com_jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
         let nv = self.scene.model.nv();
         self.each(py, &qpos, None, 3 * nv, |scene, mechanics, _, out| {
             mechanics.com_jacobian(&scene.model, scene.robot_ids.root, out);
         })
     }
 
-    fn mass_matrix<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Made<'py> {
+    fn mass_matrix<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
         let nv = self.scene.model.nv();
         self.each(py, &qpos, None, nv * nv, |scene, mechanics, state, out| {
             mechanics.update_equation(&scene.model, state);
@@ -162,7 +162,7 @@ impl Kinematics {
         })
     }
 
-    fn bias_force<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, qvel: Array<'py>) -> Made<'py> {
+    fn bias_force<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, qvel: Array<'py>) -> Computed<'py> {
         let nv = self.scene.model.nv();
         self.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
             mechanics.update_equation(&scene.model, state);
@@ -171,7 +171,7 @@ impl Kinematics {
     }
 
     /// Signed distance, nearest points and normal of each pair of shapes: 10 numbers.
-    fn nearest<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, pairs: Vec<(String, String)>) -> Made<'py> {
+    fn nearest<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, pairs: Vec<(String, String)>) -> Computed<'py> {
         let pairs = pairs.iter().map(|(a, b)| Ok((self.find_shape(a)?, self.find_shape(b)?)));
         let pairs = pairs.collect::<PyResult<Vec<_>>>()?;
         self.each(py, &qpos, None, 10 * pairs.len(), |scene, mechanics, _, out| {
@@ -216,7 +216,7 @@ impl Kinematics {
         qpos: Array<'py>,
         qvel: Array<'py>,
         qacc: Array<'py>,
-    ) -> Made<'py> {
+    ) -> Computed<'py> {
         let nv = self.scene.model.nv();
         let mut rows = rows("qacc", &qacc, nv, count(&qpos))?;
         self.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
@@ -275,7 +275,7 @@ impl Kinematics {
         qvel: Array<'py>,
         supports: Vec<SupportOf>,
         acceleration: Array<'py>,
-    ) -> Made<'py> {
+    ) -> Computed<'py> {
         let supports = supports.iter().map(|support| self.support(support)).collect::<PyResult<Vec<_>>>()?;
         let model = &self.scene.model;
         let mut wanted = rows("acceleration", &acceleration, 6, count(&qpos))?;
@@ -317,7 +317,7 @@ impl Kinematics {
         qvel: Option<&Array<'py>>,
         width: usize,
         mut write: impl FnMut(&Scene, &mut Mechanics, &State, &mut [f64]) + Send,
-    ) -> Made<'py> {
+    ) -> Computed<'py> {
         let (scene, mechanics) = (&self.scene, &mut self.mechanics);
         let (nq, nv, count) = (scene.model.nq(), scene.model.nv(), count(qpos));
         let positions = contiguous("qpos", qpos, nq, count)?;

@@ -14,7 +14,7 @@ const PERIOD: Duration = Duration::from_millis(50);
 const STOPPING_TIME: Duration = Duration::from_secs(10);
 
 /// Progress that the work reports.
-pub(crate) type Tell<'a, P> = &'a dyn Fn(P);
+pub(crate) type OnProgress<'a, P> = &'a dyn Fn(P);
 
 enum Event<T, P> {
     Progress(P),
@@ -25,7 +25,7 @@ enum Event<T, P> {
 /// in this thread.
 pub(crate) fn watch<T: Send + 'static, P: Send + 'static>(
     py: Python<'_>,
-    work: impl FnOnce(&Arc<AtomicBool>, Tell<'_, P>) -> T + Send + 'static,
+    work: impl FnOnce(&Arc<AtomicBool>, OnProgress<'_, P>) -> T + Send + 'static,
     mut on_progress: impl FnMut(Python<'_>, P) -> PyResult<()>,
 ) -> PyResult<T> {
     let stop = Arc::new(AtomicBool::new(false));

@@ -7,7 +7,7 @@ use fiatlux_rules::Row;
 use fiatlux_world::Scene;
 
 use crate::buffers::{check_length, check_memory};
-use crate::job::{Hand, Job, Order};
+use crate::job::{Job, Order, Worker};
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
@@ -66,11 +66,11 @@ impl Batch {
             let bank = world * banks.len() / worlds;
             Job::new(world, &spec, Slot::new(bank, &banks[bank], task, seed, world))
         };
-        let hand = |thread: usize| {
+        let worker = |thread: usize| {
             let own = thread * worlds / threads..(thread + 1) * worlds / threads;
-            Hand::new(own, worlds, &banks, Arc::clone(&shared))
+            Worker::new(own, worlds, &banks, Arc::clone(&shared))
         };
-        let workers = Workers::new((0..worlds).map(job).collect(), hand(0), (1..threads).map(hand))?;
+        let workers = Workers::new((0..worlds).map(job).collect(), worker(0), (1..threads).map(worker))?;
         let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
         batch.carry_out(&Order::Reset, &[], &mut || true, |_| {})?;
         Ok(batch)

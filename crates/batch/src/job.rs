@@ -92,7 +92,7 @@ impl Job {
 
 /// A thread's own memory: the worlds that it begins with, and one [`World`] for each bank, where the worlds of the bank take
 /// turns and which stays in the cache.
-pub(crate) struct Hand {
+pub(crate) struct Worker {
     /// The worlds that it begins with.
     pub own: Range<usize>,
     /// The worlds that it can step: those of its banks.
@@ -103,7 +103,7 @@ pub(crate) struct Hand {
     control: Control,
 }
 
-impl Hand {
+impl Worker {
     /// `worlds` are all worlds of the batch, spread evenly over the banks.
     pub fn new(own: Range<usize>, worlds: usize, banks: &[Arc<ReadyBank>], shared: Arc<Shared>) -> Self {
         let count = banks.len();

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{JoinHandle, Thread};
 
 use crate::BatchError;
-use crate::job::{Hand, Job};
+use crate::job::{Job, Worker};
 
 /// Times that a thread with nothing to do yields before it sleeps, so that it need not be woken between two steps that follow
 /// each other at once.
@@ -55,8 +55,8 @@ fn wait(until: impl Fn() -> bool) {
 impl Board {
     /// Does the jobs that are due, those of its own worlds first; of others, those that their thread would come to last.
     /// `ask` is called before each.
-    fn work(&self, hand: &mut Hand, ask: &mut dyn FnMut()) {
-        let (own, reach) = (hand.own.clone(), hand.reach.clone());
+    fn work(&self, worker: &mut Worker, ask: &mut dyn FnMut()) {
+        let (own, reach) = (worker.own.clone(), worker.reach.clone());
         let others = (reach.start..own.start).rev().chain((own.end..reach.end).rev());
         for world in own.chain(others) {
             let turn = &self.turns[world];
@@ -71,7 +71,7 @@ impl Board {
             job.error = if self.stop.load(Ordering::Relaxed) {
                 Some(BatchError::Stopped)
             } else {
-                let done = catch_unwind(AssertUnwindSafe(|| hand.run(&mut job)));
+                let done = catch_unwind(AssertUnwindSafe(|| worker.run(&mut job)));
                 done.unwrap_or(Err(BatchError::Panicked { world })).err()
             };
             drop(job);
@@ -80,7 +80,7 @@ impl Board {
     }
 
     /// The loop of a thread.
-    fn serve(&self, hand: &mut Hand) {
+    fn serve(&self, worker: &mut Worker) {
         self.begun.fetch_add(1, Ordering::Release);
         let mut seen = 0;
         loop {
@@ -90,7 +90,7 @@ impl Board {
             if seen == OVER {
                 return;
             }
-            self.work(hand, &mut || ());
+            self.work(worker, &mut || ());
         }
     }
 }
@@ -99,15 +99,15 @@ impl Board {
 pub(crate) struct Workers {
     board: Arc<Board>,
     /// Of the caller's thread.
-    hand: Hand,
+    worker: Worker,
     threads: Vec<JoinHandle<()>>,
     /// The process that has the threads.
     process: u32,
 }
 
 impl Workers {
-    /// `hand` is the caller's; each of the others gets a thread.
-    pub fn new(jobs: Vec<Job>, hand: Hand, others: impl Iterator<Item = Hand>) -> Result<Self, BatchError> {
+    /// `worker` is the caller's; each of the others gets a thread.
+    pub fn new(jobs: Vec<Job>, worker: Worker, others: impl Iterator<Item = Worker>) -> Result<Self, BatchError> {
         let board = Arc::new(Board {
             turns: jobs.iter().map(|_| AtomicU8::new(CALLER)).collect(),
             jobs: jobs.into_iter().map(Mutex::new).collect(),
@@ -116,11 +116,11 @@ impl Workers {
             stop: AtomicBool::new(false),
             caller: Mutex::new(std::thread::current()),
         });
-        let mut workers = Self { board, hand, threads: Vec::new(), process: std::process::id() };
-        for mut hand in others {
+        let mut workers = Self { board, worker, threads: Vec::new(), process: std::process::id() };
+        for mut worker in others {
             let board = Arc::clone(&workers.board);
             let thread = std::thread::Builder::new().name("fiatlux-batch".into());
-            workers.threads.push(thread.spawn(move || board.serve(&mut hand)).map_err(BatchError::Thread)?);
+            workers.threads.push(thread.spawn(move || board.serve(&mut worker)).map_err(BatchError::Thread)?);
         }
         // To begin takes memory, of which a step takes none.
         wait(|| workers.board.begun.load(Ordering::Acquire) == workers.threads.len());
@@ -161,7 +161,7 @@ impl Workers {
                 board.stop.store(true, Ordering::Relaxed);
             }
         };
-        board.work(&mut self.hand, &mut ask);
+        board.work(&mut self.worker, &mut ask);
         for (job, turn) in board.jobs.iter().zip(&board.turns) {
             ask();
             wait(|| turn.load(Ordering::Acquire) == CALLER);

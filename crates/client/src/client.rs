@@ -31,7 +31,7 @@ pub(crate) use discover::{DISCOVERY_S, live_servers};
 pub use discover::{describe_servers, find_server};
 pub use error::ClientError;
 use mailbox::Mailbox;
-use query::{Content, Greeted, Sealing};
+use query::{Content, GreetingReply, Sealing};
 
 /// Longest wait for an answer to `open`, s: the server may have to build the scene first.
 pub(crate) const OPEN_TIMEOUT_S: f64 = 60.0;
@@ -133,7 +133,7 @@ impl Client {
                         Some(open_reply::Reply::Refusal(refusal)) => Err(refusal),
                         None => return Err(ClientError::Session { reason: "the reply is empty".into() }),
                     };
-                    Ok(Greeted { content, is_sealed: false, welcome })
+                    Ok(GreetingReply { content, is_sealed: false, welcome })
                 }))
             },
         )?;

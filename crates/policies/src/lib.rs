@@ -25,7 +25,7 @@ pub use random::Random;
 pub use registry::Policies;
 pub use replay::Replay;
 pub use stand::Stand;
-pub use vla::{Answer, Probed, Vla, VlaArgs, VlaSource};
+pub use vla::{Answer, ProbeReport, Vla, VlaArgs, VlaSource};
 pub use walk::Walk;
 pub use wbc::Wbc;
 pub use whole_body::WholeBody;

@@ -17,7 +17,7 @@ use fiatlux_proto::v3::{Chunk, Image, Mode, Observation, Sensor, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_wbc::{CONTROL_DT, MOVED, Network};
 
-use self::asking::{Answered, Asker};
+use self::asking::{ModelClient, TimedChunk};
 use super::body;
 use super::foreign::{GearFiles, SonicBody, SonicFiles};
 use super::whole_body::WholeBody;
@@ -25,7 +25,7 @@ pub use args::VlaArgs;
 use fiatlux_client::{Command, Policy, PolicyError};
 
 use crate::entry::Entry;
-pub use probe::{Answer, Probed};
+pub use probe::{Answer, ProbeReport};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
@@ -134,7 +134,7 @@ pub struct Vla {
 
 /// State of an episode.
 struct Episode {
-    asker: Asker,
+    client: ModelClient,
     player: Player,
     frames: Frames,
     q0: Vec<f64>,
@@ -229,9 +229,9 @@ impl Policy for Vla {
             }
             Some(Carrier::Sonic(files)) => Driven::Tokens(Box::new(files.begin("vla", info, first)?)),
         };
-        let asker = Asker::new(shared.options.model().map_err(PolicyError::of("vla"))?, shared.patience);
+        let client = ModelClient::new(shared.options.model().map_err(PolicyError::of("vla"))?, shared.patience);
         let mut episode = Episode {
-            asker,
+            client,
             player: Player::new(shared.play),
             frames: Frames::default(),
             robot,
@@ -242,7 +242,7 @@ impl Policy for Vla {
             note: Note::default(),
             end: None,
         };
-        episode.asker.reset().map_err(PolicyError::of("vla"))?;
+        episode.client.reset().map_err(PolicyError::of("vla"))?;
         self.episode = Some(episode);
         Ok(())
     }
@@ -323,20 +323,20 @@ impl Episode {
             return Ok(());
         }
         let (observation, q) = self.observe(shared, seen)?;
-        let answered = self.asker.ask(&observation);
-        self.note.problem = self.asker.problem().unwrap_or_default();
-        self.take(shared, answered?, &q, seen.step, seen.step)
+        let answer = self.client.ask(&observation);
+        self.note.problem = self.client.problem().unwrap_or_default();
+        self.take(shared, answer?, &q, seen.step, seen.step)
     }
 
     /// In real time: a thread asks the server, and the current chunk continues until the answer arrives.
     fn ask_meanwhile(&mut self, shared: &Shared, seen: &Observation) -> Result<(), BridgeError> {
-        if let Some((asked_at, q, answered)) = self.asker.answer() {
-            self.note.problem = self.asker.problem().unwrap_or_default();
-            self.take(shared, answered?, &q, asked_at, seen.step)?;
+        if let Some((asked_at, q, answer)) = self.client.answer() {
+            self.note.problem = self.client.problem().unwrap_or_default();
+            self.take(shared, answer?, &q, asked_at, seen.step)?;
         }
-        if self.player.wants_by(seen.step, self.asker.usual_steps()) && !self.asker.is_asking() {
+        if self.player.wants_by(seen.step, self.client.usual_steps()) && !self.client.is_asking() {
             let (observation, q) = self.observe(shared, seen)?;
-            self.asker.ask_meanwhile(observation, seen.step, q);
+            self.client.ask_meanwhile(observation, seen.step, q);
         }
         Ok(())
     }
@@ -344,16 +344,16 @@ impl Episode {
     fn take(
         &mut self,
         shared: &Shared,
-        answered: Answered,
+        answer: TimedChunk,
         q: &[f64],
         asked: u64,
         now: u64,
     ) -> Result<(), BridgeError> {
-        let rows = shared.rows(q, &answered.chunk)?;
+        let rows = shared.rows(q, &answer.chunk)?;
         self.player.take(rows, asked, now)?;
-        self.note.latency_s = answered.latency.as_secs_f64();
-        self.note.server_s = answered.chunk.server_s;
-        self.note.chunk = Some(answered.chunk);
+        self.note.latency_s = answer.latency.as_secs_f64();
+        self.note.server_s = answer.chunk.server_s;
+        self.note.chunk = Some(answer.chunk);
         Ok(())
     }
 

@@ -84,11 +84,11 @@ impl Goal {
 pub struct Walk {
     name: String,
     network: Arc<Network>,
-    trip: Option<Trip>,
+    state: Option<EpisodeState>,
 }
 
 /// State of one episode: the controller, the goal, and the path to it.
-struct Trip {
+struct EpisodeState {
     body: WholeBody,
     swing: Swing,
     /// Hands that no bulb has touched yet, left first.
@@ -111,7 +111,7 @@ impl Walk {
     /// A file that cannot be read or does not fit.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
         let (name, network) = body::network("walk", file, file)?;
-        Ok(Self { name, network, trip: None })
+        Ok(Self { name, network, state: None })
     }
 }
 
@@ -140,7 +140,7 @@ impl Policy for Walk {
         let outlines = outlines.map(|print| (print.name.clone(), path::corners(&print.outline)));
         // The ladder has no footprint, because it can be moved.
         let map = Map::new(outlines.chain([("ladder".into(), ladder(seen)?)]));
-        self.trip = Some(Trip {
+        self.state = Some(EpisodeState {
             swing: Swing::new(&body.targets),
             body,
             is_free: [true; 2],
@@ -157,21 +157,21 @@ impl Policy for Walk {
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let trip = self.trip.as_mut().ok_or_else(|| PolicyError::not_reset("walk"))?;
-        let wanted = trip.command(observation.step, privileged(observation)?)?;
-        let command = trip.gently(wanted, observation.step);
+        let state = self.state.as_mut().ok_or_else(|| PolicyError::not_reset("walk"))?;
+        let wanted = state.command(observation.step, privileged(observation)?)?;
+        let command = state.gently(wanted, observation.step);
         let touched = touched(&observation.hand_contact_force);
-        trip.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
-        trip.swing.step(&command, trip.body.stride(), trip.is_free, &mut trip.body.targets);
-        trip.body.step(observation, &command)
+        state.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
+        state.swing.step(&command, state.body.stride(), state.is_free, &mut state.body.targets);
+        state.body.step(observation, &command)
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.trip.as_ref()?.body.record()
+        self.state.as_ref()?.body.record()
     }
 }
 
-impl Trip {
+impl EpisodeState {
     /// Limits the change of the velocity, except for a stop.
     fn gently(&mut self, wanted: fiatlux_wbc::BodyCommand, step: u64) -> fiatlux_wbc::BodyCommand {
         let rates = [GAIN.0, GAIN.0, GAIN.1].map(|rate| rate * fiatlux_wbc::CONTROL_DT);

@@ -12,7 +12,7 @@ use crate::raster::{Corner, Plane, Setup, fill};
 use crate::shade::{MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
-use crate::view::{Turn, View, single};
+use crate::view::{SinglePose, View, single};
 use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
@@ -175,7 +175,7 @@ impl Renderer {
     }
 
     fn place_vertices(&mut self, mesh: &Mesh, pose: &Isometry3<f64>, view: &View) {
-        let turn = Turn::new(pose);
+        let turn = SinglePose::new(pose);
         self.vertices.clear();
         self.vertices.extend(mesh.positions.iter().zip(&mesh.normals).map(|(p, n)| {
             let world = turn.point(*p);
@@ -244,7 +244,7 @@ impl Renderer {
             if !self.shadow.reaches(center, mesh.radius as f32) {
                 continue;
             }
-            let turn = Turn::new(pose);
+            let turn = SinglePose::new(pose);
             let shadow = &self.shadow;
             self.casters.clear();
             self.casters.extend(mesh.positions.iter().map(|p| shadow.corner_of(turn.point(*p))));

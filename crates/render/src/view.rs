@@ -78,12 +78,12 @@ pub(crate) fn single(v: &Vector3<f64>) -> Vec3 {
 }
 
 /// A pose in single precision.
-pub(crate) struct Turn {
+pub(crate) struct SinglePose {
     rows: [Vec3; 3],
     shift: Vec3,
 }
 
-impl Turn {
+impl SinglePose {
     pub(crate) fn new(pose: &Isometry3<f64>) -> Self {
         let matrix = pose.rotation.to_rotation_matrix();
         let rows = [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)] as f32));

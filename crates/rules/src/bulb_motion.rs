@@ -22,7 +22,7 @@ pub(crate) struct BulbMotion {
 
 /// Signs that a bulb was struck.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Jolts {
+pub(crate) struct BulbImpacts {
     /// The bulb's velocity has changed since the last row by more than free fall explains.
     pub impact: bool,
     /// Something touched the bulb and changed its velocity, since the last row or the one before it, by more than free
@@ -41,11 +41,11 @@ struct Instant {
 
 impl BulbMotion {
     /// Takes a row that follows the last one, `steps` after the start; `touched` says which bulbs anything touched in it.
-    pub fn advance(&mut self, row: &Row, touched: [bool; 2], steps: u64, thresholds: &Thresholds) -> Jolts {
+    pub fn advance(&mut self, row: &Row, touched: [bool; 2], steps: u64, thresholds: &Thresholds) -> BulbImpacts {
         let bulbs = errand::BULBS.map(|bulb| *row.body(bulb));
         let in_palms = bulbs.each_ref().map(|bulb| row.world_from_palm.each_ref().map(|palm| in_palm(palm, bulb)));
         let now = Instant { bulbs, in_palms, touched };
-        let mut jolts = Jolts::default();
+        let mut impacts = BulbImpacts::default();
         if let [Some(last), earlier] = &self.last {
             // At rest at reset and, as published, through the first step.
             if steps > 1 {
@@ -62,26 +62,26 @@ impl BulbMotion {
             let exempt = u64::from(thresholds.impact_exempt_rows);
             if steps > exempt {
                 let earlier = earlier.as_ref().filter(|_| steps > exempt + 1);
-                jolts = now.jolts(last, earlier, thresholds.impact_m_s);
+                impacts = now.impacts(last, earlier, thresholds.impact_m_s);
             }
         }
         self.last = [Some(now), self.last[0]];
-        jolts
+        impacts
     }
 }
 
 impl Instant {
-    fn jolts(&self, last: &Instant, earlier: Option<&Instant>, limit: f64) -> Jolts {
-        let mut jolts = Jolts::default();
+    fn impacts(&self, last: &Instant, earlier: Option<&Instant>, limit: f64) -> BulbImpacts {
+        let mut impacts = BulbImpacts::default();
         for bulb in Bulb::ALL.map(|bulb| bulb as usize) {
             let jumps_since = |before: &Instant, steps| jump(&before.bulbs[bulb], &self.bulbs[bulb], steps) > limit;
             let impact = jumps_since(last, 1.0);
-            jolts.impact |= impact;
-            jolts.blow |= impact && self.touched[bulb];
-            jolts.blow |=
+            impacts.impact |= impact;
+            impacts.blow |= impact && self.touched[bulb];
+            impacts.blow |=
                 (last.touched[bulb] || self.touched[bulb]) && earlier.is_some_and(|earlier| jumps_since(earlier, 2.0));
         }
-        jolts
+        impacts
     }
 }
 

@@ -51,5 +51,6 @@ pub type Predicate = fn(&Row, &Context<'_>) -> bool;
 pub struct Criterion {
     /// Name of the criterion in results, such as those of `results.json`.
     pub name: &'static str,
+    /// Its predicate.
     pub holds: Predicate,
 }

@@ -60,7 +60,7 @@ impl Evidence {
         let hand_peaks = errand::HAND_FORCE_PEAK.map(|peak| measure::largest(row.load(peak).iter().copied()));
         let bulb_peaks =
             [0, 1].map(|bulb| measure::largest([hand_peaks[bulb], row.load(errand::OTHER_FORCE_PEAK[bulb])[0]]));
-        let jolts = motion.advance(row, bulb_peaks.map(|peak| peak > 0.0), steps, thresholds);
+        let impacts = motion.advance(row, bulb_peaks.map(|peak| peak > 0.0), steps, thresholds);
         let parked = spec.special.bulbs_parked;
         let drops = Bulb::ALL.map(|bulb| (!parked || spec.bulbs.contains(&bulb)) && dropped(row, cx, bulb));
         let any_of_task = |holds: &dyn Fn(Bulb) -> bool| spec.bulbs.iter().any(|bulb| holds(*bulb));
@@ -74,7 +74,7 @@ impl Evidence {
             }
             Cause::Drop => any_of_task(&|bulb| drops[bulb as usize]),
             Cause::Unseated => spec.special.keeps_seated.is_some_and(|bulb| !seated(row, bulb)),
-            Cause::Impact => jolts.impact,
+            Cause::Impact => impacts.impact,
             Cause::TimeOut => steps >= spec.horizon_steps,
         };
         Self {
@@ -84,7 +84,7 @@ impl Evidence {
             grip_speeds: motion.grip_speeds,
             conditions: Cause::ALL.into_iter().filter(|cause| meets(*cause)).collect(),
             drops: !parked && drops.contains(&true),
-            has_blow: jolts.blow,
+            has_blow: impacts.blow,
             leaps: leaps(row, cx),
             is_high: at_working_height(row, cx),
             hand_force_n: measure::largest(errand::HAND_FORCE.map(|force| measure::largest_norm(row.force(force)))),

@@ -38,30 +38,30 @@ pub enum SenseError {
     },
 }
 
-/// Something and the step of the row that it was last made for.
+/// A device and the step of the row that it last computed.
 #[derive(Debug, Clone)]
-struct Made<T> {
-    by: T,
-    step: Option<u64>,
+struct Cached<T> {
+    value: T,
+    computed_at: Option<u64>,
 }
 
-impl<T> Made<T> {
-    fn new(by: T) -> Self {
-        Self { by, step: None }
+impl<T> Cached<T> {
+    fn new(value: T) -> Self {
+        Self { value, computed_at: None }
     }
 
     /// True if it has to be computed for a row; from then on it counts as computed.
     fn is_due(&mut self, step: u64) -> bool {
-        self.step.replace(step) != Some(step)
+        self.computed_at.replace(step) != Some(step)
     }
 }
 
 #[derive(Debug, Clone)]
-struct Studio {
+struct CameraSet {
     visuals: Arc<Visuals>,
     lighting: Lighting,
     /// By the camera's name.
-    cameras: Vec<(&'static str, Made<Renderer>)>,
+    cameras: Vec<(&'static str, Cached<Renderer>)>,
 }
 
 #[derive(Debug)]
@@ -70,24 +70,24 @@ pub(crate) struct Devices {
     pub sight: Sight,
     pub noise: Noise,
     image_size: [usize; 2],
-    body: Option<Made<Proprioception>>,
-    lidars: Vec<(Sight, Made<Lidar>)>,
-    studio: Option<Studio>,
-    network: Option<Made<ResNet18>>,
+    body: Option<Cached<Proprioception>>,
+    lidars: Vec<(Sight, Cached<Lidar>)>,
+    camera_set: Option<CameraSet>,
+    network: Option<Cached<ResNet18>>,
 }
 
 impl Clone for Devices {
     fn clone(&self) -> Self {
         // A network keeps the features of its own images alone.
-        let network = self.network.as_ref().map(|network| Made::new(network.by.twin()));
-        let Self { sight, noise, image_size, body, lidars, studio, .. } = self;
+        let network = self.network.as_ref().map(|network| Cached::new(network.value.twin()));
+        let Self { sight, noise, image_size, body, lidars, camera_set, .. } = self;
         Self {
             sight: *sight,
             noise: noise.clone(),
             image_size: *image_size,
             body: body.clone(),
             lidars: lidars.clone(),
-            studio: studio.clone(),
+            camera_set: camera_set.clone(),
             network,
         }
     }
@@ -95,8 +95,8 @@ impl Clone for Devices {
 
 impl Devices {
     pub fn new(sight: Sight, image_size: [usize; 2], network: Option<ResNet18>) -> Self {
-        let network = network.map(Made::new);
-        Self { sight, noise: Noise::new(None), image_size, body: None, lidars: Vec::new(), studio: None, network }
+        let network = network.map(Cached::new);
+        Self { sight, noise: Noise::new(None), image_size, body: None, lidars: Vec::new(), camera_set: None, network }
     }
 
     pub fn begin(
@@ -109,29 +109,30 @@ impl Devices {
         lighting: Lighting,
     ) -> Result<(), SenseError> {
         self.noise.restart(noise);
-        self.body = Some(Made::new(Proprioception::zeros(scene.robot_layout().joints)));
+        self.body = Some(Cached::new(Proprioception::zeros(scene.robot_layout().joints)));
         self.lidars.clear();
         if scans {
-            self.lidars.push((Sight::Published, Made::new(Lidar::new(scene, Sight::Published)?)));
+            self.lidars.push((Sight::Published, Cached::new(Lidar::new(scene, Sight::Published)?)));
             if self.sight != Sight::Published {
-                self.lidars.push((self.sight, Made::new(Lidar::new(scene, self.sight)?)));
+                self.lidars.push((self.sight, Cached::new(Lidar::new(scene, self.sight)?)));
             }
         }
         let mut cameras = cameras.peekable();
         if cameras.peek().is_some() {
             let [width, height] = self.image_size;
-            let mut old = self.studio.take().map(|studio| studio.cameras).unwrap_or_default();
-            let mut renderers: Vec<(_, Made<Renderer>)> = Vec::new();
+            let mut old = self.camera_set.take().map(|camera_set| camera_set.cameras).unwrap_or_default();
+            let mut renderers: Vec<(_, Cached<Renderer>)> = Vec::new();
             for name in cameras {
                 if !renderers.iter().any(|(other, _)| *other == name) {
-                    let renderer = old.pop().map_or_else(|| Renderer::new(width, height), |(_, made)| made.by);
-                    renderers.push((name, Made::new(renderer)));
+                    let renderer =
+                        old.pop().map_or_else(|| Renderer::new(width, height), |(_, renderer)| renderer.value);
+                    renderers.push((name, Cached::new(renderer)));
                 }
             }
-            self.studio = Some(Studio { visuals: visuals(), lighting, cameras: renderers });
+            self.camera_set = Some(CameraSet { visuals: visuals(), lighting, cameras: renderers });
         }
         if let Some(network) = &mut self.network {
-            network.step = None;
+            network.computed_at = None;
         }
         Ok(())
     }
@@ -140,15 +141,15 @@ impl Devices {
     pub fn restart(&mut self, noise: Option<NoiseSeed>, lighting: Lighting) {
         self.noise.restart(noise);
         if let Some(body) = &mut self.body {
-            body.step = None;
+            body.computed_at = None;
         }
-        self.lidars.iter_mut().for_each(|(_, lidar)| lidar.step = None);
-        if let Some(studio) = &mut self.studio {
-            studio.lighting = lighting;
-            studio.cameras.iter_mut().for_each(|(_, camera)| camera.step = None);
+        self.lidars.iter_mut().for_each(|(_, lidar)| lidar.computed_at = None);
+        if let Some(camera_set) = &mut self.camera_set {
+            camera_set.lighting = lighting;
+            camera_set.cameras.iter_mut().for_each(|(_, camera)| camera.computed_at = None);
         }
         if let Some(network) = &mut self.network {
-            network.step = None;
+            network.computed_at = None;
         }
     }
 
@@ -156,9 +157,9 @@ impl Devices {
     pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
         let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
         if body.is_due(view.row.step) {
-            sense(view.row, view.scene.robot.q0(), &mut self.noise, &mut body.by);
+            sense(view.row, view.scene.robot.q0(), &mut self.noise, &mut body.value);
         }
-        Ok(&body.by)
+        Ok(&body.value)
     }
 
     /// The scan of the LiDAR at this row; cast once a row, then kept.
@@ -166,23 +167,23 @@ impl Devices {
         let found = self.lidars.iter_mut().find(|(of, _)| *of == sight);
         let (_, lidar) = found.ok_or(SenseError::Absent("LiDAR"))?;
         if lidar.is_due(view.row.step) {
-            lidar.by.scan(view.row);
+            lidar.value.scan(view.row);
         }
-        Ok(&lidar.by)
+        Ok(&lidar.value)
     }
 
     /// The image of a camera at this row; drawn once a row, then kept.
     pub fn picture(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Image, SenseError> {
-        let Studio { visuals, lighting, cameras } = self.studio.as_mut().ok_or(SenseError::Absent("camera"))?;
+        let CameraSet { visuals, lighting, cameras } = self.camera_set.as_mut().ok_or(SenseError::Absent("camera"))?;
         let found = cameras.iter_mut().find(|(name, _)| *name == camera);
         let (_, renderer) = found.ok_or(SenseError::Absent("camera"))?;
-        if renderer.step != Some(view.row.step) {
+        if renderer.computed_at != Some(view.row.step) {
             let [width, height] = self.image_size;
             let camera = Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height);
-            renderer.by.render(visuals, view.row, &camera, lighting);
-            renderer.step = Some(view.row.step);
+            renderer.value.render(visuals, view.row, &camera, lighting);
+            renderer.computed_at = Some(view.row.step);
         }
-        Ok(renderer.by.image())
+        Ok(renderer.value.image())
     }
 
     /// The network, with the features of a camera's image.
@@ -190,14 +191,14 @@ impl Devices {
         let mut network = self.network.take().ok_or(SenseError::Absent("features"))?;
         let recognised = self.run(view, camera, &mut network);
         let network = self.network.insert(network);
-        recognised.map(|()| &network.by)
+        recognised.map(|()| &network.value)
     }
 
-    fn run(&mut self, view: &View<'_>, camera: &'static str, network: &mut Made<ResNet18>) -> Result<(), SenseError> {
-        if network.step != Some(view.row.step) {
+    fn run(&mut self, view: &View<'_>, camera: &'static str, network: &mut Cached<ResNet18>) -> Result<(), SenseError> {
+        if network.computed_at != Some(view.row.step) {
             let image = self.picture(view, camera)?;
-            network.by.features(image.rgb(), image.width(), image.height())?;
-            network.step = Some(view.row.step);
+            network.value.features(image.rgb(), image.width(), image.height())?;
+            network.computed_at = Some(view.row.step);
         }
         Ok(())
     }

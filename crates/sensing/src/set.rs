@@ -68,7 +68,7 @@ impl Sensors {
 
     /// The sensors that are in either set.
     #[must_use]
-    pub const fn and(self, other: Self) -> Self {
+    pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(set.iter().collect::<Vec<_>>(), [Sensor::Camera, Sensor::Verdict]);
         assert!(set.meets(Sensors::WITH_IMAGE) && !set.meets(Sensors::WITH_SCAN));
         assert_eq!(set.without(Sensors::LARGE), Sensors::NONE.with(Sensor::Verdict));
-        assert_eq!(set.and(Sensors::of(&[Sensor::Lidar])).iter().count(), 3);
+        assert_eq!(set.union(Sensors::of(&[Sensor::Lidar])).iter().count(), 3);
         assert!(Sensors::of_body(Task::Climb).contains(Sensor::LimbContact));
     }
 

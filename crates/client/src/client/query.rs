@@ -102,7 +102,7 @@ pub fn ask<T>(
 }
 
 /// The content of a reply to a greeting.
-pub struct Greeted<T> {
+pub struct GreetingReply<T> {
     pub content: Result<T, Refusal>,
     /// The reply came over a link, which nobody else can use.
     pub is_sealed: bool,
@@ -125,7 +125,7 @@ pub fn greet<T: Content>(
     timeout_s: f64,
     request: impl FnOnce(Hello) -> Vec<u8>,
     attach: impl FnOnce(&[u8]) -> Vec<u8>,
-    mut read: impl FnMut(&Reply) -> Option<Result<Greeted<T>, ClientError>>,
+    mut read: impl FnMut(&Reply) -> Option<Result<GreetingReply<T>, ClientError>>,
 ) -> Result<(T, Secrets), ClientError> {
     let expected = access.key_of(server)?;
     let greeting = Greeting::new(&link.id(), access.token.as_ref()).map_err(ClientError::handshake(server))?;

@@ -16,7 +16,7 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Bytes, Message, PROTOCOL, decode};
 
 use crate::client::OPEN_TIMEOUT_S;
-use crate::client::query::{Content, Greeted, Sealing, ask, greet, question};
+use crate::client::query::{Content, GreetingReply, Sealing, ask, greet, question};
 use crate::{Access, ClientError};
 
 /// Longest wait for an answer to anything but opening a session, s.
@@ -100,7 +100,7 @@ impl Calls<'_> {
                         Ok(_) => return Some(Err(other_kind())),
                         Err(error) => return Some(Err(error)),
                     };
-                    Some(Ok(Greeted { content, is_sealed: true, welcome }))
+                    Some(Ok(GreetingReply { content, is_sealed: true, welcome }))
                 },
             );
             if !no_link || opened.is_ok() {
@@ -197,9 +197,9 @@ impl Calls<'_> {
             |payload| identity.sign(&registration(server, payload)).to_vec(),
             |reply: &Reply| {
                 Some(read(server, &reply.as_ref().ok()?.payload).and_then(|(reply, welcome)| match reply {
-                    run_reply::Reply::Run(info) => Ok(Greeted { content: Ok(info), is_sealed: false, welcome }),
+                    run_reply::Reply::Run(info) => Ok(GreetingReply { content: Ok(info), is_sealed: false, welcome }),
                     run_reply::Reply::Refusal(refusal) => {
-                        Ok(Greeted { content: Err(refusal), is_sealed: false, welcome })
+                        Ok(GreetingReply { content: Err(refusal), is_sealed: false, welcome })
                     }
                     run_reply::Reply::Session(_) => Err(other_kind()),
                 }))

@@ -18,7 +18,7 @@ use fiatlux_proto::v3::{RunInfo, ServerInfo};
 use super::calls::Calls;
 use super::episodes::{Attempt, AttemptEnd, AttemptEvent, EpisodeLoop, REPORT_PERIOD, TICK, WantedEpisode};
 use super::outcome::{RunOutcome, RunProgress};
-use super::scheduler::{Setback, Standing};
+use super::scheduler::{AttemptFailure, Standing};
 use super::{Group, RunError, RunOptions};
 use crate::{Client, ClientError, Policy, PolicyError};
 use servers::{Build, ServerState, cannot_keep};
@@ -255,15 +255,15 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
                 }
             }
             Err(error) if cannot_keep(&error) => {
-                scheduler.set_back(index, Setback::BrokenOff);
+                scheduler.set_back(index, AttemptFailure::BrokenOff);
                 self.set_aside(server, error);
             }
             Err(error) => {
                 let setback = setback(&error);
-                if matches!(setback, Setback::Held | Setback::Busy) {
+                if matches!(setback, AttemptFailure::Held | AttemptFailure::Busy) {
                     self.refusal = Some(error.to_string());
                 }
-                if !matches!(setback, Setback::BrokenOff | Setback::Busy) {
+                if !matches!(setback, AttemptFailure::BrokenOff | AttemptFailure::Busy) {
                     let WantedEpisode { task, seed, .. } = &wanted[index];
                     let seed = seed.map_or_else(|| "hosted".into(), |seed| seed.to_string());
                     tracing::debug!("{task} seed {seed} was not played to its end: {error}");
@@ -349,14 +349,14 @@ fn play(
 }
 
 /// Consequence of an error for the episode.
-fn setback(error: &ClientError) -> Setback {
+fn setback(error: &ClientError) -> AttemptFailure {
     match error {
-        ClientError::Stopped => Setback::BrokenOff,
-        ClientError::Refused { code: Code::Busy, field, .. } if field == "open" => Setback::Held,
-        ClientError::Refused { code: Code::Busy, .. } => Setback::Busy,
-        ClientError::Refused { .. } => Setback::Refused(error.to_string()),
+        ClientError::Stopped => AttemptFailure::BrokenOff,
+        ClientError::Refused { code: Code::Busy, field, .. } if field == "open" => AttemptFailure::Held,
+        ClientError::Refused { code: Code::Busy, .. } => AttemptFailure::Busy,
+        ClientError::Refused { .. } => AttemptFailure::Refused(error.to_string()),
         // A deterministic policy would fail again.
-        ClientError::Policy(_) => Setback::Hopeless(error.to_string()),
-        _ => Setback::Failed(error.to_string()),
+        ClientError::Policy(_) => AttemptFailure::Hopeless(error.to_string()),
+        _ => AttemptFailure::Failed(error.to_string()),
     }
 }

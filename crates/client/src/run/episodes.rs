@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use fiatlux_proto::v3::EpisodeEnd;
 
 use super::outcome::{Playing, RunProgress};
-use super::scheduler::{Scheduler, Setback, Standing};
+use super::scheduler::{AttemptFailure, Scheduler, Standing};
 use crate::{Client, ClientError, Policy, PolicyError};
 
 /// Time between two checks of everything.
@@ -220,8 +220,8 @@ pub fn play_each(
                 episodes.over(index);
                 match &end {
                     Ok(end) => episodes.scheduler.played(index, end.success),
-                    Err(ClientError::Stopped) => episodes.scheduler.set_back(index, Setback::BrokenOff),
-                    Err(error) => episodes.scheduler.set_back(index, Setback::Hopeless(error.to_string())),
+                    Err(ClientError::Stopped) => episodes.scheduler.set_back(index, AttemptFailure::BrokenOff),
+                    Err(error) => episodes.scheduler.set_back(index, AttemptFailure::Hopeless(error.to_string())),
                 }
                 ends[index] = (!matches!(end, Err(ClientError::Stopped))).then_some(end);
             }

@@ -30,7 +30,7 @@ pub(super) enum Standing {
 
 /// Why an episode that was handed out was not played to its end.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Setback {
+pub(super) enum AttemptFailure {
     /// The server has no room for it.
     Busy,
     /// It is open there for another client.
@@ -216,7 +216,7 @@ impl Scheduler {
     }
 
     /// An episode was not played to its end.
-    pub(super) fn set_back(&mut self, index: usize, setback: Setback) {
+    pub(super) fn set_back(&mut self, index: usize, setback: AttemptFailure) {
         let busy = self.playing().count();
         let Some(episode) = self.episodes.get_mut(index) else { return };
         let Standing::Playing { server, .. } = &episode.standing else { return };
@@ -224,10 +224,12 @@ impl Scheduler {
         let is_live = self.servers.get(&server).is_some_and(Server::is_live);
         match setback {
             // The failure is the server's, not the episode's.
-            Setback::Busy | Setback::Held | Setback::Refused(_) | Setback::Failed(_) if !is_live => {
+            AttemptFailure::Busy | AttemptFailure::Held | AttemptFailure::Refused(_) | AttemptFailure::Failed(_)
+                if !is_live =>
+            {
                 episode.standing = Standing::Waiting;
             }
-            Setback::Busy => {
+            AttemptFailure::Busy => {
                 episode.standing = Standing::Waiting;
                 let load = self.playing().filter(|(_, name)| *name == server).count();
                 if let Some(server) = self.servers.get_mut(&server) {
@@ -238,16 +240,16 @@ impl Scheduler {
                     self.episodes[index].standing = Standing::Held { server };
                 }
             }
-            Setback::Held => episode.standing = Standing::Held { server },
-            Setback::BrokenOff => episode.standing = Standing::Waiting,
-            Setback::Refused(reason) => {
+            AttemptFailure::Held => episode.standing = Standing::Held { server },
+            AttemptFailure::BrokenOff => episode.standing = Standing::Waiting,
+            AttemptFailure::Refused(reason) => {
                 episode.fail(reason);
                 if episode.standing == Standing::Waiting {
                     episode.standing = Standing::Held { server };
                 }
             }
-            Setback::Failed(reason) => episode.fail(reason),
-            Setback::Hopeless(reason) => {
+            AttemptFailure::Failed(reason) => episode.fail(reason),
+            AttemptFailure::Hopeless(reason) => {
                 episode.standing = Standing::Lost;
                 episode.problem = Some(reason);
             }

@@ -90,13 +90,13 @@ async fn append(
     write(service, &mut out, &mut part).await.map_err(io("write"))?;
     taken.map_err(|failed| match failed {
         UploadError::Write(source) => io("write")(source).into(),
-        UploadError::Said(problem) => problem,
+        UploadError::Refused(problem) => problem,
     })
 }
 
 enum UploadError {
     Write(std::io::Error),
-    Said(Problem),
+    Refused(Problem),
 }
 
 /// Receives a body; returns the length of the file once `part` is written, too.
@@ -115,20 +115,20 @@ async fn take(
             Ok(Some(Ok(frame))) => frame,
             Ok(None) => return Ok(length),
             Ok(Some(Err(_))) => {
-                return Err(UploadError::Said(
+                return Err(UploadError::Refused(
                     Problem::request("the upload was interrupted; resume at `received`").with_received(length),
                 ));
             }
             Err(_) => {
                 let message = format!("nothing arrived for {} s; resume at `received`", silence.as_secs());
-                return Err(UploadError::Said(Problem::slow(message).with_received(length)));
+                return Err(UploadError::Refused(Problem::slow(message).with_received(length)));
             }
         };
         let Ok(data) = frame.into_data() else { continue };
         let room = whole - length;
         if data.len() as u64 > room {
             let message = format!("the file was announced with {whole} bytes, but more arrived");
-            return Err(UploadError::Said(Problem::too_large(message).with_received(length)));
+            return Err(UploadError::Refused(Problem::too_large(message).with_received(length)));
         }
         part.extend_from_slice(&data);
         if part.len() >= PART {
@@ -140,7 +140,7 @@ async fn take(
         if taken > free && (length - first) / taken.as_secs().max(1) < min_rate && length < whole {
             let message =
                 format!("less than {min_rate} bytes/s arrived; resume at `received` over a better connection");
-            return Err(UploadError::Said(Problem::slow(message).with_received(length)));
+            return Err(UploadError::Refused(Problem::slow(message).with_received(length)));
         }
     }
 }

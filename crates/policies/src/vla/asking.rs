@@ -10,22 +10,22 @@ use fiatlux_wbc::CONTROL_DT;
 const PAUSE: Duration = Duration::from_millis(250);
 
 /// An answer, and the time since the question, including any new connections.
-pub(super) struct Answered {
+pub(super) struct TimedChunk {
     pub chunk: ModelChunk,
     pub latency: Duration,
 }
 
-/// A message from the thread.
-struct Said {
-    answered: Result<Answered, BridgeError>,
+/// The outcome of a question.
+struct Reply {
+    answer: Result<TimedChunk, BridgeError>,
     problem: Option<String>,
 }
 
 /// Asks one server during one episode.
-pub(super) struct Asker {
+pub(super) struct ModelClient {
     /// The server; `None` while a thread uses it.
-    patient: Option<Patient>,
-    thread: Option<(Sender<ModelObservation>, Receiver<Said>)>,
+    server: Option<RetryingModel>,
+    thread: Option<(Sender<ModelObservation>, Receiver<Reply>)>,
     /// Step and joint angles of the pending question.
     out: Option<(u64, Vec<f64>)>,
     /// Latency of the last answer, zero before the first one.
@@ -34,12 +34,12 @@ pub(super) struct Asker {
 }
 
 /// A model server that is retried after errors.
-struct Patient {
+struct RetryingModel {
     model: Box<dyn Model>,
     patience: Duration,
 }
 
-impl Patient {
+impl RetryingModel {
     /// Repeats a call until it succeeds, the patience is over, or a new connection cannot help. Logs what went wrong.
     fn call<T>(
         &mut self,
@@ -56,22 +56,22 @@ impl Patient {
                     problem = Some(error.to_string());
                     std::thread::sleep(PAUSE);
                 }
-                said => return (said, problem),
+                result => return (result, problem),
             }
         }
     }
 
-    fn infer(&mut self, observation: &ModelObservation) -> Said {
+    fn infer(&mut self, observation: &ModelObservation) -> Reply {
         let start = Instant::now();
-        let (said, problem) = self.call(|model| model.infer(observation));
-        Said { answered: said.map(|chunk| Answered { chunk, latency: start.elapsed() }), problem }
+        let (result, problem) = self.call(|model| model.infer(observation));
+        Reply { answer: result.map(|chunk| TimedChunk { chunk, latency: start.elapsed() }), problem }
     }
 }
 
-impl Asker {
+impl ModelClient {
     pub fn new(model: Box<dyn Model>, patience: Duration) -> Self {
-        let patient = Some(Patient { model, patience });
-        Self { patient, thread: None, out: None, usual: Duration::ZERO, problem: None }
+        let server = Some(RetryingModel { model, patience });
+        Self { server, thread: None, out: None, usual: Duration::ZERO, problem: None }
     }
 
     /// Tells the server that an episode begins.
@@ -79,35 +79,35 @@ impl Asker {
     /// # Errors
     /// [`BridgeError`].
     pub fn reset(&mut self) -> Result<(), BridgeError> {
-        let Some(patient) = &mut self.patient else { return Ok(()) };
-        patient.call(|model| model.reset()).0
+        let Some(server) = &mut self.server else { return Ok(()) };
+        server.call(|model| model.reset()).0
     }
 
     /// Asks and waits for the answer.
     ///
     /// # Errors
     /// [`BridgeError`].
-    pub fn ask(&mut self, observation: &ModelObservation) -> Result<Answered, BridgeError> {
-        let Some(patient) = &mut self.patient else { return Err(gone()) };
-        let Said { answered, problem } = patient.infer(observation);
+    pub fn ask(&mut self, observation: &ModelObservation) -> Result<TimedChunk, BridgeError> {
+        let Some(server) = &mut self.server else { return Err(gone()) };
+        let Reply { answer, problem } = server.infer(observation);
         self.problem = problem;
-        answered
+        answer
     }
 
-    /// Asks in a thread; [`Asker::answer`] returns the answer. Only one question is pending at a time.
+    /// Asks in a thread; [`ModelClient::answer`] returns the answer. Only one question is pending at a time.
     pub fn ask_meanwhile(&mut self, observation: ModelObservation, step: u64, q: Vec<f64>) {
-        if let Some(mut patient) = self.patient.take() {
+        if let Some(mut server) = self.server.take() {
             let (questions, asked) = channel::<ModelObservation>();
-            let (say, said) = channel();
+            let (sender, replies) = channel();
             // The thread ends when the policy is dropped and its last question is answered or timed out.
             std::thread::spawn(move || {
                 while let Ok(observation) = asked.recv() {
-                    if say.send(patient.infer(&observation)).is_err() {
+                    if sender.send(server.infer(&observation)).is_err() {
                         break;
                     }
                 }
             });
-            self.thread = Some((questions, said));
+            self.thread = Some((questions, replies));
         }
         if let Some((questions, _)) = &self.thread
             && questions.send(observation).is_ok()
@@ -117,19 +117,19 @@ impl Asker {
     }
 
     /// Step, joint angles and answer of the pending question, once it has arrived.
-    pub fn answer(&mut self) -> Option<(u64, Vec<f64>, Result<Answered, BridgeError>)> {
-        let (_, said) = self.thread.as_ref()?;
-        let Said { answered, problem } = match said.try_recv() {
-            Ok(said) => said,
+    pub fn answer(&mut self) -> Option<(u64, Vec<f64>, Result<TimedChunk, BridgeError>)> {
+        let (_, replies) = self.thread.as_ref()?;
+        let Reply { answer, problem } = match replies.try_recv() {
+            Ok(reply) => reply,
             Err(TryRecvError::Empty) => return None,
-            Err(TryRecvError::Disconnected) => Said { answered: Err(gone()), problem: None },
+            Err(TryRecvError::Disconnected) => Reply { answer: Err(gone()), problem: None },
         };
         self.problem = problem;
-        if let Ok(answered) = &answered {
-            self.usual = answered.latency;
+        if let Ok(chunk) = &answer {
+            self.usual = chunk.latency;
         }
         let (step, q) = self.out.take()?;
-        Some((step, q, answered))
+        Some((step, q, answer))
     }
 
     /// True if a question is pending.

@@ -15,7 +15,7 @@ const SILENCE: Duration = Duration::from_secs(3);
 
 /// A server's description of itself, and its answer to one observation: the standing posture, and pictures of a grey ramp.
 #[derive(Debug)]
-pub struct Probed {
+pub struct ProbeReport {
     /// The contract that it announced.
     pub contract: Contract,
     /// The contract fits the mapping, or the reason why not.
@@ -93,7 +93,7 @@ impl VlaSource {
     ///
     /// # Errors
     /// [`BridgeError`]: nobody answers, or the answer cannot be decoded.
-    pub fn probe(&self) -> Result<Probed, BridgeError> {
+    pub fn probe(&self) -> Result<ProbeReport, BridgeError> {
         let shared = &self.0;
         let mapping = &shared.mapping;
         let contract = shared.options.model()?.contract()?;
@@ -116,6 +116,6 @@ impl VlaSource {
             let rows = shared.rows(shared.robot.q0(), &chunk);
             Ok(Answer { chunk, latency, first, rows })
         };
-        Ok(Probed { contract, fit, sent, answer: ask() })
+        Ok(ProbeReport { contract, fit, sent, answer: ask() })
     }
 }

@@ -101,7 +101,7 @@ fn a_first_answer_may_take_long() {
     );
     // Without that question the first one of the episode pays, and the reason is time as well, also while the server is busy.
     let source = checked(Duration::from_secs(4), 0).expect("no question");
-    let mut asker = Asker::new(source.0.options.model().expect("an address"), Duration::from_millis(1500));
-    let error = asker.ask(&source.example().expect("an observation")).err().expect("too slow").to_string();
+    let mut client = ModelClient::new(source.0.options.model().expect("an address"), Duration::from_millis(1500));
+    let error = client.ask(&source.example().expect("an observation")).err().expect("too slow").to_string();
     assert!(error.contains("--reply-timeout"), "{error}");
 }

@@ -82,7 +82,7 @@ fn what_a_lost_server_played_goes_to_the_others() {
     run.ended(0);
     run.server_leaves("a");
     assert_eq!(run.strays(), [2]);
-    run.set_back(2, Setback::BrokenOff);
+    run.set_back(2, AttemptFailure::BrokenOff);
     (1..4).step_by(2).for_each(|index| run.ended(index));
     assert_eq!(on(&hand_out(&mut run)), [(0, "b"), (2, "b")], "also what was not yet on disk");
 }
@@ -98,7 +98,7 @@ fn with_no_other_server_an_episode_waits_for_the_lost_one() {
     assert!(tell(&mut run, "a", "o.").is_empty());
     // It reappears without the session.
     assert_eq!(tell(&mut run, "a", ".."), [0]);
-    run.set_back(0, Setback::BrokenOff);
+    run.set_back(0, AttemptFailure::BrokenOff);
     assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
 }
 
@@ -126,7 +126,7 @@ fn an_episode_that_another_server_has_played_is_broken_off() {
     let mut run = scheduler(2, &[("a", 2), ("b", 2)]);
     assert_eq!(on(&hand_out(&mut run)), [(0, "a"), (1, "b")]);
     assert_eq!(tell(&mut run, "b", "p."), [0, 1], "and so is one that its server no longer plays");
-    run.set_back(0, Setback::BrokenOff);
+    run.set_back(0, AttemptFailure::BrokenOff);
     assert!(matches!(run.standings().next(), Some((Standing::Decided { server, .. }, _)) if server == "b"));
 }
 
@@ -135,13 +135,13 @@ fn an_episode_that_goes_wrong_comes_last_and_is_given_up_in_the_end() {
     let mut run = Scheduler::new(2, 1);
     run.server_joins("a", 1);
     assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
-    run.set_back(0, Setback::Failed("silence".into()));
+    run.set_back(0, AttemptFailure::Failed("silence".into()));
     assert_eq!(on(&hand_out(&mut run)), [(1, "a")]);
     run.ended(1);
     tell(&mut run, "a", ".p");
     for _ in 1..MAX_TRIES {
         assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
-        run.set_back(0, Setback::Failed("silence".into()));
+        run.set_back(0, AttemptFailure::Failed("silence".into()));
     }
     assert!(hand_out(&mut run).is_empty() && run.is_over());
     assert_eq!(run.standings().next(), Some((&Standing::Lost, Some("silence"))));
@@ -151,7 +151,7 @@ fn an_episode_that_goes_wrong_comes_last_and_is_given_up_in_the_end() {
 fn a_policy_that_cannot_go_on_is_not_asked_again() {
     let mut run = scheduler(1, &[("a", 1)]);
     hand_out(&mut run);
-    run.set_back(0, Setback::Hopeless("NaN".into()));
+    run.set_back(0, AttemptFailure::Hopeless("NaN".into()));
     assert!(hand_out(&mut run).is_empty() && run.is_over());
 }
 
@@ -159,14 +159,14 @@ fn a_policy_that_cannot_go_on_is_not_asked_again() {
 fn a_busy_server_gets_no_more_than_it_takes() {
     let mut run = scheduler(3, &[("a", 8)]);
     assert_eq!(hand_out(&mut run).len(), 3);
-    run.set_back(2, Setback::Busy);
+    run.set_back(2, AttemptFailure::Busy);
     assert!(hand_out(&mut run).is_empty());
     run.ended(0);
     assert_eq!(on(&hand_out(&mut run)), [(2, "a")]);
     // Others use all its room: it is asked again later, not at once.
     let mut alone = scheduler(1, &[("a", 8)]);
     hand_out(&mut alone);
-    alone.set_back(0, Setback::Busy);
+    alone.set_back(0, AttemptFailure::Busy);
     assert!(hand_out(&mut alone).is_empty());
     assert_eq!(alone.to_ask(), ["a"]);
     tell(&mut alone, "a", ".");
@@ -186,7 +186,7 @@ fn what_could_not_be_recorded_is_played_again() {
 fn a_refused_episode_waits_for_the_ledgers_word() {
     let mut run = scheduler(1, &[("a", 1)]);
     run.next().expect("hands out");
-    run.set_back(0, Setback::Refused("it is open".into()));
+    run.set_back(0, AttemptFailure::Refused("it is open".into()));
     assert!(run.next().is_none());
     tell(&mut run, "a", "o");
     assert!(run.next().is_none());
@@ -200,7 +200,7 @@ fn an_episode_that_is_open_elsewhere_is_waited_for() {
     let mut run = scheduler(1, &[("a", 1)]);
     for _ in 0..=MAX_TRIES {
         assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
-        run.set_back(0, Setback::Held);
+        run.set_back(0, AttemptFailure::Held);
         assert_eq!((run.next(), run.to_ask()), (None, vec!["a".into()]));
         tell(&mut run, "a", "o");
         assert_eq!(run.next(), None);
@@ -225,7 +225,7 @@ fn a_missing_server_gets_nothing_new() {
     run.server_is_missed("a");
     assert_eq!((run.strays(), run.next()), (vec![], None));
     for _ in 0..=MAX_TRIES {
-        run.set_back(2, Setback::Failed("silence".into()));
+        run.set_back(2, AttemptFailure::Failed("silence".into()));
         run.server_joins("a", 2);
         assert_eq!(on(&hand_out(&mut run)), [(2, "a")]);
         run.server_is_missed("a");

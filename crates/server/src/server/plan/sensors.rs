@@ -57,7 +57,7 @@ impl SensorPlan {
     /// Sensors that the bag has of a step: large ones at their own rate, others whenever they are due.
     pub fn recorded(&self, step: u64) -> Sensors {
         let is_due = |choice: &Choice| choice.record_period.is_some_and(|period| step.is_multiple_of(period));
-        self.due(step).without(Sensors::LARGE).and(self.of(is_due))
+        self.due(step).without(Sensors::LARGE).union(self.of(is_due))
     }
 
     pub fn sight(&self) -> Sight {
