@@ -31,7 +31,6 @@ const STEPS: usize = 50;
 /// Cases to measure and to compare with.
 #[derive(Debug, Clone)]
 pub struct BatchOptions {
-    /// Worlds of each batch.
     pub worlds: usize,
     /// Number of threads, and of processes to compare them with.
     pub threads: usize,
@@ -44,7 +43,6 @@ pub struct BatchOptions {
 pub struct BatchReport {
     /// Processor, cores and platform.
     pub machine: String,
-    /// Worlds of each batch.
     pub worlds: usize,
     /// Threads of the cases with several.
     pub threads: usize,

@@ -31,7 +31,6 @@ pub struct RoomReport {
 /// Time of one physics step.
 #[derive(Debug, Clone, Serialize)]
 pub struct CaseReport {
-    /// Name of the case.
     pub name: String,
     /// Mean time of a physics step, us.
     pub mean_us: f64,

@@ -53,7 +53,6 @@ pub struct SensorReport {
 /// Control steps with some sensors in every observation.
 #[derive(Debug, Clone, Serialize)]
 pub struct StepCase {
-    /// Name of the case.
     pub name: String,
     /// Control steps per second on one thread.
     pub steps_per_s: f64,
@@ -72,7 +71,6 @@ pub struct StepCase {
 /// Time of one sensor in a row.
 #[derive(Debug, Clone, Serialize)]
 pub struct SensorCase {
-    /// Name of the sensor.
     pub name: String,
     /// Mean time of the sensor, us.
     pub mean_us: f64,

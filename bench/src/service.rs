@@ -34,7 +34,6 @@ pub struct ServiceOptions {
     pub sessions: usize,
     /// Duration of the cases with client processes, s.
     pub seconds: f64,
-    /// Path of the program `policy-client`.
     pub policy_client: PathBuf,
 }
 
@@ -50,7 +49,6 @@ pub struct ServiceReport {
 /// Speed of one session, or of several at once.
 #[derive(Debug, Clone, Serialize)]
 pub struct ServiceCase {
-    /// Name of the case.
     pub name: String,
     /// Sessions that are open at once.
     pub sessions: usize,
@@ -72,9 +70,7 @@ pub struct ServiceCase {
 #[derive(Debug, thiserror::Error)]
 #[error("case '{case}': {problem}")]
 pub struct ServiceError {
-    /// Name of the case that failed.
     pub case: String,
-    /// The problem and its remedy.
     pub problem: String,
 }
 

@@ -54,23 +54,14 @@ pub struct KeysOptions {
 
 /// Why no keys were made.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum KeysError {
-    /// The folder is not empty: it may hold keys.
     #[error("{} exists and is not empty; keys are never overwritten: name another folder, or move this one", .0.display())]
     Exists(PathBuf),
-    /// The folder cannot be made.
     #[error("cannot make {}; check that its parent exists, its permissions, and the free space", .path.display())]
-    Folder {
-        /// Path of the folder that cannot be made.
-        path: PathBuf,
-        /// The operating system's error.
-        #[source]
-        source: io::Error,
-    },
-    /// A file of the folder cannot be made.
+    Folder { path: PathBuf, source: io::Error },
     #[error("cannot make the keys")]
     Access(#[from] AccessError),
-    /// The text is not the name or address of a machine.
     #[error(
         "--host {0}: a certificate cannot name it; give an address such as 192.168.1.7 or a name such as lab.example.org"
     )]
@@ -81,10 +72,8 @@ pub enum KeysError {
          --host localhost --host {0}, or use --auth password"
     )]
     Ipv6(String),
-    /// The text cannot be a server's name.
     #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
     Server(String),
-    /// The certificates cannot be made.
     #[error("cannot make the certificates")]
     Certificate(#[from] rcgen::Error),
 }

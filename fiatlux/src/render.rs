@@ -85,61 +85,34 @@ pub struct Outcome {
 
 /// Why a clip cannot be made.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum RenderError {
     /// A bag cannot be read.
     #[error(transparent)]
     Bag(#[from] BagError),
-    /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The folder of meshes.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] MeshError),
-    /// A bag's header gives no scene.
     #[error("cannot draw {}", bag.display())]
-    Header {
-        /// Path of the bag.
-        bag: PathBuf,
-        /// Why the scene cannot be rebuilt from its header.
-        #[source]
-        source: RebuildError,
-    },
-    /// No row becomes a frame.
+    Header { bag: PathBuf, source: RebuildError },
     #[error("there is nothing to show of {}: {problem}", bag.display())]
-    Nothing {
-        /// Path of the bag.
-        bag: PathBuf,
-        /// Why, and what to do.
-        problem: String,
-    },
-    /// The output cannot be used.
+    Nothing { bag: PathBuf, problem: String },
     #[error("cannot write {}: {problem}", path.display())]
-    Output {
-        /// The file or folder that was asked for.
-        path: PathBuf,
-        /// The problem and its remedy.
-        problem: String,
-    },
-    /// A file could not be made, written or renamed.
+    Output { path: PathBuf, problem: String },
     #[error("cannot {action} {}", path.display())]
     Io {
         /// Verb for the message, such as `make`.
         action: &'static str,
-        /// The file or folder that it was tried on.
         path: PathBuf,
-        /// The operating system's error.
-        #[source]
         source: io::Error,
     },
-    /// The video encoder ended before it should, or failed.
     #[error("ffmpeg {how}; its last words:{said}")]
     Encoder {
         /// Its end, for the message.
         how: String,
-        /// Its last lines, each on a line of its own.
         said: String,
     },
-    /// A picture could not be drawn.
     #[error("cannot draw a frame")]
     Picture(#[from] fiatlux_render::RenderError),
 }

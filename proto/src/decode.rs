@@ -14,32 +14,12 @@ use crate::{DESCRIPTORS, PROTOCOL};
 /// Why bytes were refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum DecodeError {
-    /// Longer than the limit.
     #[error("{message} has {length} bytes; the limit is {limit}")]
-    Size {
-        /// Name of the message.
-        message: &'static str,
-        /// Bytes that it has.
-        length: usize,
-        /// Most bytes that it may have.
-        limit: usize,
-    },
-    /// Not this message in protobuf.
+    Size { message: &'static str, length: usize, limit: usize },
     #[error("cannot decode as {message}: {reason}")]
-    Malformed {
-        /// Name of the message.
-        message: &'static str,
-        /// The decoder's message.
-        reason: String,
-    },
-    /// A field that this version does not know: what it asks for would silently not happen.
+    Malformed { message: &'static str, reason: String },
     #[error("{message} has a field with number {number}, which this version does not know; use messages of {PROTOCOL}")]
-    UnknownField {
-        /// Name of the message, and of the field where it is in one within.
-        message: String,
-        /// Number of the field in protobuf.
-        number: u32,
-    },
+    UnknownField { message: String, number: u32 },
 }
 
 /// Reads a message of at most `limit` bytes. Fields that this version does not know are refused, not ignored.

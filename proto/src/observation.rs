@@ -21,42 +21,16 @@ const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.Fla
 /// Why an observation, or a session's description of its own, was refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum TermError {
-    /// The server names a field that these messages do not have.
     #[error(
         "sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version"
     )]
-    UnknownField {
-        /// Name of the sensor.
-        sensor: String,
-        /// Path of the field in the observation.
-        field: String,
-    },
-    /// An observation has what the session does not.
+    UnknownField { sensor: String, field: String },
     #[error("{field} is not a term of the session; ask for its sensor, or use a client of the server's version")]
-    NoTerm {
-        /// Path of the field in the observation.
-        field: String,
-    },
-    /// A field has another count of numbers than its terms.
+    NoTerm { field: String },
     #[error("{field} has {found} numbers, not {expected}")]
-    Count {
-        /// Path of the field in the observation.
-        field: String,
-        /// Numbers that came in it.
-        found: usize,
-        /// Numbers of its terms.
-        expected: usize,
-    },
-    /// An image has another size than its term.
+    Count { field: String, found: usize, expected: usize },
     #[error("{field} is {} x {}, not {} x {} pixels", found[0], found[1], expected[0], expected[1])]
-    Image {
-        /// Path of the field in the observation.
-        field: String,
-        /// Width and height that came.
-        found: [u64; 2],
-        /// Width and height of its term.
-        expected: [u64; 2],
-    },
+    Image { field: String, found: [u64; 2], expected: [u64; 2] },
 }
 
 impl ObservationTerm {
@@ -188,7 +162,6 @@ pub fn is_of_images(sensor: &str) -> bool {
     find(sensor).and_then(|field| field.message.as_deref()).is_some_and(|made| MADE_OF_IMAGES.contains(&made))
 }
 
-/// A field by its path from an observation on.
 fn find(path: &str) -> Option<&'static Field> {
     let (mut message, mut found) = (OBSERVATION, None);
     for name in path.split('.') {
@@ -216,7 +189,6 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// Count of its numbers.
     fn count(&self) -> usize {
         match self.field.kind {
             Type::Float => self.contents.len() / 4,

@@ -92,12 +92,10 @@ impl Rig {
         }
     }
 
-    /// Places the robot's pelvis.
     pub fn place_robot(&mut self, world_from_pelvis: &Isometry3<f64>) {
         self.place(self.scene.robot_ids.root, world_from_pelvis);
     }
 
-    /// Places a free body.
     pub fn place(&mut self, body: BodyId, pose: &Isometry3<f64>) {
         self.state.set_pose(&self.scene.model, body, pose);
         self.update();

@@ -29,7 +29,6 @@ impl Posture {
         rig.place_robot(&self.world_from_pelvis);
     }
 
-    /// Pose of every link, by link index.
     pub fn link_poses(&self, robot: &Robot) -> Vec<Isometry3<f64>> {
         robot.forward_kinematics(&self.joints, &self.world_from_pelvis).unwrap()
     }

@@ -6,17 +6,9 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum AccessError {
     #[error("cannot read {}; `fiatlux keys --out DIR` creates such files", path.display())]
-    Read {
-        path: PathBuf,
-        #[source]
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     #[error("cannot write {}; check the folder, its permissions and the free disk space", path.display())]
-    Write {
-        path: PathBuf,
-        #[source]
-        source: io::Error,
-    },
+    Write { path: PathBuf, source: io::Error },
     #[error("{} exists and will not be overwritten; move it away or name another file", path.display())]
     Exists { path: PathBuf },
     /// Others on this machine can read or change a secret.

@@ -30,7 +30,6 @@ fn signed(link: &str) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// Guards that a signature is of one journal and of one key.
     #[test]
     fn a_signature_is_of_one_journal() {
         let [own, other] = [(); 2].map(|()| Identity::generate().unwrap());

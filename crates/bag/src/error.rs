@@ -9,20 +9,11 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum BagError {
     #[error("cannot {action} {path}; check that it exists, its permissions, and the free disk space")]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        #[source]
-        source: io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: io::Error },
     #[error("{path} exists already; move it away or choose another name")]
     Exists { path: PathBuf },
     #[error("cannot write {path}; free some space and record the episode again")]
-    Write {
-        path: PathBuf,
-        #[source]
-        source: Box<McapError>,
-    },
+    Write { path: PathBuf, source: Box<McapError> },
     #[error("bags have no topic {topic}; use one of fiatlux_bag::topic")]
     Topic { topic: String },
     #[error("the {what} does not read back as it was given; make its numbers finite")]
@@ -46,13 +37,7 @@ pub enum BagError {
     #[error("{path} was changed: {what}; record the episode again")]
     Disagrees { path: PathBuf, what: String },
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
-    Message {
-        path: PathBuf,
-        topic: &'static str,
-        step: u64,
-        #[source]
-        source: DecodeError,
-    },
+    Message { path: PathBuf, topic: &'static str, step: u64, source: DecodeError },
 }
 
 impl BagError {

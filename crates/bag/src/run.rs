@@ -96,8 +96,12 @@ pub struct PlannedEpisode {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Event {
-    /// A session is open for the episode.
-    Opened { episode: u32, attempt: u32, session: String, unix_ms: u64 },
+    Opened {
+        episode: u32,
+        attempt: u32,
+        session: String,
+        unix_ms: u64,
+    },
     /// The episode was played to its end, and its bag is whole and on disk.
     Played {
         episode: u32,
@@ -126,12 +130,20 @@ pub enum Event {
         cause: String,
     },
     /// The episode counts as a failure.
-    Failed { episode: u32, attempt: u32, cause: String },
+    Failed {
+        episode: u32,
+        attempt: u32,
+        cause: String,
+    },
     /// The server was restarted. Open episodes may be begun again, and need not repeat any row: the client was not at
     /// fault.
-    Restarted { unix_ms: u64 },
+    Restarted {
+        unix_ms: u64,
+    },
     /// No more episodes are played.
-    Finished { unix_ms: u64 },
+    Finished {
+        unix_ms: u64,
+    },
     /// The server's signature of all lines above, from the registration to the end. Nothing follows it.
     Sealed {
         /// Link of the line before.

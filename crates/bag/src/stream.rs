@@ -42,7 +42,6 @@ pub(crate) struct ChunkReader {
     path: PathBuf,
     file: File,
     reader: LinearReader,
-    /// The reader is at the end of a chunk.
     at_end: bool,
     offset: u64,
     /// Bytes of the chunk record that are not read yet.

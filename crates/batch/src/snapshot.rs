@@ -26,7 +26,6 @@ pub struct Snapshot {
     pub(crate) observation: Vec<f32>,
 }
 
-/// The state of one world.
 #[derive(Debug, Clone)]
 pub(crate) struct WorldState {
     pub row: Row,

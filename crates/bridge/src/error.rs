@@ -10,11 +10,7 @@ pub enum BridgeError {
     )]
     Address { given: String, scheme: &'static str },
     #[error("cannot connect to the model server at {address}; start it, or correct --model")]
-    Connect {
-        address: String,
-        #[source]
-        source: std::io::Error,
-    },
+    Connect { address: String, source: std::io::Error },
     #[error("the server at {address} does not speak {transport}: {problem}; compare --dialect and --model with it")]
     Handshake { address: String, transport: &'static str, problem: String },
     #[error(

@@ -58,7 +58,6 @@ impl Hub {
     }
 }
 
-/// The entries that match a key.
 fn matching<F>(entries: &Entries<F>, key: &str) -> Vec<Arc<Entry<F>>> {
     let entries = entries.read().unwrap_or_else(PoisonError::into_inner);
     entries.iter().filter(|entry| intersects(&entry.key, key)).cloned().collect()

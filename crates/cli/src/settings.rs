@@ -130,7 +130,6 @@ fn read(path: &Path, text: &str, command: &Command) -> Result<Vec<(String, Vec<S
     flags.collect()
 }
 
-/// A value as equivalent flags.
 fn flags(arg: &Arg, key: &str, value: Value) -> Result<Vec<String>, String> {
     let is_list = matches!(arg.get_action(), ArgAction::Append);
     let is_switch = arg.get_value_parser().type_id() == TypeId::of::<bool>();

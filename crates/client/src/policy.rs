@@ -61,81 +61,28 @@ pub trait Policy: Send {
 
 /// Why a policy cannot be made or cannot continue.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum PolicyError {
-    /// No policy has this name.
     #[error("'{name}' is not a known policy; use one of {known}")]
-    Unknown {
-        /// The name that was requested.
-        name: String,
-        /// All names, separated by commas.
-        known: String,
-    },
-    /// A run has tasks that the policy does not play.
+    Unknown { name: String, known: String },
     #[error("policy {policy} does not play {refused}; choose tasks that it plays: --tasks {plays}")]
-    Tasks {
-        /// Name of the policy.
-        policy: String,
-        /// Tasks of the run that it does not play, separated by commas.
-        refused: String,
-        /// Tasks that it plays, separated by commas.
-        plays: String,
-    },
-    /// The session lacks a sensor that the policy reads.
+    Tasks { policy: String, refused: String, plays: String },
     #[error("policy {policy} needs the sensor {sensor}, which the session lacks; ask for it when you open the session")]
-    Sensor {
-        /// Name of the policy.
-        policy: &'static str,
-        /// Name of the sensor.
-        sensor: &'static str,
-    },
-    /// The session's robot or task is not one that the policy knows.
+    Sensor { policy: &'static str, sensor: &'static str },
     #[error("policy {policy} does not fit the session: {reason}")]
-    Unfit {
-        /// Name of the policy.
-        policy: &'static str,
-        /// The mismatch, and its remedy.
-        reason: String,
-    },
+    Unfit { policy: &'static str, reason: String },
     /// The policy's own error, which says why it cannot be made or cannot continue.
     #[error("policy {policy} cannot go on")]
-    Failed {
-        /// Name of the policy.
-        policy: &'static str,
-        /// Its own error.
-        #[source]
-        source: Box<dyn std::error::Error + Send + Sync>,
-    },
-    /// A word in a policy's arguments is not NAME=VALUE with a known name.
+    Failed { policy: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     #[error("cannot read '{word}' as NAME=VALUE; use names of {fields}")]
-    Words {
-        /// The word as it was given.
-        word: String,
-        /// The known names, separated by commas.
-        fields: &'static str,
-    },
-    /// The bag has no action for a step.
+    Words { word: String, fields: &'static str },
     #[error(
         "the bag has actions for the steps before {actions} and none for step {step}; it was cut, or this run went on \
          longer than the recorded one did: compare task, seed, episode, gains, noise and thresholds with the bag's"
     )]
-    Ended {
-        /// Number of recorded actions.
-        actions: usize,
-        /// The step without an action.
-        step: u64,
-    },
-    /// The policy gives a command that every server would refuse.
+    Ended { actions: usize, step: u64 },
     #[error("policy {policy} commands {field} {problem} in step {step}; correct the policy")]
-    Command {
-        /// Name of the policy.
-        policy: String,
-        /// The list with the error: `action` or `joint_target`.
-        field: &'static str,
-        /// Fault of the list.
-        problem: String,
-        /// Step of the observation that the command answers.
-        step: u64,
-    },
+    Command { policy: String, field: &'static str, problem: String, step: u64 },
 }
 
 /// Refuses tasks that a policy does not play.

@@ -59,7 +59,6 @@ impl Point {
         }
     }
 
-    /// Impulse at a relative velocity.
     #[inline(always)]
     fn impulse_at(&self, velocity: &V3) -> (V3, Region) {
         let normal = (self.target_speed - velocity.z) * self.inverse_normal;

@@ -2,7 +2,6 @@
 
 use std::ops::{BitAnd, BitAndAssign, BitOr, BitOrAssign, Not, Range};
 
-/// Bits of one word.
 const WORD: usize = u128::BITS as usize;
 
 /// Most words of a set.

@@ -5,11 +5,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum FeatureError {
     #[error("cannot read the weights '{path}'; check that the file exists and may be read")]
-    Read {
-        path: PathBuf,
-        #[source]
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error(
         "the weights '{path}' have more than {limit} bytes; a ResNet-18 in f32 has about 47,000,000: save the \
          state dict alone, without the optimiser's state"

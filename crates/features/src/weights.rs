@@ -48,7 +48,6 @@ impl Weights {
         Self::from_safetensors_bytes(&bytes)
     }
 
-    /// Like [`Weights::from_safetensors`], from a file's bytes.
     pub fn from_safetensors_bytes(bytes: &[u8]) -> Result<Self, FeatureError> {
         let file = File::parse(bytes)?;
         let network = network().try_map(|layer| read_layer(&file, layer))?;

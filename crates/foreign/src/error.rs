@@ -7,11 +7,7 @@ pub enum ForeignError {
     #[error("cannot find {}; weights are not shipped: download it from {source_of}", path.display())]
     Missing { path: PathBuf, source_of: &'static str },
     #[error("cannot read {}; check that it is a file and its permissions", path.display())]
-    Read {
-        path: PathBuf,
-        #[source]
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error("{} has more than {most} bytes; name the controller's own file", path.display())]
     FileSize { path: PathBuf, most: u64 },
     #[error("{} is a Git LFS pointer and not the network; run `git lfs pull` where it was cloned", path.display())]

@@ -330,7 +330,6 @@ mod tests {
         Conditions::new(&header, &Thresholds::default(), &[], false)
     }
 
-    /// Header of an episode of the benchmark as it is pinned.
     fn pinned() -> v3::EpisodeHeader {
         v3::EpisodeHeader {
             benchmark_version: BENCHMARK_VERSION,

@@ -45,11 +45,7 @@ pub enum ScoreError {
     )]
     Copies { first: PathBuf, second: PathBuf, server: String },
     #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
-    Task {
-        path: PathBuf,
-        #[source]
-        source: UnknownTask,
-    },
+    Task { path: PathBuf, source: UnknownTask },
     #[error("a grading thread ended early; this is a fault of the scorer, please report the bags")]
     Worker,
 }

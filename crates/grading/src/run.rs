@@ -20,7 +20,6 @@ const OPEN: &str = "open";
 /// Cause of an episode that was played, but whose bag is missing or cannot be scored.
 const BAG_LOST: &str = "bag lost";
 
-/// A run, from all of its journals.
 #[derive(Debug)]
 pub(crate) struct RunJournals {
     folder: PathBuf,

@@ -120,35 +120,16 @@ pub struct Found {
 
 /// Why a solver cannot be made, or cannot start.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum KinematicsError {
-    /// A body that is not a joint of that tree.
     #[error("body {body} is not a hinge below root {root}; name bodies of one robot")]
-    Joint {
-        /// Index of the body.
-        body: usize,
-        /// Index of the root.
-        root: usize,
-    },
-    /// A root that does not float.
+    Joint { body: usize, root: usize },
     #[error("body {0} is not a free root; leave the base fixed, or name the robot's root")]
     Root(usize),
-    /// A pair of shapes that cannot be kept apart.
     #[error("clearance {0} names a shape that the model does not have; take both from this model")]
     Shape(usize),
-    /// A number that is not finite.
     #[error("{field} has a number that is not finite")]
-    NotFinite {
-        /// Name of the field.
-        field: &'static str,
-    },
-    /// An array of another length.
+    NotFinite { field: &'static str },
     #[error("{field} has {found} numbers where {expected} are needed")]
-    Length {
-        /// Name of the array.
-        field: &'static str,
-        /// Length that is needed.
-        expected: usize,
-        /// Length that it has.
-        found: usize,
-    },
+    Length { field: &'static str, expected: usize, found: usize },
 }

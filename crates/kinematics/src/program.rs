@@ -36,17 +36,12 @@ pub struct Program<'a> {
 
 /// Why a program has no solution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum ProgramError {
-    /// The Hessian is not positive definite.
     #[error("the Hessian is not positive definite; add to its diagonal")]
     NotConvex,
-    /// No point meets all rows.
     #[error("no point meets row {row} together with the rows before it; relax a bound")]
-    Infeasible {
-        /// Row that could not be met.
-        row: usize,
-    },
-    /// Rounding errors kept it from the end, or a number is not finite.
+    Infeasible { row: usize },
     #[error("the solver did not finish; check that all numbers are finite and rows of similar length")]
     Stalled,
 }

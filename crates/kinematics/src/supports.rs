@@ -43,37 +43,20 @@ impl Default for Acceleration {
 
 /// Why no forces were found.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum SupportError {
-    /// A root that does not float.
     #[error("body {0} is not a free root; name the robot's root")]
     Root(usize),
-    /// A support that makes no sense.
     #[error("support {index}: {reason}")]
-    Support {
-        /// Index of the support.
-        index: usize,
-        /// Fault and remedy.
-        reason: &'static str,
-    },
-    /// An array of another length.
+    Support { index: usize, reason: &'static str },
     #[error("{field} has {found} numbers where {expected} are needed; take all from one model")]
-    Length {
-        /// Name of the array.
-        field: &'static str,
-        /// Length that is needed.
-        expected: usize,
-        /// Length that it has.
-        found: usize,
-    },
-    /// A number that is not finite.
+    Length { field: &'static str, expected: usize, found: usize },
     #[error("{0} has a number that is not finite")]
     NotFinite(&'static str),
-    /// The supports cannot carry the robot so, whatever its motors do.
     #[error(
         "the supports cannot bear this: the robot tips or slides, or one bears too much; move the centre of mass or add one"
     )]
     Unsupported,
-    /// They could, but a motor is too weak.
     #[error("the drive of body {0} is too weak for this; change the posture or add a support")]
     Effort(usize),
     /// The solver failed.

@@ -74,7 +74,6 @@ impl Target {
     }
 }
 
-/// A unique content for each round and place.
 fn content(round: usize, place: usize) -> Vec<u8> {
     let mut bytes = vec![b'x'; BYTES];
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos();

@@ -39,11 +39,7 @@ pub enum SubmitError {
     #[error("cannot read the bags to submit")]
     Bag(#[from] BagError),
     #[error("cannot read {}", path.display())]
-    Read {
-        path: PathBuf,
-        #[source]
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error("there is no bag in {}; name the folder of a run, or of *.mcap files", path.display())]
     NoBags { path: PathBuf },
     #[error("{} holds {runs} runs; submit each of them separately", path.display())]

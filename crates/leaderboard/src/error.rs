@@ -6,29 +6,16 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum StoreError {
     #[error("cannot {action} {}; check its permissions and the free disk space", path.display())]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        #[source]
-        source: io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: io::Error },
     #[error(
         "{} has no leaderboard; name the folder of `scorer serve`, or make a new leaderboard with `scorer admin init`",
         folder.display()
     )]
     Nothing { folder: PathBuf },
     #[error("the database cannot {action}; check the free disk space, and that nothing else writes to the folder")]
-    Database {
-        action: &'static str,
-        #[source]
-        source: sqlx::Error,
-    },
+    Database { action: &'static str, source: sqlx::Error },
     #[error("the store of bags cannot {action}; check its permissions and the free disk space")]
-    Blobs {
-        action: &'static str,
-        #[source]
-        source: object_store::Error,
-    },
+    Blobs { action: &'static str, source: object_store::Error },
     #[error("the database has version {found}, this program knows up to {known}; start the version that wrote it")]
     Newer { found: i64, known: i64 },
     #[error("{what} in the store cannot be read: {reason}; restore the folder from a backup")]

@@ -19,7 +19,6 @@ pub(crate) const PAPER: [PaperRow; 3] = [
 mod tests {
     use super::PAPER;
 
-    /// Guards that the README has the same table.
     #[test]
     fn the_readme_has_the_same_figures() {
         let readme = include_str!("../../../README.md");

@@ -343,7 +343,6 @@ pub(crate) mod tests {
         assert_eq!(order(&tables(vec![placed(1, &results(0)), placed(2, &results(1))])[0]), [(1, 2), (0, 1)]);
     }
 
-    /// Divisions and versions are ranked apart from each other.
     #[test]
     fn divisions_and_versions_stand_apart() {
         let change = |change: &dyn Fn(&mut Results)| {

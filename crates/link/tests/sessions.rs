@@ -73,7 +73,6 @@ fn an_endpoint_without_its_certificate_says_what_to_do() {
     std::fs::remove_file(path).expect("removes");
 }
 
-/// A config file with a list of users makes the listener ask for user and password.
 #[test]
 fn a_listener_with_a_list_of_users_asks_for_them() {
     let folder = std::env::temp_dir().join(format!("fiatlux-link-users-{}", std::process::id()));

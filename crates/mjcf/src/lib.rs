@@ -6,6 +6,7 @@
 //! Bodies, geoms and sites keep their names; joints, their actuators and cameras have those of the contract ([`Names`]). MuJoCo
 //! orders bodies depth first, so the tuple `bodies` lists
 //! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
+#![allow(missing_docs)] // Used in this repository alone.
 
 mod scene;
 #[cfg(test)]

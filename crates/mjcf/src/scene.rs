@@ -14,16 +14,12 @@ use crate::Names;
 /// Why a scene could not be built.
 #[derive(Debug, Error)]
 pub enum ExportError {
-    /// The robot's file cannot be loaded, or the robot does not fit into the model.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The engine refuses the model.
     #[error("cannot build the model")]
     Model(#[from] ModelError),
-    /// The scene's config or layout is not valid.
     #[error("cannot build the scene")]
     Scene(#[from] SceneError),
-    /// The task's start state cannot be staged.
     #[error("cannot stage the start")]
     Start(#[from] StartError),
 }

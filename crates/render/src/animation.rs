@@ -68,7 +68,6 @@ mod tests {
         assert_eq!(changed(&picture(&[]), &picture(&[])), [0, 0, 1, 1]);
     }
 
-    /// Guards that a reader of PNG puts the parts together to the same pictures.
     #[test]
     fn a_reader_finds_the_same_pictures() {
         let frames = [picture(&[(1, 1)]), picture(&[(2, 1)]), picture(&[(2, 1)]), picture(&[(7, 5), (2, 1)])];

@@ -80,7 +80,6 @@ pub enum Focus {
 }
 
 impl Focus {
-    /// Focus for a task.
     pub fn of(task: Option<Task>) -> Self {
         match task {
             Some(Task::S05 | Task::S06) => Focus::Crate,

@@ -28,6 +28,7 @@
 //! assert_eq!((image.width(), image.height(), image.rgb().len()), (64, 64, 3 * 64 * 64));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod animation;
 mod camera;
 mod error;

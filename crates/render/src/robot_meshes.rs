@@ -29,7 +29,6 @@ const DARK: [&str; 5] = ["pelvis", "logo_link", "head_link", "hip_pitch_link", "
 #[derive(Debug, Clone)]
 pub struct RobotMeshes {
     label: String,
-    /// Meshes of each link, by link index.
     links: Vec<Option<LinkMeshes>>,
 }
 

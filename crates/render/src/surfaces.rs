@@ -106,7 +106,6 @@ impl Visuals {
 mod tests {
     use super::*;
 
-    /// Triangles name paints by the index of [`paints`], which is the order of the list.
     #[test]
     fn paints_stand_in_the_order_of_their_numbers() {
         for (index, paint) in Paint::ALL.into_iter().enumerate() {

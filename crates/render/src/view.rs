@@ -77,7 +77,6 @@ pub(crate) fn single(v: &Vector3<f64>) -> Vec3 {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// A pose in single precision.
 pub(crate) struct SinglePose {
     rows: [Vec3; 3],
     shift: Vec3,

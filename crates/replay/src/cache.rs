@@ -28,7 +28,6 @@ pub struct PackedReplay {
     pub meshes: Packed,
     /// The rows as bytes, see [`Replay::track`].
     pub track: Packed,
-    /// The joints as bytes, see [`Replay::joints`].
     pub joints: Packed,
     /// The head camera's pictures as bytes, see [`Replay::pictures`].
     pub pictures: Packed,

@@ -17,20 +17,12 @@ const NOWHERE: f64 = 1000.0;
 
 /// Why a manifest is refused.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum ManifestError {
-    /// The text is not TOML, or has a field that there is not.
     #[error("cannot read the manifest")]
     Toml(#[from] toml::de::Error),
-    /// An entry is at fault.
     #[error("{list}, entry '{name}': {problem}")]
-    Entry {
-        /// `things` or `contacts`.
-        list: &'static str,
-        /// Name of the entry.
-        name: String,
-        /// The field at fault and the remedy.
-        problem: String,
-    },
+    Entry { list: &'static str, name: String, problem: String },
 }
 
 /// The parts of a row that do not belong to the robot, in the order of the row.

@@ -22,10 +22,9 @@ pub enum SeedOwner {
 /// A seed that training and search must leave alone.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("seed {seed} is for {}, not for training or search; use seeds of {} and above", .owner.purpose(), SeedOwner::Training.seeds().start())]
+#[allow(missing_docs)] // The messages say it.
 pub struct ReservedSeed {
-    /// The seed that was asked for.
     pub seed: u64,
-    /// Purpose that the seed is reserved for.
     pub owner: SeedOwner,
 }
 

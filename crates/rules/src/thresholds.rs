@@ -5,26 +5,14 @@ use thiserror::Error;
 
 /// Why a threshold was refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum ThresholdError {
-    /// No `=` in an override.
     #[error("'{0}' is not of the form key=value; for example fragility_n=30")]
     Form(String),
-    /// No threshold has this name.
     #[error("there is no threshold '{key}'; known ones are {}", Thresholds::KEYS.join(", "))]
-    Key {
-        /// The name that was given.
-        key: String,
-    },
-    /// The value is not a number that fits.
+    Key { key: String },
     #[error("threshold '{key}' cannot be '{value}'; it must be {rule}")]
-    Value {
-        /// Name of the threshold.
-        key: &'static str,
-        /// The value that was given.
-        value: String,
-        /// Rule that it breaks.
-        rule: &'static str,
-    },
+    Value { key: &'static str, value: String, rule: &'static str },
 }
 
 /// A kind of number that a threshold can be.

@@ -79,51 +79,30 @@ impl Job {
 /// Why an evaluation could not be carried out.
 #[derive(Debug, Error)]
 pub enum EvaluateError {
-    /// The output folder cannot be used.
     #[error("cannot use the output folder {}: {problem}", path.display())]
-    Folder {
-        /// The folder or a file in it.
-        path: PathBuf,
-        /// The problem and its remedy.
-        problem: String,
-    },
+    Folder { path: PathBuf, problem: String },
     /// The policy cannot be made.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// The robot's file cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] fiatlux_robot::RobotError),
-    /// The folder of meshes cannot be used.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
-    /// The system cannot draw a key.
     #[error("cannot draw a key for the recorder")]
     Key(#[from] fiatlux_access::AccessError),
-    /// The server did not start.
     #[error("cannot start the server")]
     Server(#[from] ServerError),
-    /// The recorder did not start.
     #[error("cannot start the recorder")]
     Recorder(#[from] RecorderError),
-    /// No episode was recorded.
     #[error("no episode was recorded:\n  {lost}")]
-    Nothing {
-        /// The reason for each episode, on its own line.
-        lost: String,
-    },
-    /// No episode of a run was played to its end.
+    Nothing { lost: String },
     #[error("no episode was played to its end:\n  {lost}")]
-    Unplayed {
-        /// The client's reason for each episode, on its own line.
-        lost: String,
-    },
+    Unplayed { lost: String },
     /// The run cannot be played.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// The ledger of a run cannot be read.
     #[error("cannot read the state of the run")]
     Ledger(#[from] fiatlux_bag::run::LedgerError),
-    /// The bags cannot be graded.
     #[error("cannot grade the bags")]
     Score(#[from] ScoreError),
 }

@@ -62,7 +62,6 @@ pub(super) fn play(
     Ok(Played { ended: ended.collect(), unwritten: reports.try_iter().collect() })
 }
 
-/// Notes why a bag is not whole.
 fn note_cut(report: &BagReport, unwritten: &mpsc::Sender<(Job, String)>) {
     if let (BagEnd::Cut(reason), Ok(task)) = (&report.end, report.header.task.parse()) {
         // If the evaluation has failed, nobody receives this.

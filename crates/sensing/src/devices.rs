@@ -13,29 +13,18 @@ use crate::{Lidar, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum SenseError {
-    /// The robot lacks the sensor's mount.
     #[error("the scene's robot has no such sensor")]
     Mount(#[from] SceneError),
-    /// No camera, or no picture.
     #[error("the camera gives no image")]
     Camera(#[from] RenderError),
-    /// The network refuses, or its numbers overflow.
     #[error("the image has no features")]
     Features(#[from] FeatureError),
-    /// It was not among those that the suite was made for, or no episode has begun.
     #[error("the sensors were made without {0}")]
     Absent(&'static str),
-    /// The caller's buffer has another length than the sensor.
     #[error("sensor '{sensor}' has {expected} numbers; the buffer has room for {found}")]
-    Buffer {
-        /// Name of the sensor in messages.
-        sensor: &'static str,
-        /// Numbers of the sensor.
-        expected: usize,
-        /// Length of the buffer.
-        found: usize,
-    },
+    Buffer { sensor: &'static str, expected: usize, found: usize },
 }
 
 /// A device and the step of the row that it last computed.

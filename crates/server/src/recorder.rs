@@ -71,16 +71,13 @@ pub struct RecorderOptions {
     pub on_loss: OnLoss,
 }
 
-/// The end of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BagEnd {
-    /// The bag has its whole episode, with this result.
     Whole(Box<EpisodeResult>),
     /// The bag has only a part, for this reason.
     Cut(String),
 }
 
-/// A bag that has ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BagReport {
     /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
@@ -93,16 +90,12 @@ pub struct BagReport {
 
 #[derive(Debug, Error)]
 pub enum RecorderError {
-    /// The text cannot be a server's name.
     #[error("'{0}' is not a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
-    /// The robot, whose poses are recorded, cannot be loaded.
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The system refused to start a thread.
     #[error("cannot start a thread; free some memory")]
     Thread(#[source] std::io::Error),
-    /// The carrier refused to watch for sessions.
     #[error("cannot watch for sessions; connect again")]
     Carrier(#[from] CarrierError),
 }

@@ -20,55 +20,21 @@ pub enum Command {
 /// Why a command is refused.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CommandError {
-    /// The message must have exactly one of the two lists.
     #[error("{} filled", if *.both { "both action and joint_target are" } else { "neither action nor joint_target is" })]
     Form { both: bool },
-    /// The list does not have one number for each joint.
     #[error("{field} has {found} numbers instead of {expected}")]
-    Length {
-        /// Which of the two lists: `action` or `joint_target`.
-        field: &'static str,
-        found: usize,
-        expected: usize,
-    },
+    Length { field: &'static str, found: usize, expected: usize },
     /// A number is NaN or infinite; without a bound in the session also a joint target that is infinite in action units.
     #[error("{field} of joint '{name}' is not finite")]
-    NotFinite {
-        /// Which of the two lists: `action` or `joint_target`.
-        field: &'static str,
-        joint: usize,
-        name: String,
-        value: f64,
-    },
-    /// A number is beyond the bound that `SessionInfo.action_limit` sets.
+    NotFinite { field: &'static str, joint: usize, name: String, value: f64 },
     #[error("{field} of joint '{name}' is {value:?}; it must be from {low} to {high}")]
-    Range {
-        /// Which of the two lists: `action` or `joint_target`.
-        field: &'static str,
-        joint: usize,
-        name: String,
-        value: f64,
-        low: f64,
-        /// Largest number that the session accepts.
-        high: f64,
-    },
-    /// An action has a list in action units besides its whole-body command.
+    Range { field: &'static str, joint: usize, name: String, value: f64, low: f64, high: f64 },
     #[error("both action and whole_body are filled")]
     Mixed,
-    /// The session takes no whole-body commands.
     #[error("the session has no whole-body controller: it needs the G1's body, the gains 'fiatlux' and proprioception")]
     NoController,
-    /// A number of a whole-body command is out of its range.
     #[error("{field} is {value}; it must be from {low} to {high}")]
-    WholeBody {
-        /// Name of the number, such as `whole_body.vx`.
-        field: &'static str,
-        value: f64,
-        low: f64,
-        /// Largest number that the session accepts.
-        high: f64,
-    },
-    /// The description of the model's chunk is not valid.
+    WholeBody { field: &'static str, value: f64, low: f64, high: f64 },
     #[error("chunk {problem}")]
     Chunk { problem: &'static str },
 }

@@ -384,7 +384,6 @@ mod tests {
 
     use super::*;
 
-    /// Guards that a name in a bag cannot write a verdict of its own.
     #[test]
     fn a_name_cannot_write_a_line() {
         let end = EpisodeEnd { cause: "fall\u{1b}[2K".into(), ..EpisodeEnd::default() };

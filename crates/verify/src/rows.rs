@@ -10,7 +10,6 @@ const QUATERNION: [&str; 4] = ["w", "x", "y", "z"];
 const LIMBS: [&str; 4] = ["left foot", "right foot", "left palm", "right palm"];
 const SUPPORTS: [&str; 4] = ["left foot", "right foot", "left arm", "right arm"];
 
-/// The numbers of a row with their names.
 fn named(row: &Row, header: &v3::EpisodeHeader) -> Vec<(String, f64)> {
     let mut found = Vec::new();
     // A measure of vectors comes in parts: numbers of one field count on.

@@ -51,49 +51,22 @@ const SMALLEST_HEIGHT: f64 = 0.3;
 /// Index of ankle pitch in a leg.
 const ANKLE_PITCH: usize = 4;
 
-/// A leg's joints from the hip down.
 const LEG_JOINTS: [&str; 6] = ["hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"];
 
 /// Why the controller cannot run.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum BalanceError {
-    /// The robot lacks a part.
     #[error("balance needs {part}, which the robot {robot} does not have; use another policy for it")]
-    Part {
-        /// Name of the robot.
-        robot: String,
-        /// Name of the joint, link or other part that it lacks.
-        part: String,
-    },
-    /// An array does not fit the robot.
+    Part { robot: String, part: String },
     #[error("{field} has {found} numbers where the robot has {expected} joints")]
-    Length {
-        /// Name of the array, such as `q0`.
-        field: &'static str,
-        /// Length that the array has.
-        found: usize,
-        /// Number of the robot's joints.
-        expected: usize,
-    },
-    /// A number is not finite.
+    Length { field: &'static str, found: usize, expected: usize },
     #[error("{field} has a number that is not finite")]
-    NotFinite {
-        /// Name of the array, such as `q0`.
-        field: &'static str,
-    },
-    /// A drive that cannot be given a torque through its target.
+    NotFinite { field: &'static str },
     #[error(
         "{joint} has stiffness {stiffness} N m/rad and effort limit {effort_limit} N m; balance needs both positive"
     )]
-    Drive {
-        /// Name of the joint.
-        joint: String,
-        /// Stiffness of its drive, N m/rad.
-        stiffness: f64,
-        /// Largest torque of its drive, N m.
-        effort_limit: f64,
-    },
-    /// The robot's kinematics refused the joint positions.
+    Drive { joint: String, stiffness: f64, effort_limit: f64 },
     #[error("cannot find where the robot's links are")]
     Kinematics(#[from] RobotError),
 }

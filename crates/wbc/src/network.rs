@@ -121,7 +121,6 @@ impl Network {
         Scratch { layers: [(); 2].map(|()| [(); 2].map(|()| vec![0.0; widest])) }
     }
 
-    /// The action for an observation.
     pub(crate) fn run(&self, observation: &[f32], scratch: &mut Scratch, action: &mut [f32; MOVED]) {
         let [from, to] = &mut scratch.layers;
         let [seen, mirrored] = from;

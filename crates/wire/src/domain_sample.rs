@@ -22,7 +22,6 @@ pub fn light_of(header: &v3::EpisodeHeader) -> Light {
     })
 }
 
-/// Randomization that a request asks for.
 pub fn randomization(asked: &v3::Randomization) -> Randomization {
     Randomization {
         layout: !asked.fixed_layout,
@@ -45,7 +44,6 @@ pub fn prop_scale(asked: &v3::PropScale) -> PropScale {
     }
 }
 
-/// Message of a domain sample.
 pub fn domain_sample_message(sample: &DomainSample) -> v3::DomainSample {
     let DomainSample { layout, scale, hand_friction, light, start } = sample;
     let point = |point: Option<Vector2<f64>>| point.map_or_else(Vec::new, |point| vec![point.x, point.y]);

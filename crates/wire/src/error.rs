@@ -5,36 +5,15 @@ use thiserror::Error;
 /// Fault of a message, by field.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum WireError {
-    /// A part is missing.
     #[error("{field} is missing")]
-    Missing {
-        /// Path of the field in the message.
-        field: &'static str,
-    },
-    /// A list has a wrong length.
+    Missing { field: &'static str },
     #[error("{field} has {found} numbers instead of {expected}")]
-    Length {
-        /// Path of the field in the message.
-        field: &'static str,
-        /// Length that the list has.
-        found: usize,
-        /// The length that it must have.
-        expected: usize,
-    },
+    Length { field: &'static str, found: usize, expected: usize },
     /// A number is infinite or NaN: no world has such a state, and rules are not made for it.
     #[error("{field} has a number that is not finite")]
-    NotFinite {
-        /// Path of the field in the message.
-        field: &'static str,
-    },
-    /// A value that the field cannot have.
+    NotFinite { field: &'static str },
     #[error("{field} {problem}")]
-    Value {
-        /// Path of the field in the message.
-        field: &'static str,
-        /// Fault of its value.
-        problem: String,
-    },
+    Value { field: &'static str, problem: String },
 }
 
 pub(crate) fn check_finite(field: &'static str, numbers: &[f64]) -> Result<(), WireError> {

@@ -9,7 +9,6 @@ use crate::error::{array, check_finite};
 /// Points of the longest outline that is read: the published bulb has 13.
 const MAX_OUTLINE: usize = 256;
 
-/// A scene's constants as a message.
 pub fn geometry_message(geometry: &Geometry) -> v3::SceneGeometry {
     let [old, fresh] = geometry.bulbs.each_ref().map(|bulb| v3::BulbGeometry {
         plug_z: bulb.plug_z,

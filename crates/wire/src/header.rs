@@ -59,7 +59,6 @@ pub fn joint_groups_of(header: &EpisodeHeader) -> Result<JointGroups, WireError>
     })
 }
 
-/// Groups of joints as a message.
 pub fn joint_groups_message(groups: &JointGroups) -> v3::JointGroups {
     let list = |joints: &[usize]| joints.iter().map(|joint| *joint as u32).collect();
     let (ankles, limits): (Vec<usize>, Vec<[f64; 2]>) = groups.ankles.iter().copied().unzip();
@@ -143,7 +142,6 @@ fn drive(drive: &v3::JointDrive) -> JointDrive {
     }
 }
 
-/// A joint's drive as a message.
 pub fn drive_message(drive: &JointDrive) -> v3::JointDrive {
     v3::JointDrive {
         stiffness: drive.stiffness,

@@ -18,6 +18,7 @@
 //! assert_eq!(error.to_string(), "joint_velocity has 28 numbers instead of 29");
 //! # Ok::<(), WireError>(())
 //! ```
+#![allow(missing_docs)] // Used in this repository alone.
 mod end;
 mod error;
 mod geometry;

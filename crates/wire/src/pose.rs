@@ -6,7 +6,6 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use crate::WireError;
 use crate::error::array;
 
-/// A pose as a message.
 pub fn pose_message(pose: &Isometry3<f64>) -> v3::Pose {
     v3::Pose { position: numbers(&pose.translation.vector), quaternion: quaternion(pose) }
 }

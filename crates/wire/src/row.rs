@@ -8,7 +8,6 @@ use crate::WireError;
 use crate::error::check_finite;
 use crate::pose::{isometry, numbers, pose_message, quaternion, read_pose, vector};
 
-/// A row as a message.
 pub fn state_message(row: &Row) -> v3::State {
     let things = manifest().things.iter().zip(&row.present).zip(&row.things);
     let things = things.map(|((thing, present), values)| match (present, thing.motion) {

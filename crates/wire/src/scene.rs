@@ -14,10 +14,8 @@ use crate::domain_sample::{layout, prop_scale};
 /// Why a header gives no scene.
 #[derive(Debug, Error)]
 pub enum RebuildError {
-    /// A part of it is missing or cannot be read.
     #[error("cannot read the bag's header; the bag is of another version, or damaged")]
     Header(#[from] WireError),
-    /// The scene cannot be built.
     #[error("cannot build the scene of the bag's header")]
     Scene(#[from] SceneError),
 }

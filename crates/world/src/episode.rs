@@ -141,13 +141,10 @@ impl EpisodeSpec {
 
 /// Why an episode took no step; it is unchanged.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum EpisodeError {
-    /// The episode has ended, so no step can follow.
     #[error("the episode ended at step {step}; start another one")]
-    Ended {
-        /// Step of its last row.
-        step: u64,
-    },
+    Ended { step: u64 },
     /// The world refused the action.
     #[error(transparent)]
     World(#[from] WorldError),

@@ -40,85 +40,31 @@ impl Default for StartOptions {
 
 /// Why a start state cannot be made.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum StartError {
-    /// The task is played in another kind of scene.
     #[error("{task} starts in a {needed:?} scene and was given one of {found}; build it with SceneKind::of({task})")]
-    Scene {
-        /// The task that was to start.
-        task: Task,
-        /// Kind of scene that it needs.
-        needed: SceneKind,
-        /// Parts of the scene that it was given.
-        found: SceneParts,
-    },
-    /// The episode needs another scene of the same kind.
+    Scene { task: Task, needed: SceneKind, found: SceneParts },
     #[error(
         "{task} seed {seed} episode {episode} plays in a scene with {what} {needed} and was given one with {found}; \
          build the scene that EpisodeSpec::scene describes"
     )]
-    OtherScene {
-        /// The task that was to start.
-        task: Task,
-        /// Seed of the episode.
-        seed: u64,
-        /// Index of the episode.
-        episode: u64,
-        /// The quantity that differs, such as `hand friction`.
-        what: &'static str,
-        /// Its value in the episode.
-        needed: String,
-        /// Its value in the scene.
-        found: String,
-    },
-    /// The config names a part that the robot lacks.
+    OtherScene { task: Task, seed: u64, episode: u64, what: &'static str, needed: String, found: String },
     #[error("scene config: {field} names '{name}', which the robot does not have")]
-    Name {
-        /// Path of the field that has the name.
-        field: &'static str,
-        /// Name of the joint or link.
-        name: String,
-    },
-    /// No place is free for the robot.
+    Name { field: &'static str, name: String },
     #[error(
         "{task} seed {seed} episode {episode}: the {obstacle} is in the robot's way, and no other place is free; give the \
          room more space or make start.clearance smaller"
     )]
-    Place {
-        /// The task that was to start.
-        task: Task,
-        /// Seed of the episode.
-        seed: u64,
-        /// Index of the episode.
-        episode: u64,
-        /// The obstacle at the first place that was tried.
-        obstacle: ShapeOwner,
-    },
-    /// The staged hand does not hold the bulb properly.
+    Place { task: Task, seed: u64, episode: u64, obstacle: ShapeOwner },
     #[error(
         "{task} seed {seed} episode {episode}: the hand presses its bulb with {force_n:.2} N, not between {least_n} and \
          {most_n} N; check start.carry, hand friction and gains, or --set fragility_n"
     )]
-    Hold {
-        /// The task that was to start.
-        task: Task,
-        /// Seed of the episode.
-        seed: u64,
-        /// Index of the episode.
-        episode: u64,
-        /// Largest force of the bulb on a body of a hand, N.
-        force_n: f64,
-        /// Force below which a bulb is not held, N.
-        least_n: f64,
-        /// Force above which the bulb breaks, N.
-        most_n: f64,
-    },
-    /// The world refused the state.
+    Hold { task: Task, seed: u64, episode: u64, force_n: f64, least_n: f64, most_n: f64 },
     #[error("cannot set the start state")]
     World(#[from] WorldError),
-    /// The robot's kinematics refused the posture.
     #[error("cannot find where the hand is that takes the bulb")]
     Kinematics(#[from] RobotError),
-    /// The engine could not check for contacts.
     #[error("cannot find what is in the robot's way")]
     Contacts(#[from] ModelError),
 }

@@ -147,7 +147,6 @@ impl Drop for Sink {
     }
 }
 
-/// Name of a frame's file.
 pub(super) fn frame_name(index: u64) -> String {
     format!("{index:04}.png")
 }

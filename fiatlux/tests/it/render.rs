@@ -24,7 +24,6 @@ fn render(args: &[&str]) -> Done {
     command.args(args).env("PATH", "").output().unwrap()
 }
 
-/// Files in a folder, by name.
 fn names(folder: &Path) -> Vec<String> {
     let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string().unwrap();
     let mut names: Vec<String> = fs::read_dir(folder).unwrap().map(name).collect();

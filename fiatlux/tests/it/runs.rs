@@ -417,7 +417,6 @@ fn walk_plays_hosted_rooms_as_public_ones() {
     assert_eq!(sorted(&hosted), sorted(&public));
 }
 
-/// The seeds are the server's secret until the end.
 #[test]
 fn hosted_seeds_are_told_at_the_end() {
     let (folder, link) = (folder("hosted"), fiatlux_link::Link::embedded().unwrap().session().clone());

@@ -152,7 +152,6 @@ fn seed_session() -> Vec<u8> {
     out
 }
 
-/// A journal of two episodes.
 const JOURNAL: &str = r#"{"protocol":{"major":3,"minor":9},"version":"1","server":"lab","run":"first","key_sha256":"abababababababababababababababababababababababababababababababab","spec":SPEC,"episodes":[{"task":"S01","seed":0},{"task":"S02","seed":0}],"unix_ms":1}
 {"event":"opened","episode":0,"attempt":1,"session":"s","unix_ms":2}
 {"event":"abandoned","episode":0,"attempt":1,"session":"s","steps":1,"digest":"cdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcd","marks":{"every":1,"hex":"00000000"},"cause":"gone"}

@@ -20,7 +20,6 @@ use zenoh::{Config, Session, Wait};
 /// Task S08 lasts two minutes of simulated time: long enough to be interfered with.
 const EPISODE: [&str; 4] = ["--json", "--recorded", "--seed", "0"];
 
-/// Gives an option another name and value.
 fn set(args: &mut [String], option: &str, name: &str, value: &str) {
     let at = args.iter().position(|arg| arg == option).unwrap_or_else(|| panic!("no {option} in {args:?}"));
     (args[at], args[at + 1]) = (name.into(), value.into());

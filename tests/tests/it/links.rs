@@ -58,7 +58,6 @@ fn between<'a>(text: &'a str, open: &str, close: &str) -> Vec<&'a str> {
     parts.map(|(inside, _)| inside).filter(|inside| !inside.contains('\n')).collect()
 }
 
-/// All names in backquotes in a text.
 fn names(text: &str) -> Vec<&str> {
     text.lines().flat_map(|line| line.split('`').skip(1).step_by(2)).collect()
 }

@@ -6,12 +6,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum LedgerError {
     #[error("cannot {action} {path}; check that it exists, its permissions, and the free disk space")]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        #[source]
-        source: io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: io::Error },
     #[error("{path} exists already; give the run another name, or move its folder away")]
     Exists { path: PathBuf },
     #[error(

@@ -190,7 +190,6 @@ fn rewritten(name: &str, library: &str, change: impl Fn(&mut Vec<mcap::records::
     path
 }
 
-/// Guards that only other writers may leave checksums out.
 #[test]
 fn only_another_writer_may_leave_checksums_out() {
     let other = Bag::open(rewritten("other_writer", "other", |_| ())).expect("a bag");

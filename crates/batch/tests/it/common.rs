@@ -60,7 +60,6 @@ pub fn play(batch: &mut Batch, outputs: &mut Outputs, steps: std::ops::Range<u64
     said
 }
 
-/// A batch of one task's copies, one bank, undisturbed.
 pub fn simple(bank: Bank, task: &dyn Task, worlds: usize, threads: usize) -> Batch {
     Batch::new(BatchConfig { worlds, threads, ..BatchConfig::new(vec![bank]) }, task).unwrap()
 }

@@ -150,7 +150,6 @@ fn whatever_is_drawn_is_drawn_as_in_an_episode() {
     }
 }
 
-/// Joint targets come to the actions that stand for them.
 #[test]
 fn joint_targets_are_actions() {
     let specs = &specs(Task::S07, Variant::Benchmark)[..1];

@@ -223,7 +223,6 @@ fn shortened_episodes_end_one_by_one() {
     assert_eq!(batch.shorten_episodes(&[0]).unwrap_err().to_string(), "steps has 1 numbers instead of 3");
 }
 
-/// Starts are drawn by their weights, and one without weight never.
 #[test]
 fn starts_are_drawn_by_weight() {
     let (scene, options) = (floor(), Default::default());

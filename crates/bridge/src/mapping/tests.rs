@@ -126,7 +126,6 @@ fn a_state_has_the_terms_of_proprioception() {
     assert!(mapping.observe(&robot, &short, &Frames::default(), 0, "go", "it").is_err());
 }
 
-/// A contract and a chunk that match a mapping.
 fn fitting(mapping: &Mapping) -> (Contract, ModelChunk) {
     let cameras = mapping.cameras.iter().map(|camera| CameraTerms {
         key: camera.key.clone(),

@@ -68,7 +68,6 @@ impl Calls<'_> {
         self.info(server, Ask::Finish(RunFinish {}))
     }
 
-    /// Opens the session of an episode.
     pub(super) fn open(&self, server: &str, episode: usize) -> Result<(SessionInfo, Secrets), ClientError> {
         let index = u32::try_from(episode).unwrap_or(u32::MAX);
         for _ in 0..2 {

@@ -15,7 +15,6 @@ const KEY_BYTES: usize = 16;
 /// Largest file that is read, bytes: enough for thousands of seeds.
 const MAX_FILE: u64 = 1 << 20;
 
-/// The comment at the top of the file.
 const HEAD: &str = "# A registered run. The call or command that made it continues it with this file.\n\
                     # Keep it secret: whoever has the key can continue the run too.\n";
 
@@ -36,39 +35,17 @@ pub struct RunFile {
 
 /// Why the file of a run cannot be used.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum RunFileError {
-    /// The file cannot be read or written.
     #[error("cannot {what} the run file {}; name another one with --run-file", path.display())]
-    Io {
-        /// Operation, such as `read` or `create`.
-        what: &'static str,
-        /// Path of the file.
-        path: PathBuf,
-        /// The system's error, which says why.
-        #[source]
-        source: std::io::Error,
-    },
-    /// The file does not hold a run.
+    Io { what: &'static str, path: PathBuf, source: std::io::Error },
     #[error("{} is not the file of a run: {reason}; name another one with --run-file", path.display())]
-    Content {
-        /// Path of the file.
-        path: PathBuf,
-        /// Fault of its content.
-        reason: String,
-    },
-    /// The file belongs to a run with other settings.
+    Content { path: PathBuf, reason: String },
     #[error(
         "{} belongs to the run {run}, which differs in {}; repeat its command to continue it, or name another file with \
          --run-file to begin a new run", path.display(), differs.join(", ")
     )]
-    Other {
-        /// Path of the file.
-        path: PathBuf,
-        /// Name of its run.
-        run: String,
-        /// Names of the settings that differ.
-        differs: Vec<&'static str>,
-    },
+    Other { path: PathBuf, run: String, differs: Vec<&'static str> },
 }
 
 impl RunFile {

@@ -94,7 +94,6 @@ impl Hull {
         self.vertices.len() + self.faces.len() == self.edges.len() + 2 && self.faces.iter().all(below)
     }
 
-    /// Depth of the hull below a face.
     fn depth(&self, face: &Face) -> f64 {
         face.offset - self.support(&-face.normal).dot(&face.normal)
     }

@@ -56,7 +56,6 @@ pub(crate) fn stiffness_of(points: &[Point]) -> Option<[[f64; 6]; 6]> {
     loaded.then_some(sum)
 }
 
-/// Force of a stiffness on a motion.
 pub(crate) fn force_of(stiffness: &[[f64; 6]; 6], m: &Motion) -> Force {
     let v = [m.angular.x, m.angular.y, m.angular.z, m.linear.x, m.linear.y, m.linear.z];
     let mut out = [0.0; 6];

@@ -171,7 +171,6 @@ fn crossed_edges_meet_at_a_point() {
     assert!((contact.position - Vector3::new(0.03, 0.0, height / 2.0 - 5e-4)).norm() < 1e-9, "{contact:?}");
 }
 
-/// Mass properties and rays of a hull are those of the box that it is, wherever it stands in its frame.
 #[test]
 fn mass_and_rays_are_those_of_the_box() {
     let (turn, offset) = (Rotation3::from_euler_angles(0.3, -0.8, 1.1), Vector3::new(0.4, -0.2, 0.7));

@@ -170,7 +170,6 @@ impl Loader {
         self.view(value, shape.to_vec(), &along, 0)
     }
 
-    /// The result of a kernel on one or two values.
     pub fn computed(&mut self, kernel: Kernel, inputs: &[&Value], shape: Vec<usize>) -> Result<Value, Refusal> {
         let count = self.make(&shape)?;
         let known: Option<Vec<_>> = inputs.iter().map(|input| input.floats()).collect();

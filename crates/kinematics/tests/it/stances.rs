@@ -114,7 +114,6 @@ fn forces_and_efforts_obey_the_equation_of_motion() {
     assert!(refused.to_string().contains("support 0: its friction must be positive"), "{refused}");
 }
 
-/// A scene with a ladder.
 pub fn ladder(seed: u64) -> Scene {
     let robot = Arc::new(Robot::by_name("g1_bare").unwrap());
     let spec = SceneSpec::new(SceneKind::CoupledLadder, seed, robot.gains(GainSet::default()));

@@ -19,7 +19,6 @@ use crate::{Badge, Division, Entry, Manifest, Service, Stage, SubmissionId};
 
 /// Maximum size of the body of a request that begins a submission, bytes: about 250 for each file.
 const MAX_BODY: usize = 8 << 20;
-/// Time limit for that body.
 const BODY_TIME: Duration = Duration::from_secs(30);
 
 #[derive(Debug, Deserialize)]

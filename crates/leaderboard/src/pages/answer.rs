@@ -99,7 +99,6 @@ fn page_with(template: &impl Template, policy: String) -> Response {
     answer
 }
 
-/// A response with a body of this content type.
 pub(super) fn content(kind: &'static str, body: impl Into<Body>) -> Response {
     ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
 }

@@ -28,7 +28,6 @@ pub(super) struct FoundEpisode {
     pub entry: Entry,
     pub results: Arc<Results>,
     pub key: Key,
-    /// Index of the episode in `results.episodes`.
     index: usize,
 }
 

@@ -61,7 +61,6 @@ impl Blobs {
         Ok(Self { store: Arc::new(store), root: root.into() })
     }
 
-    /// Stores bytes, and returns their digest.
     pub async fn put(&self, bytes: Vec<u8>) -> Result<Digest, StoreError> {
         let digest = Digest::of(&bytes);
         if !self.has(&digest).await? {

@@ -162,7 +162,6 @@ fn halves_of_bags_are_removed() {
     assert_eq!(board.runtime.block_on(store.remove_halves()).unwrap(), 0);
 }
 
-/// Guards that a backup is a service of its own with the same entries and bags, made while the first one runs.
 #[test]
 fn a_backup_has_the_same_entries_and_bags() {
     let board = Board::start("backup", ServiceOptions::default());

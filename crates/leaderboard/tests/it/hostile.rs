@@ -322,7 +322,6 @@ fn readers_that_do_not_read_keep_nobody_out() {
     }
 }
 
-/// Guards that a connection whose reader does not read is cut.
 #[test]
 fn a_reader_that_does_not_read_is_cut() {
     let (board, bag) = with_large_bag("cut-reader", Pace { silence: Duration::from_millis(500), ..Pace::default() });

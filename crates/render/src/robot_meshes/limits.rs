@@ -1,12 +1,10 @@
 //! Limits of mesh files.
 
-/// Bytes of a file.
 pub(super) const FILE_BYTES: u64 = 64 << 20;
 /// Triangles of a file.
 pub(super) const TRIANGLES: usize = 500_000;
 /// Triangles of all files together.
 pub(super) const TOTAL_TRIANGLES: usize = 4_000_000;
-/// Bytes of a line of text.
 pub(super) const LINE_BYTES: usize = 4096;
 /// Farthest that a vertex may be from its link's origin, m.
 pub(super) const REACH: f32 = 2.0;

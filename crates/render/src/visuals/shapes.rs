@@ -7,7 +7,6 @@ use nalgebra::{Isometry3, Vector3};
 use crate::mesh::{Frame, Mesh};
 use crate::paint::Paint;
 
-/// The shapes of an owner.
 pub(super) fn shapes(scene: &Scene, owner: ShapeOwner) -> impl Iterator<Item = &ShapeSpec> {
     scene.model.shapes().iter().filter(move |shape| ShapeOwner::from_label(shape.label) == owner)
 }

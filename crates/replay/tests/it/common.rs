@@ -43,7 +43,6 @@ pub fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// Plays a task with restless joints, and records it.
 pub fn play(name: &str, task: Task, seed: u64) -> RecordedEpisode {
     let folder = folder(name);
     let spec = EpisodeSpec::new(task, seed, 0);

@@ -82,7 +82,6 @@ fn poses_are_those_of_the_engine_and_of_the_bags_frames() {
     }
 }
 
-/// Guards that conditions are those of the judge in force, and forces are those of the rows.
 #[test]
 fn conditions_and_forces_are_those_of_the_rows() {
     let played = play("conditions", Task::S11, 2);

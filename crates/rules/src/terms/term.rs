@@ -18,7 +18,6 @@ pub(crate) struct View<'a> {
     pub verdict: &'a Verdict,
 }
 
-/// A measure of one row.
 pub(crate) type Measure = fn(&Row, &Context<'_>) -> f64;
 
 /// Formula of a term.

@@ -227,7 +227,6 @@ fn one_step_breaks_the_window() {
     }
 }
 
-/// A window that is one step short is not a success, whatever comes after it.
 #[test]
 fn a_window_one_step_short_is_no_success() {
     for task in Task::ALL {
@@ -280,7 +279,6 @@ fn held_and_released_at_the_limit() {
     }
 }
 
-/// The force of one bulb says nothing about the other.
 #[test]
 fn the_other_bulb_is_not_the_one_held() {
     let mut row = row_at(1, &goal_of(Task::S09));

@@ -61,7 +61,6 @@ fn noise_fills_its_bounds_and_repeats() {
     assert!(most.iter().all(|most| (0.9..=1.0 + 1e-9).contains(most)), "{most:?}");
 }
 
-/// The k-th observation's noise is the same after other rows.
 #[test]
 fn noise_does_not_depend_on_the_rows() {
     let (row, q0) = row_and_q0();

@@ -22,7 +22,6 @@ pub(crate) const ENTRY: Entry = Entry {
     },
 };
 
-/// The one term of an image.
 pub(crate) fn image_terms(name: &'static str, field: &'static str, setup: &Setup) -> Vec<Term> {
     let [width, height] = setup.image_size;
     let meaning = "red, green and blue of each pixel, rows from the top";

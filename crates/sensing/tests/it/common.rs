@@ -93,7 +93,6 @@ impl Rig {
     }
 }
 
-/// Proprioception of a row.
 pub fn sensed(observer: &mut Observer, row: &Row) -> Proprioception {
     let mut sensed = Proprioception::zeros(0);
     observer.observe(row, &mut sensed);

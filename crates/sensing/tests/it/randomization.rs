@@ -126,7 +126,6 @@ fn each_switch_is_its_own() {
     }
 }
 
-/// The start noise that is told is the noise that the row has.
 #[test]
 fn the_start_has_the_noise_that_was_drawn() {
     for (task, seed) in [(Task::S01, 1), (Task::S03, 2), (Task::S08, 0)] {

@@ -15,7 +15,6 @@ fn all() -> Sensors {
     Sensors::of(&Sensor::ALL)
 }
 
-/// A sensor has the name of its file.
 #[test]
 fn sensors_are_named_as_their_files() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sensors");

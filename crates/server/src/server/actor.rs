@@ -25,7 +25,6 @@ pub(super) type Session = ServerSession<Simulation, Asker>;
 pub(super) enum Asker {
     /// The client's query on this key with this number; the gate knows who waits for it.
     Client(&'static str, u64),
-    /// To a recorder's query.
     Recorder(Query),
 }
 

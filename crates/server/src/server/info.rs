@@ -107,7 +107,6 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
     }
 }
 
-/// Header of an episode's bag.
 pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, episode: &Episode) -> EpisodeHeader {
     let scene = episode.scene();
     let robot = &scene.robot;

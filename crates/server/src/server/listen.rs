@@ -209,7 +209,6 @@ fn take_open(shared: &ServerState, query: Query) {
     }
 }
 
-/// Takes in a request to a run.
 fn take_run(shared: &ServerState, query: Query) {
     let key = shared.keys.run();
     let (payload, attachment) = parts(&query);

@@ -108,7 +108,6 @@ impl Record {
     }
 }
 
-/// The result of an episode that was aborted.
 pub(super) fn aborted(episode: &Episode, record: Option<&Record>) -> EpisodeResult {
     let header_digest = record.map(|record| record.header_digest.clone()).unwrap_or_default();
     result(episode, ended(episode, ABORTED, Vec::new()), header_digest)

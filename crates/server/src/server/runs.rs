@@ -44,21 +44,12 @@ const LOCK_AGAIN: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Error)]
 pub enum RecordError {
-    /// Another server of the same name would write the same journals.
     #[error(
         "another server named '{server}' records into {folder}; stop it, or give this one another --name or --record"
     )]
     Taken { server: String, folder: PathBuf },
-    /// The folder or its lock cannot be used.
     #[error("cannot {action} {path}; check that it exists, its permissions, and the free space")]
-    Io {
-        /// Verb for the message, such as `open`.
-        action: &'static str,
-        path: PathBuf,
-        /// The operating system's error.
-        #[source]
-        source: std::io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
 
 /// The runs of a server.
@@ -156,7 +147,6 @@ impl Runs {
         })
     }
 
-    /// Registers a run, or finds it.
     pub fn register(&self, name: &str, key: &str, spec: RunSpec) -> Result<Arc<Run>, Refusal> {
         if !is_name(name) {
             let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");

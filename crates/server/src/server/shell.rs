@@ -106,44 +106,26 @@ impl Default for ServerOptions {
 
 #[derive(Debug, Error)]
 pub enum ServerError {
-    /// The name cannot be part of a key.
     #[error("'{0}' cannot be a server's name; use 1 to 64 letters, digits, - or _")]
     Name(String),
-    /// A server of that name already exists.
     #[error("another server is named '{0}'; stop it, or give this one another --name")]
     Taken(String),
-    /// A number of the options is 0.
     #[error("{what} must be above 0")]
-    Zero {
-        /// Which number is 0, for the message.
-        what: &'static str,
-    },
-    /// The robot's file cannot be loaded.
+    Zero { what: &'static str },
     #[error("cannot load the robot")]
     Robot(#[from] RobotError),
-    /// The scene config makes no scene.
     #[error("cannot use the scene config")]
     Scene(#[from] SceneError),
-    /// The folder of meshes cannot be used.
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] MeshError),
-    /// The folder of recordings cannot be used.
     #[error("cannot record")]
     Record(#[from] RecordError),
-    /// The system cannot draw a key.
     #[error("cannot draw the server's identity")]
     Identity(#[from] AccessError),
-    /// The server's own recorder cannot start.
     #[error("cannot start the recorder")]
     Recorder(#[from] RecorderError),
-    /// The carrier refused a key.
     #[error("{key} is refused: {source}; is the link still open?")]
-    Carrier {
-        key: String,
-        /// The carrier's message, which says why.
-        source: CarrierError,
-    },
-    /// The system cannot start a thread.
+    Carrier { key: String, source: CarrierError },
     #[error("cannot start a thread; use fewer --workers")]
     Thread(#[source] std::io::Error),
 }
@@ -340,7 +322,6 @@ fn is_taken(carrier: &Carrier, alive: &str) -> Result<bool, ServerError> {
     Ok(!tokens.is_empty())
 }
 
-/// The error of a key that the carrier refuses.
 pub(super) fn refused(key: String) -> impl FnOnce(CarrierError) -> ServerError {
     |source| ServerError::Carrier { key, source }
 }

@@ -267,7 +267,6 @@ impl ServerState {
         self.remove(actor);
     }
 
-    /// Takes in a report of the server's own recorder on a bag.
     pub fn take_bag(&self, report: &BagReport) {
         let path = report.path.display();
         match &report.end {

@@ -154,7 +154,6 @@ impl Player {
         self.zenoh.put(self.keys.action(), bytes).attachment(attachment).wait().unwrap();
     }
 
-    /// Goes a way for that many steps, or to its end.
     fn play(&self, way: u64, steps: u64) -> Option<EpisodeEnd> {
         self.reset(0).unwrap();
         for step in 0..steps {

@@ -15,7 +15,6 @@ use fiatlux_server::ServerOptions;
 use zenoh::Wait;
 use zenoh::qos::CongestionControl;
 
-/// Mangled messages in all.
 fn mangled_messages() -> u64 {
     if std::env::var_os("FIATLUX_ALL_MUTATIONS").is_some() { 100_000 } else { 10_000 }
 }

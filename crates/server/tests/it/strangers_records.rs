@@ -89,7 +89,6 @@ fn nobody_reads_a_truth() {
     }
 }
 
-/// A recorder of a link's own, and what it says of its bags.
 fn recorder(link: &Session, out: PathBuf, key: &RecorderKey) -> (Recorder, Receiver<BagReport>) {
     let (sender, bags) = channel();
     let sender = Mutex::new(sender);

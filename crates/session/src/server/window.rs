@@ -17,7 +17,6 @@ pub(super) struct RecordWindow {
 }
 
 impl RecordWindow {
-    /// Number of the next record.
     pub fn next_seq(&self) -> u64 {
         self.first + self.records.len() as u64
     }

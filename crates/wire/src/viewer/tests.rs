@@ -37,7 +37,6 @@ fn tasks() -> impl Iterator<Item = (Arc<Scene>, Row)> {
     ["S01", "S12", "climb"].into_iter().map(|task| build(task.parse().expect("a task")))
 }
 
-/// Composed along the tree, the frames are where forward kinematics puts the links, and where the row has the rest.
 #[test]
 fn frames_are_where_the_links_are() {
     for (scene, row) in tasks() {
@@ -75,7 +74,6 @@ fn every_entity_has_a_frame() {
     }
 }
 
-/// Every box of the model is drawn where the model has it at the start.
 #[test]
 fn boxes_are_drawn_where_the_model_has_them() {
     for (scene, row) in tasks() {

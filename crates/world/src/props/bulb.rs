@@ -6,7 +6,6 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use super::Part;
 use crate::config::{BulbConfig, Surfaces};
 
-/// A bulb as a free body.
 pub(crate) fn bulb_body(config: &BulbConfig, name: &str, world_from_bulb: Isometry3<f64>) -> BodySpec {
     let (across, along) = (config.transverse_inertia, config.axial_inertia);
     BodySpec {

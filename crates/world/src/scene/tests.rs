@@ -35,7 +35,6 @@ fn contacts_between(scene: &Scene, contacts: &[Contact], a: ShapeOwner, b: Shape
     contacts.iter().filter(|c| is(c, a, b) || is(c, b, a)).map(|c| c.distance).collect()
 }
 
-/// The geometry in the rulebook's tests is that of the published scene's file.
 #[test]
 fn geometry_is_the_rulebooks() {
     let (found, expected) = (scene_of(SceneKind::CoupledLadder, 0).geometry(), geometry());

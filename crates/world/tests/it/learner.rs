@@ -52,7 +52,6 @@ fn a_robot_on_a_floor_is_a_scene() {
     }
 }
 
-/// Two worlds that take turns on one `World`, a row each, have the rows that each has alone.
 #[test]
 fn worlds_that_take_turns_run_as_alone() {
     let scene = scene_of("g1_inspire", SceneKind::CoupledLadder);

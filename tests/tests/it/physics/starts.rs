@@ -296,7 +296,6 @@ fn impossible_starts_are_refused() {
     }
 }
 
-/// The grasp holds with every friction that an episode may draw, and with the other set of gains.
 #[test]
 fn the_grasp_holds_with_other_friction_and_gains() {
     for (gains, friction) in [(GainSet::Fiatlux, Some(0.7)), (GainSet::Fiatlux, Some(1.1)), (GainSet::Sonic, None)] {

@@ -89,7 +89,6 @@ impl RunDriver<'_, '_> {
         self.on_ledger(server, asked, run);
     }
 
-    /// The episodes of a run as one of its servers describes them.
     fn wanted(&self, info: &ServerInfo, run: &RunInfo) -> Vec<WantedEpisode> {
         let horizons: BTreeMap<&str, u64> =
             info.tasks.iter().map(|task| (task.task.as_str(), task.horizon_steps)).collect();

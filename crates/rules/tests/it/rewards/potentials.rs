@@ -87,7 +87,6 @@ fn sums_telescope() {
     assert!(moved.iter().all(|count| *count > 3_000), "{moved:?}");
 }
 
-/// A round trip pays nothing, in any variant of any task.
 #[test]
 fn round_trips_pay_nothing() {
     let mut draw = Draw(4);

@@ -196,7 +196,6 @@ mod tests {
         assert_eq!((plan.recorded(0), plan.recorded(1)), (body.with(Sensor::Camera), body));
     }
 
-    /// The rates that a refusal proposes are accepted.
     #[test]
     fn proposed_rates_are_taken() {
         for steps in 1..=60 {

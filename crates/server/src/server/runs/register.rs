@@ -34,7 +34,6 @@ pub(super) fn is_same(one: &str, other: &str) -> bool {
     one.len() == other.len() && std::hint::black_box(differing) == 0
 }
 
-/// Refuses a spec that differs from that of a registered run.
 pub(super) fn check_same(run: &str, registered: &RunSpec, asked: &RunSpec) -> Result<(), Refusal> {
     let fields = [
         ("policy", registered.policy == asked.policy),

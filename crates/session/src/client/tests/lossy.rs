@@ -113,7 +113,6 @@ fn an_episode_over_a_lossy_channel_is_the_same_episode() {
     }
 }
 
-/// Guards that actions sent ahead of their observations are still taken once and in order.
 #[test]
 fn actions_ahead_over_a_lossy_channel_are_taken_in_order() {
     for seed in 0..20 {

@@ -7,7 +7,6 @@ use crate::props::{self, Part, support};
 
 const SCALE: PropScale = PropScale { ladder: [1.05, 0.95, 1.1], socket: 0.9, fresh_bulb: 1.08 };
 
-/// Extents of parts along an axis.
 fn extent(parts: &[Part], axis: usize) -> [f64; 2] {
     let mut out = Vector3::zeros();
     out[axis] = 1.0;

@@ -74,7 +74,6 @@ fn a_seated_bulb_stays() {
     }
 }
 
-/// The rulebook gets the sizes of the scaled props.
 #[test]
 fn geometry_is_that_of_the_scaled_props() {
     let config = SceneConfig::default();
