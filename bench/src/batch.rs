@@ -34,14 +34,12 @@ pub struct BatchOptions {
     pub worlds: usize,
     /// Number of threads, and of processes to compare them with.
     pub threads: usize,
-    /// Duration of each measurement in a round, s.
     pub seconds: f64,
 }
 
 /// Result of `bench batch`. Rates are control steps of 20 ms per second, over all worlds.
 #[derive(Debug, Clone, Serialize)]
 pub struct BatchReport {
-    /// Processor, cores and platform.
     pub machine: String,
     pub worlds: usize,
     /// Threads of the cases with several.
@@ -73,9 +71,6 @@ pub struct BatchReport {
 }
 
 /// Runs all cases.
-///
-/// # Errors
-/// A batch or start state cannot be made, or processes cannot be started.
 pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
     let BatchOptions { worlds, threads, seconds } = *options;
     let (mut world, targets) = standing_world()?;
@@ -130,9 +125,6 @@ pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
 }
 
 /// Runs a process of the comparison: its share of the worlds on one thread. Returns control steps per second.
-///
-/// # Errors
-/// As for [`run`].
 pub fn run_share(options: &BatchOptions) -> Result<f64, BenchError> {
     let (world, targets) = standing_world()?;
     let share = (options.worlds / options.threads).max(1);

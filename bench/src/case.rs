@@ -30,15 +30,11 @@ const LYING: f64 = 0.35;
 /// A start state and how many steps are measured from it.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// Name of the case in reports.
     pub name: &'static str,
-    /// The model of the scene that is stepped.
     pub model: Arc<Model>,
-    /// The state that every run begins from.
     pub start: State,
     /// Joint targets by drive, rad, one set for each control step; the last is held.
     pub targets: Vec<Vec<f64>>,
-    /// Physics steps from the start.
     pub steps: usize,
 }
 

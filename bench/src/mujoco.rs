@@ -13,12 +13,10 @@ use super::{BenchError, Case};
 /// MuJoCo's time per step, under the faster of two sets of options.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MujocoTime {
-    /// Mean time of a physics step, us.
     pub mean_us: f64,
     /// `defaults` (Euler integrator, friction pyramids, the drives' damping passive in the joints) or `nearest` to ours
     /// (implicit integrator, friction cones, damping in the drives).
     pub options: &'static str,
-    /// Mean number of contact points.
     pub contacts: f64,
 }
 

@@ -7,13 +7,9 @@ use serde::Serialize;
 /// Result of `bench world`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// Processor, cores and platform.
     pub machine: String,
-    /// One entry for each case.
     pub cases: Vec<CaseReport>,
-    /// The cost of a whole room.
     pub room: RoomReport,
-    /// Results for many worlds in one process.
     pub worlds: WorldsReport,
 }
 
@@ -32,13 +28,9 @@ pub struct RoomReport {
 #[derive(Debug, Clone, Serialize)]
 pub struct CaseReport {
     pub name: String,
-    /// Mean time of a physics step, us.
     pub mean_us: f64,
-    /// Median time of a physics step, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 physics steps do not exceed, us.
     pub p99_us: f64,
-    /// Mean number of contact points in a step.
     pub contacts: f64,
     /// Mean number of solver iterations in a step; `None` for Rapier.
     pub iterations: Option<f64>,
@@ -59,15 +51,12 @@ pub struct CaseReport {
 /// Speed and memory of many worlds in one process.
 #[derive(Debug, Clone, Serialize)]
 pub struct WorldsReport {
-    /// Worlds that are stepped at once.
     pub worlds: usize,
-    /// Threads that step them.
     pub threads: usize,
     /// Heap bytes of one world besides the shared scene; `None` if the allocator does not count.
     pub bytes_per_world: Option<usize>,
     /// Heap bytes of the model that all share.
     pub bytes_shared: Option<usize>,
-    /// Physics steps per second, over all worlds.
     pub steps_per_s: f64,
     /// Physics steps per second with one world on each thread.
     pub steps_per_s_single: f64,

@@ -14,7 +14,7 @@ use fiatlux_render::{Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_server::joints;
+use fiatlux_wire::joint_messages;
 use fiatlux_world::{ACTION_SCALE, Episode, EpisodeSpec, Scene, SceneConfig};
 use serde::{Deserialize, Serialize};
 
@@ -33,7 +33,6 @@ const ROWS: u64 = 60;
 /// Extent of the measurement.
 #[derive(Debug, Clone)]
 pub struct SensorOptions {
-    /// Longest duration of each case, s.
     pub seconds: f64,
     /// Script that times PyTorch; `None` to leave PyTorch out.
     pub oracle: Option<PathBuf>,
@@ -42,9 +41,7 @@ pub struct SensorOptions {
 /// Result of `bench sensors`.
 #[derive(Debug, Clone, Serialize)]
 pub struct SensorReport {
-    /// Processor, cores and platform.
     pub machine: String,
-    /// Control-step rates for sets of sensors.
     pub cases: Vec<StepCase>,
     /// The time of each sensor alone.
     pub sensors: Vec<SensorCase>,
@@ -54,15 +51,10 @@ pub struct SensorReport {
 #[derive(Debug, Clone, Serialize)]
 pub struct StepCase {
     pub name: String,
-    /// Control steps per second on one thread.
     pub steps_per_s: f64,
-    /// Simulated seconds per second.
     pub real_time_factor: f64,
-    /// Mean time of a control step, us.
     pub mean_us: f64,
-    /// Median time of a control step, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 control steps do not exceed, us.
     pub p99_us: f64,
     /// Size of an observation's message, bytes.
     pub message_bytes: usize,
@@ -72,11 +64,8 @@ pub struct StepCase {
 #[derive(Debug, Clone, Serialize)]
 pub struct SensorCase {
     pub name: String,
-    /// Mean time of the sensor, us.
     pub mean_us: f64,
-    /// Median time of the sensor, us.
     pub p50_us: f64,
-    /// Time that 99 of 100 calls of the sensor do not exceed, us.
     pub p99_us: f64,
     /// For features: PyTorch's median on one thread in its fastest form, us.
     pub pytorch_us: Option<f64>,
@@ -85,9 +74,6 @@ pub struct SensorCase {
 }
 
 /// Measures all cases on this thread.
-///
-/// # Errors
-/// [`BenchError`]: the scene cannot be built, or PyTorch cannot be run.
 pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
     let network = ResNet18::new(&Weights::seeded(0));
     let body = Sensors::of_body(TASK);
@@ -149,8 +135,9 @@ fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> 
     let mut stage = Stage::new(TASK, sensors, network)?;
     let mut policy = fiatlux_policies::Policies::default().make(POLICY).map_err(scene)?;
     let mut observation = stage.observe(sensors)?;
-    let info =
-        SessionInfo { joints: joints(stage.episode.scene()), action_scale: ACTION_SCALE, ..SessionInfo::default() };
+    let room = stage.episode.scene();
+    let joints = joint_messages(&room.robot, &room.spec.gains);
+    let info = SessionInfo { joints, action_scale: ACTION_SCALE, ..SessionInfo::default() };
     policy.reset(&info, &observation).map_err(scene)?;
     let mut times = Vec::new();
     let (mut message, start) = (Vec::new(), Instant::now());

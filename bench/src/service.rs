@@ -30,7 +30,6 @@ const START_TIME: Duration = Duration::from_secs(60);
 /// Extent of the measurement.
 #[derive(Debug, Clone)]
 pub struct ServiceOptions {
-    /// Number of sessions in the case with many of them, each with its own client process.
     pub sessions: usize,
     /// Duration of the cases with client processes, s.
     pub seconds: f64,
@@ -40,9 +39,7 @@ pub struct ServiceOptions {
 /// Result of `bench service`.
 #[derive(Debug, Clone, Serialize)]
 pub struct ServiceReport {
-    /// Processor, cores and platform.
     pub machine: String,
-    /// One entry for each case.
     pub cases: Vec<ServiceCase>,
 }
 
@@ -50,15 +47,11 @@ pub struct ServiceReport {
 #[derive(Debug, Clone, Serialize)]
 pub struct ServiceCase {
     pub name: String,
-    /// Sessions that are open at once.
     pub sessions: usize,
-    /// Control steps per second, over all sessions.
     pub steps_per_s: f64,
-    /// Simulated seconds per second.
     pub real_time_factor: f64,
     /// Median time from sending an action to the arrival of the observation that answers it, us.
     pub p50_us: Option<f64>,
-    /// Time that 99 of 100 actions do not exceed, us.
     pub p99_us: Option<f64>,
     /// `steps_per_s` over that of the case that it is compared with.
     pub ratio: Option<f64>,
@@ -75,9 +68,6 @@ pub struct ServiceError {
 }
 
 /// Measures all cases.
-///
-/// # Errors
-/// [`ServiceError`] of the first case that fails.
 pub fn run(options: &ServiceOptions) -> Result<ServiceReport, ServiceError> {
     let mut cases = Vec::new();
     for (name, over_tcp, recorded) in [

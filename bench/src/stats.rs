@@ -5,11 +5,8 @@ use std::time::Duration;
 /// Mean and percentiles of the times of single steps, us.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Times {
-    /// Arithmetic mean of the times.
     pub mean_us: f64,
-    /// Median of the times.
     pub p50_us: f64,
-    /// The time that 99 of 100 steps do not exceed.
     pub p99_us: f64,
 }
 

@@ -20,22 +20,18 @@ use trial::Trials;
 /// Number of runs and of threads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViolenceOptions {
-    /// Runs of 10 s under violent targets.
     pub runs: u64,
     /// Random starts of 1 s.
     pub starts: u64,
-    /// Threads that share them.
     pub threads: usize,
 }
 
 /// Result of `bench violence`.
 #[derive(Debug, Clone, Serialize)]
 pub struct ViolenceReport {
-    /// Processor, cores and platform.
     pub machine: String,
     /// Conservation of energy in free flight without drives, limits and contact.
     pub flight: Vec<FlightReport>,
-    /// One entry for each pattern of targets, then one for the random starts.
     pub trials: Vec<TrialReport>,
     /// One entry for each pattern of targets.
     pub accuracy: Vec<AccuracyReport>,
@@ -55,9 +51,7 @@ pub struct FlightReport {
 /// Results of a set of runs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct TrialReport {
-    /// Name of the pattern.
     pub name: String,
-    /// Number of runs that were made.
     pub runs: u64,
     /// Number of runs that ended as diverged.
     pub diverged: u64,
@@ -73,7 +67,6 @@ pub struct TrialReport {
     pub deep_runs: u64,
     /// In these runs, the pairs that were deepest, each with the number of runs and its depth, m.
     pub deep_pairs: BTreeMap<String, (u64, f64)>,
-    /// Physics steps of all runs.
     pub steps: u64,
     /// Number of physics steps that were tried twice.
     pub retried: u64,
@@ -84,16 +77,12 @@ pub struct TrialReport {
 /// Distance to a simulation of the same second at 0.25 ms with the same targets.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AccuracyReport {
-    /// Name of the pattern.
     pub name: String,
     /// At 0.1, 0.2, 0.5 and 1 s: median distance of the pelvis, m, and of the joints (root mean square), rad.
     pub errors: [(f64, f64); 4],
 }
 
 /// Runs everything, and reports progress on stderr.
-///
-/// # Errors
-/// [`BenchError`]: a scene or start state cannot be made.
 pub fn run(options: &ViolenceOptions) -> Result<ViolenceReport, BenchError> {
     let flight = flight::JOINT_SPEEDS.map(flight::measure).into_iter().collect::<Result<_, _>>()?;
     let trials = Trials::new()?;

@@ -20,16 +20,12 @@ const MIN_REPEATS: usize = 2;
 /// Extent of the measurement, and engines to compare with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Simulated seconds of each case.
     pub seconds: f64,
     /// The script that times MuJoCo; `None` leaves MuJoCo out.
     pub oracle: Option<PathBuf>,
 }
 
 /// Runs all cases, and names each on stderr.
-///
-/// # Errors
-/// [`BenchError`]: a case cannot be set up, or MuJoCo cannot be run.
 pub fn run(options: &Options) -> Result<Report, BenchError> {
     let oracle = options.oracle.as_deref().map(Oracle::new).transpose()?;
     eprintln!("bench: setting up");

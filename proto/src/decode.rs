@@ -13,6 +13,7 @@ use crate::{DESCRIPTORS, PROTOCOL};
 
 /// Why bytes were refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum DecodeError {
     #[error("{message} has {length} bytes; the limit is {limit}")]
     Size { message: &'static str, length: usize, limit: usize },

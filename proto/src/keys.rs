@@ -41,6 +41,7 @@ pub fn server_of(key: &str) -> Option<&str> {
     below.strip_prefix('/')?.split('/').next().filter(|name| is_name(name))
 }
 
+/// Keys of a server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServerKeys {
     root: String,
@@ -77,11 +78,13 @@ impl ServerKeys {
         format!("{}/run", self.root)
     }
 
+    /// Keys of one of its sessions.
     pub fn session(&self, session: &str) -> SessionKeys {
         SessionKeys { root: format!("{}/s/{session}", self.root) }
     }
 }
 
+/// Keys of a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SessionKeys {
     root: String,

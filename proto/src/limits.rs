@@ -11,6 +11,7 @@ pub const MAX_CHUNK_NUMBERS: usize = 3_300;
 /// Keys of a chunk, and bytes of each.
 pub const MAX_CHUNK_KEYS: [usize; 2] = [32, 64];
 
+/// Bytes of a chunk's `problem`.
 pub const MAX_CHUNK_PROBLEM: usize = 256;
 
 /// Largest message that a client or a recorder reads, bytes. A truth takes about 8,000.

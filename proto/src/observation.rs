@@ -20,6 +20,7 @@ const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.Fla
 
 /// Why an observation, or a session's description of its own, was refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum TermError {
     #[error(
         "sensor '{sensor}' fills field '{field}', which this client does not know; use one of the server's version"

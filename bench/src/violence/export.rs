@@ -17,9 +17,6 @@ use crate::BenchError;
 
 /// Writes `flight.xml` and `flight.json`, the starts in empty space; `starts.xml` and `starts.json`, the random starts;
 /// and for the error `replay-N.xml` and `replays.json`, which hold the states that the engine reached.
-///
-/// # Errors
-/// [`BenchError`]: a scene or start state cannot be made, or a file cannot be written.
 pub fn export(folder: &Path, options: &ViolenceOptions) -> Result<(), BenchError> {
     fs::create_dir_all(folder)
         .map_err(|source| BenchError::Io { what: format!("make folder '{}'", folder.display()), source })?;

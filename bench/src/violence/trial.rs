@@ -79,7 +79,6 @@ impl Pattern {
 pub(super) struct Trials {
     robot: Arc<Robot>,
     config: SceneConfig,
-    /// The room of the random starts.
     room: Arc<Scene>,
 }
 

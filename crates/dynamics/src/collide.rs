@@ -28,7 +28,7 @@ use polyhedra::HullScratch;
 /// Shapes nearer than this are contact candidates even at rest, m.
 const REST_MARGIN: f64 = 2e-3;
 /// Most that speed may add to a pair's margin, m.
-const SPEED_MARGIN_MAX: f64 = 0.1;
+const MAX_SPEED_MARGIN: f64 = 0.1;
 
 #[derive(Debug, Clone, Copy)]
 struct Aabb {
@@ -189,7 +189,7 @@ impl Collider {
             self.bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
             self.kin_bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
         }
-        let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+        let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(MAX_SPEED_MARGIN);
         for carrier in &self.carriers {
             let (body, root, cull_group) = (carrier.body, carrier.root, carrier.cull_group);
             let (rotation, motion, root_motion) = (&kin.rotation[body], &kin.motion[body], &kin.motion[root]);
@@ -245,7 +245,7 @@ impl Collider {
                         let (a, b) = (usize::from(*a), usize::from(*b));
                         let (x, y) = (&self.travel[a], &self.travel[b]);
                         let speed = (x.velocity - y.velocity).norm() + x.spin_speed + y.spin_speed;
-                        let margin = REST_MARGIN + (dt * speed).min(SPEED_MARGIN_MAX);
+                        let margin = REST_MARGIN + (dt * speed).min(MAX_SPEED_MARGIN);
                         collide_pair(model, materials, &self.placed, &mut self.scratch, a, b, margin, out);
                     }
                 }

@@ -8,16 +8,16 @@ const NORMAL_COMPLIANCE: f64 = 1e-2;
 /// Compliance along the tangents, in units of the pair's inverse mass, which counts as 1/kg at most here: what a pair
 /// creeps at under a given load does not grow further when it gets lighter.
 const TANGENT_COMPLIANCE: f64 = 1e-3;
-const TANGENT_INVERSE_MASS_MAX: f64 = 1.0;
+const MAX_TANGENT_INVERSE_MASS: f64 = 1.0;
 /// Part of a penetration that one step takes back. There is no slop: the margin around shapes keeps contacts alive, and a
 /// point that overlaps without load would resist sliding.
 const BAUMGARTE: f64 = 0.2;
 /// Fastest that a penetration is pushed out, m/s.
-const PUSH_OUT_MAX: f64 = 1.0;
+const MAX_PUSH_OUT: f64 = 1.0;
 
 /// Separation speed that a contact asks for: no more approach than the gap allows, or push-out of a penetration.
 pub(crate) fn target_speed(distance: f64, dt: f64) -> f64 {
-    if distance > 0.0 { -distance / dt } else { (-BAUMGARTE * distance / dt).min(PUSH_OUT_MAX) }
+    if distance > 0.0 { -distance / dt } else { (-BAUMGARTE * distance / dt).min(MAX_PUSH_OUT) }
 }
 
 /// One contact point in the solve. Components are (tangent, tangent, normal).
@@ -51,7 +51,7 @@ impl Point {
             friction,
             target_speed: target_speed(distance, dt),
             inverse_normal: 1.0 / (NORMAL_COMPLIANCE * inverse_mass),
-            inverse_tangent: 1.0 / (TANGENT_COMPLIANCE * inverse_mass.min(TANGENT_INVERSE_MASS_MAX)),
+            inverse_tangent: 1.0 / (TANGENT_COMPLIANCE * inverse_mass.min(MAX_TANGENT_INVERSE_MASS)),
             velocity: V3::zeros(),
             direction: V3::zeros(),
             impulse: V3::zeros(),

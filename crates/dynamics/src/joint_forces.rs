@@ -6,7 +6,7 @@ use crate::spec::{Drive, Hinge};
 const COMPLIANCE: f64 = 1e-2;
 /// Part of a violated limit that one step takes back, and the fastest return, rad/s.
 const BAUMGARTE: f64 = 0.2;
-const RETURN_MAX: f64 = 1.0;
+const MAX_RETURN: f64 = 1.0;
 
 /// A drive over one step: its effort never rises with the velocity at the end of the step, so that its potential is convex.
 #[derive(Debug, Clone, Copy)]
@@ -91,7 +91,7 @@ impl JointLimit {
         let rate = 1.0 / dt;
         let bound = |gap: f64| {
             // Up to the limit if it is ahead, back at a limited rate if it was passed.
-            if gap >= 0.0 { gap * rate } else { (BAUMGARTE * gap * rate).max(-RETURN_MAX) }
+            if gap >= 0.0 { gap * rate } else { (BAUMGARTE * gap * rate).max(-MAX_RETURN) }
         };
         let (low, high) = (-bound(q - hinge.lower), bound(hinge.upper - q));
         let limited = low > f64::NEG_INFINITY || high < f64::INFINITY;

@@ -24,7 +24,7 @@ use twigs::Twigs;
 
 /// Residual at which the solve limits, relative to the largest momentum in it, in the norm of the inverse mass diagonal.
 pub(crate) const TOLERANCE: f64 = 1e-6;
-const ITERATIONS_MAX: u32 = 50;
+const MAX_ITERATIONS: u32 = 50;
 /// Stiffness that holds a locked degree of freedom, in units of its inertia.
 const LOCK: f64 = 1e12;
 
@@ -33,7 +33,7 @@ const LOCK: f64 = 1e12;
 const SHORT: f64 = 0.5;
 const MORE_CAUTION: f64 = 30.0;
 const LESS_CAUTION: f64 = 0.1;
-const CAUTION_MIN: f64 = 1e-3;
+const MIN_CAUTION: f64 = 1e-3;
 
 /// Contact points for which memory is kept from the start: at least the first number, or the second for each body that moves
 /// by itself.
@@ -190,7 +190,7 @@ impl<const W: usize> Solver<W> {
         self.caution = 0.0;
         let mut done = self.gradient(problem, island, tolerance);
         while !done {
-            if iterations == ITERATIONS_MAX || !self.newton_direction(problem, island) {
+            if iterations == MAX_ITERATIONS || !self.newton_direction(problem, island) {
                 return (false, iterations);
             }
             iterations += 1;
@@ -204,7 +204,7 @@ impl<const W: usize> Solver<W> {
                 self.advance(island, step - 1.0);
                 done = self.gradient(problem, island, tolerance);
             }
-            self.caution = match (step < SHORT, self.caution > CAUTION_MIN) {
+            self.caution = match (step < SHORT, self.caution > MIN_CAUTION) {
                 (true, true) => (self.caution * MORE_CAUTION).min(1.0),
                 (true, false) => 1.0,
                 (false, true) => self.caution * LESS_CAUTION,

@@ -21,7 +21,7 @@ use crate::variation::{PreparedVariation, Variation};
 /// within 0.5 % in 0.1 s of free flight with every joint at 15 rad/s, and within 1 % at 30 rad/s.
 const SUBSTEP_ANGLE: f64 = 0.1;
 /// Most substeps of a step, with which a body at 640 rad/s keeps to the angle.
-const SUBSTEPS_MAX: u32 = 32;
+const MAX_SUBSTEPS: u32 = 32;
 /// Turning rate from which the bias force is taken at the mean velocity of the substep, rad/s. Below, what that changes is
 /// lost in the damping of the drives.
 const MEAN_BIAS_RATE: f64 = 4.0;
@@ -137,7 +137,7 @@ impl Dynamics {
         }
         let rate = self.turning_rate(model, &state.qvel);
         // A rate that is not finite takes one substep.
-        let substeps = ((dt * rate / SUBSTEP_ANGLE).ceil() as u32).clamp(1, SUBSTEPS_MAX);
+        let substeps = ((dt * rate / SUBSTEP_ANGLE).ceil() as u32).clamp(1, MAX_SUBSTEPS);
         let mean_bias = rate > MEAN_BIAS_RATE;
         self.before.copy_from(state);
         let first = self.advance(model, state, input, dt, substeps, mean_bias);

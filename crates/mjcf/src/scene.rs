@@ -42,9 +42,6 @@ pub struct ExportScene {
 impl ExportScene {
     /// A task's start state: the room of the seed, with robot and bulbs as at the beginning of the first episode
     /// without noise.
-    ///
-    /// # Errors
-    /// [`ExportError`].
     pub fn task(task: Task, seed: u64, robot: &str) -> Result<Self, ExportError> {
         let robot = Arc::new(Robot::by_name(robot)?);
         let gains = robot.gains(GainSet::default());
@@ -62,9 +59,6 @@ impl ExportScene {
     }
 
     /// The robot alone in its standing posture, soles at z = 0, over a floor of friction 1 or in the air.
-    ///
-    /// # Errors
-    /// [`ExportError`].
     pub fn robot_only(robot: &str, floor: bool) -> Result<Self, ExportError> {
         let robot = Robot::by_name(robot)?;
         let mut builder = ModelBuilder::new();

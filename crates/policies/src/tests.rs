@@ -5,8 +5,9 @@ use fiatlux_proto::v3::{
     Action, ActionRecord, EpisodeHeader, EpisodeResult, Joint, Observation, Proprioception, SessionInfo,
 };
 use fiatlux_proto::{Message, PROTOCOL};
-use fiatlux_robot::{GainSet, JointGains, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_wbc::{BODY, MOVED, Network};
+use fiatlux_wire::joint_messages;
 
 use super::whole_body::WholeBody;
 use super::*;
@@ -158,15 +159,7 @@ fn replay_sends_what_was_recorded_and_no_more() {
 
 /// A session with the robot at rest in its posture, and the first observation.
 fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
-    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), JointGains)| Joint {
-        name: joint.name.clone(),
-        q0: *q0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-        ..Joint::default()
-    };
-    let joints: Vec<Joint> = robot.joints().iter().zip(robot.q0()).zip(robot.gains(gains).0).map(joint).collect();
+    let joints = joint_messages(robot, &robot.gains(gains));
     let count = joints.len();
     let first = Observation {
         proprioception: Some(Proprioception {

@@ -26,9 +26,6 @@ pub struct Camera {
 
 impl Camera {
     /// The camera in the robot's head: 47.6 degrees downwards on the G1, for a square picture.
-    ///
-    /// # Errors
-    /// As [`Camera::mounted`].
     pub fn head(robot: &Robot, row: &Row) -> Result<Self, RenderError> {
         Self::mounted(robot, HEAD_CAMERA, row)
     }

@@ -130,7 +130,9 @@ pub enum Stand {
     Beside {
         /// The landmark that it stands next to.
         landmark: Landmark,
+        /// Distance from it.
         distance: StartDistance,
+        /// Landmark that it faces.
         facing: Landmark,
     },
     /// At the bench, within reach of the fresh bulb and turned to it (`start.grab_place`).

@@ -12,4 +12,4 @@ mod recorder;
 mod server;
 
 pub use recorder::{BagEnd, BagReport, Naming, OnLoss, Recorder, RecorderError, RecorderOptions, RecordsFrom};
-pub use server::{RecordError, RecordsTo, Server, ServerError, ServerOptions, joints};
+pub use server::{RecordError, RecordsTo, Server, ServerError, ServerOptions};

@@ -151,9 +151,6 @@ pub struct Recorder {
 impl Recorder {
     /// Follows all sessions, including those that are already open. Continues an unfinished bag if its session still
     /// exists.
-    ///
-    /// # Errors
-    /// [`RecorderError`].
     pub fn start(carrier: Carrier, options: RecorderOptions) -> Result<Self, RecorderError> {
         let RecorderOptions { out, server, name, naming, records, on_bag, on_loss } = options;
         let (reach, is_sealed, key) = match records {

@@ -6,8 +6,8 @@
 //! in a session stays in it.
 
 mod actor;
+mod credentials;
 mod gate;
-mod guest;
 mod host;
 mod info;
 mod links;
@@ -29,7 +29,6 @@ mod whole_body;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-pub use info::joints;
 pub use runs::RecordError;
 pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
 

@@ -226,9 +226,6 @@ impl ClientSession {
     }
 
     /// Returns the answer to a look if its parts are those that the session announced.
-    ///
-    /// # Errors
-    /// The fault of the observation.
     pub fn check(&self, observation: Observation) -> Result<Observation, String> {
         let layout = self.layout.as_ref().map_err(ToString::to_string)?;
         layout.check(&observation).map_err(|error| error.to_string())?;

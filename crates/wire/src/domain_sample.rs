@@ -101,9 +101,6 @@ fn place_message(place: &Place) -> v3::Place {
 }
 
 /// The layout in a message.
-///
-/// # Errors
-/// [`WireError`], with the field.
 pub(crate) fn layout(sample: &v3::DomainSample) -> Result<Layout, WireError> {
     let layout = sample.layout.as_ref().ok_or(WireError::Missing { field: "domain_sample.layout" })?;
     let mount = MOUNTS.into_iter().find(|mount| mount_name(*mount) == layout.mount);

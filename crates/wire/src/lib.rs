@@ -31,6 +31,8 @@ mod domain_sample;
 #[cfg(feature = "world")]
 mod footprint;
 #[cfg(feature = "world")]
+mod robot;
+#[cfg(feature = "world")]
 mod scene;
 #[cfg(feature = "world")]
 mod viewer;
@@ -48,6 +50,8 @@ pub use row::{contact_messages, read_row, state_message};
 pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomization};
 #[cfg(feature = "world")]
 pub use footprint::footprint_messages;
+#[cfg(feature = "world")]
+pub use robot::{hand_body_names, joint_messages};
 #[cfg(feature = "world")]
 pub use scene::{RebuildError, robot_of, scene_of};
 #[cfg(feature = "world")]

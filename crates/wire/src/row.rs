@@ -52,9 +52,6 @@ pub fn contact_messages(layout: RobotLayout) -> Vec<v3::ContactMeasure> {
 
 /// A row from a message, whose lists must have the lengths of `layout` and whose numbers must be finite. The peak speed of
 /// the joints alone may be infinite: that is how a row says that its world went no further.
-///
-/// # Errors
-/// [`WireError`], with the field.
 pub fn read_row(state: &v3::State, layout: RobotLayout) -> Result<Row, WireError> {
     let mut row = Row::zeros(layout);
     row.step = state.step;

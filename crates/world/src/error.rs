@@ -25,8 +25,13 @@ pub enum SceneError {
     Recorded { field: &'static str, rule: &'static str },
     #[error("scene cannot be modelled")]
     Model(#[from] ModelError),
-    #[error("robot '{robot}' has {found} {part}, a row of the benchmark holds {needed}; use a robot with {needed}")]
+    #[error("robot '{robot}' has {found} {part} where {needed} are needed; use a robot with {needed}")]
     RobotParts { robot: String, part: &'static str, found: usize, needed: usize },
+    #[error(
+        "robot '{robot}' has {right} sensed links in the right hand and {left} in the left; list as many of both in \
+         hand_links, the right hand's first"
+    )]
+    Hands { robot: String, right: usize, left: usize },
     #[error("scene cannot take the robot")]
     Robot(#[source] RobotError),
 }

@@ -208,11 +208,13 @@ fn check_robot(robot: &Robot) -> Result<(), SceneError> {
     // The right hand's come first, from the wrist down: all of them are below the first.
     let hands = robot.hand_links();
     let right = hands.iter().take_while(|link| is_below(robot, **link, hands[0])).count();
-    let counts =
-        [("hand links", hands.len(), 2 * right), ("feet", robot.feet().len(), 2), ("palms", robot.palms().len(), 2)];
-    for (part, found, needed) in counts {
-        if found != needed {
-            return Err(SceneError::RobotParts { robot: robot.name().into(), part, found, needed });
+    let left = hands.len() - right;
+    if left != right {
+        return Err(SceneError::Hands { robot: robot.name().into(), right, left });
+    }
+    for (part, found) in [("feet", robot.feet().len()), ("palms", robot.palms().len())] {
+        if found != 2 {
+            return Err(SceneError::RobotParts { robot: robot.name().into(), part, found, needed: 2 });
         }
     }
     Ok(())

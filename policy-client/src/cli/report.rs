@@ -42,9 +42,6 @@ impl Report {
     }
 
     /// Adds an episode, and prints it at once unless the output is JSON.
-    ///
-    /// # Errors
-    /// Stdout cannot be written to.
     pub fn add(&mut self, episode: Episode, as_json: bool) -> io::Result<()> {
         let Episode { index, end, wall_s } = episode;
         let equal = self.digest.as_ref().map(|digest| *digest == end.digest);
@@ -78,9 +75,6 @@ impl Report {
     }
 
     /// Prints the summary at the end.
-    ///
-    /// # Errors
-    /// Stdout cannot be written to.
     pub fn finish(&self, trips: &RoundTrips, as_json: bool) -> io::Result<()> {
         let [p50, p99] = [0.5, 0.99].map(|share| trips.quantile_s(share).map(|seconds| seconds * 1e6));
         if as_json {

@@ -7,15 +7,7 @@ use fiatlux_wbc::{CONTROL_DT, Joint};
 /// The joints of a session with this set of gains.
 fn joints(robot: &str, set: GainSet) -> Vec<Joint> {
     let robot = Robot::by_name(robot).unwrap();
-    let gains = robot.gains(set).0;
-    let joint = |(joint, gains): (&fiatlux_robot::Joint, fiatlux_robot::JointGains)| Joint {
-        name: joint.name.clone(),
-        q0: 0.0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-    };
-    robot.joints().iter().zip(gains).map(joint).collect()
+    Joint::all(&robot, &robot.gains(set)).collect()
 }
 
 fn plants() -> [Plant; 3] {

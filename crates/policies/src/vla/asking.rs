@@ -75,18 +75,12 @@ impl ModelClient {
     }
 
     /// Tells the server that an episode begins.
-    ///
-    /// # Errors
-    /// [`BridgeError`].
     pub fn reset(&mut self) -> Result<(), BridgeError> {
         let Some(server) = &mut self.server else { return Ok(()) };
         server.call(|model| model.reset()).0
     }
 
     /// Asks and waits for the answer.
-    ///
-    /// # Errors
-    /// [`BridgeError`].
     pub fn ask(&mut self, observation: &ModelObservation) -> Result<TimedChunk, BridgeError> {
         let Some(server) = &mut self.server else { return Err(gone()) };
         let Reply { answer, problem } = server.infer(observation);

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use fiatlux_client::Command;
-use fiatlux_proto::v3::{Joint, Observation, SessionInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
+use fiatlux_wire::joint_messages;
 use fiatlux_world::{ACTION_SCALE, Random, Scene, SceneConfig, SceneSpec, Stream, World};
 use nalgebra::UnitQuaternion;
 
@@ -19,17 +20,7 @@ fn stand_stands_for_120_seconds() {
     let gains = robot.gains(GainSet::Fiatlux);
     let spec = SceneSpec::floor(gains.clone());
     let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec).unwrap());
-    let joint = |(joint, (q0, gains)): (&fiatlux_robot::Joint, (&f64, &fiatlux_robot::JointGains))| Joint {
-        name: joint.name.clone(),
-        lower: joint.lower,
-        upper: joint.upper,
-        q0: *q0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-        speed_limit: None,
-    };
-    let joints = robot.joints().iter().zip(robot.q0().iter().zip(&gains.0)).map(joint).collect();
+    let joints = joint_messages(&robot, &gains);
     let info = SessionInfo { joints, action_scale: ACTION_SCALE, ..SessionInfo::default() };
 
     for seed in [64, 65] {

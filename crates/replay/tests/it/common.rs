@@ -9,7 +9,8 @@ use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Row, Task, manifest};
 use fiatlux_wire::{
-    Frames, domain_sample_message, drive_message, geometry_message, joint_groups_message, state_message,
+    Frames, domain_sample_message, drive_message, geometry_message, hand_body_names, joint_groups_message,
+    state_message,
 };
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
 
@@ -108,7 +109,7 @@ fn header(episode: &Episode) -> EpisodeHeader {
         scene_digest: scene.config.digest(),
         joint_groups: Some(joint_groups_message(&scene.joint_groups())),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
-        hand_bodies: robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect(),
+        hand_bodies: hand_body_names(robot),
         episode_protocol: spec.protocol.name().into(),
         horizon_steps: spec.task.horizon_steps(),
         control_dt: CONTROL_DT,

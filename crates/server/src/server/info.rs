@@ -1,15 +1,16 @@
 //! Descriptions of a server, of its tasks and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v3::{EpisodeHeader, Joint, ServerInfo, SessionInfo, TaskInfo};
-use fiatlux_robot::{GainSet, JointGains, Robot};
+use fiatlux_proto::v3::{EpisodeHeader, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::Plan;
 use fiatlux_wire::{
-    contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message, joint_groups_message,
+    contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message, hand_body_names,
+    joint_groups_message, joint_messages,
 };
 
 /// Version of the software.
@@ -48,27 +49,6 @@ fn criteria(task: Task, protocol: Protocol) -> Vec<String> {
     task.spec().gate.criteria_of(protocol).map(|criterion| criterion.name.to_owned()).collect()
 }
 
-fn hand_bodies(robot: &Robot) -> Vec<String> {
-    robot.hand_links().iter().map(|link| robot.links()[*link].name.clone()).collect()
-}
-
-/// The joints of a scene's robot with the gains in force, as clients receive them.
-pub fn joints(scene: &Scene) -> Vec<Joint> {
-    let robot = &scene.robot;
-    let joints = robot.joints().iter().zip(robot.q0()).zip(&scene.spec.gains.0);
-    let joint = |((joint, q0), drive): ((&fiatlux_robot::Joint, &f64), &JointGains)| Joint {
-        name: joint.name.clone(),
-        lower: joint.lower,
-        upper: joint.upper,
-        q0: *q0,
-        stiffness: drive.stiffness,
-        damping: drive.damping,
-        effort_limit: drive.effort_limit,
-        speed_limit: drive.speed_limit.is_finite().then_some(drive.speed_limit),
-    };
-    joints.map(joint).collect()
-}
-
 /// Labels of weights and meshes that pictures and features are made with; empty where there is nothing to name.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Labels<'a> {
@@ -86,9 +66,9 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         episode_protocol: plan.protocol.name().into(),
         mode: plan.mode().into(),
         seed: if plan.is_hosted() { 0 } else { plan.seed },
-        joints: joints(scene),
+        joints: joint_messages(&scene.robot, &scene.spec.gains),
         footprints: if plan.hides_room() { Vec::new() } else { footprint_messages(scene) },
-        hand_bodies: hand_bodies(&scene.robot),
+        hand_bodies: hand_body_names(&scene.robot),
         sensors: plan.sensors.messages(),
         control_dt: CONTROL_DT,
         action_scale: ACTION_SCALE,
@@ -140,7 +120,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         scene_digest: scene.config.digest(),
         digest_context: episode.digest_context().hex(),
         joint_names: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
-        hand_bodies: hand_bodies(robot),
+        hand_bodies: hand_body_names(robot),
         criteria: criteria(plan.task, plan.protocol),
         episode_protocol: plan.protocol.name().into(),
         horizon_steps: plan.task.horizon_steps(),

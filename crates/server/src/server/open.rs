@@ -12,8 +12,8 @@ use fiatlux_sensing::Sensors;
 use fiatlux_session::server::Input;
 
 use super::actor::{Actor, Session, Side, Wire};
+use super::credentials::IdentifiedClient;
 use super::gate::Gate;
-use super::guest::IdentifiedClient;
 use super::host::Simulation;
 use super::opens::{Begun, Digest};
 use super::places::{CLAIM_TIME, NoPlace};

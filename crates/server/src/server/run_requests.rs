@@ -9,8 +9,8 @@ use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{Refusal, RunFinish, RunReply, RunRequest, RunStatus, Welcome, run_reply};
 
+use super::credentials::IdentifiedClient;
 use super::gate::Gate;
-use super::guest::IdentifiedClient;
 use super::links::{Link, RunJob};
 use super::opens::Begun;
 use super::plan;

@@ -17,7 +17,7 @@ use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
 
 use super::actor::{Actor, Side};
-use super::guest::Credentials;
+use super::credentials::Credentials;
 use super::info;
 use super::links::Links;
 use super::lock;

@@ -14,8 +14,8 @@ use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
 use super::actor::{Actor, Asker, Side, Wire};
+use super::credentials::Credentials;
 use super::gate::Gate;
-use super::guest::Credentials;
 use super::links::{Links, RunJob};
 use super::lock;
 use super::networks::Networks;

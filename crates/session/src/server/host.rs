@@ -15,9 +15,6 @@ pub trait Host {
 
     /// Carries out a command for one control step and returns the observation after it, with `end` set if the episode is
     /// over. The session has checked the command, and that the episode is running.
-    ///
-    /// # Errors
-    /// The simulation fails.
     fn step(&mut self, command: &Command) -> Result<&Observation, Refusal>;
 
     /// Computes these sensors for the present row.
@@ -29,9 +26,6 @@ pub trait Host {
     /// The record of the present row. Row 0 has the header and the shapes, and no action; the last row has the result. The
     /// host fills in `outside_box` of the action. `large` is false if nobody would keep pictures and scans.
     /// The session adds `seq`, its own events before the host's, and `missed_steps`.
-    ///
-    /// # Errors
-    /// A sensor of the record fails.
     fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal>;
 
     /// The result of the present episode if it is cut short here, with the cause [`fiatlux_proto::ABORTED`]; `why` is for

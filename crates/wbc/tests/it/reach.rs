@@ -43,19 +43,12 @@ impl Statue {
         let ids = placed.ids(&model).unwrap();
         let mut state = model.reference_state();
         let gains = robot.gains(GainSet::default());
-        let joints = robot.joints().iter().zip(robot.q0()).zip(&gains.0).map(|((joint, q0), gains)| Joint {
-            name: joint.name.clone(),
-            q0: *q0,
-            stiffness: gains.stiffness,
-            damping: gains.damping,
-            effort_limit: gains.effort_limit,
-        });
         let mut locked = vec![true; model.nv()];
         for (index, (joint, q0)) in ids.joints.iter().zip(robot.q0()).enumerate() {
             state.qpos[joint.qpos] = *q0;
             locked[joint.dof] = index < MOVED;
         }
-        let arms = Arms::new(&joints.collect::<Vec<_>>()).unwrap();
+        let arms = Arms::new(&Joint::all(&robot, &gains).collect::<Vec<_>>()).unwrap();
         let dynamics = Dynamics::new(&model);
         Self { robot, model, ids, state, dynamics, locked, arms, reach: Reach::new().unwrap() }
     }

@@ -75,10 +75,10 @@ fn robots_that_do_not_fit_a_row_are_refused() {
     for (text, refusal) in [
         (
             without("    \"R_pinky_proximal\", \"R_pinky_intermediate\",\n", ""),
-            "has 32 hand links, a row of the benchmark holds 30",
+            "has 15 sensed links in the right hand and 17 in the left; list as many of both",
         ),
         (without("\"left_ankle_roll_link\", \"right_ankle_roll_link\"]", "\"left_ankle_roll_link\"]"), "has 1 feet"),
-        (without("palms = [", "palms = [\"left_palm\", "), "has 3 palms, a row of the benchmark holds 2"),
+        (without("palms = [", "palms = [\"left_palm\", "), "has 3 palms where 2 are needed"),
     ] {
         let robot = Arc::new(Robot::from_toml(&text).unwrap());
         let gains = robot.gains(GainSet::Fiatlux);

@@ -22,9 +22,6 @@ struct Row<'a> {
 }
 
 /// Prints a table with a row for each task, or JSON with every episode.
-///
-/// # Errors
-/// Stdout cannot be written to.
 pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) -> std::io::Result<()> {
     if as_json {
         return fiatlux_cli::print(format!("{:#}\n", as_json_value(outcome, policy)));
