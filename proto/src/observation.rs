@@ -231,7 +231,7 @@ fn parts(observation: &[u8]) -> Vec<Part<'_>> {
 fn add_parts<'a>(bytes: &'a [u8], message: &str, prefix: &str, all: &mut Vec<Part<'a>>) {
     let Some(fields) = messages().get(message) else { return };
     for raw in Fields(bytes) {
-        // What the messages do not have was refused when it was decoded.
+        // Unknown fields were refused when the message was decoded.
         let Some(field) = fields.get(&raw.number) else { continue };
         let path = format!("{prefix}{}", field.name);
         let inner = field.message.as_deref().map(|inner| (inner, format!("{path}.")));

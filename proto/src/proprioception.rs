@@ -97,7 +97,7 @@ mod tests {
             joint_velocity: vec![13.0, 14.0],
         };
         let message = v3::Proprioception::from(&sensed);
-        // What it held before is gone, whatever its length.
+        // Its old content is gone, whatever its length.
         let mut read = Proprioception::zeros(5);
         assert_eq!(read.read(&message), sensed.view());
         assert_eq!(read, sensed);

@@ -1,4 +1,4 @@
-"""What the robot's motors did in recorded episodes, compared with their limits: the table of docs/training_notes.md.
+"""Compares the robot's motors in recorded episodes with their limits: the table of docs/training_notes.md.
 
     python python/benchmarks/motors.py results/walk
 

@@ -1,4 +1,4 @@
-"""How still the whole-body controller stands while both arms reach: the figures of docs/training_notes.md.
+"""Measures standing of the whole-body controller while both arms reach: the figures of docs/training_notes.md.
 
     python python/benchmarks/stand_and_reach.py --episodes 8
 

@@ -28,12 +28,12 @@ class Bag(Mapping[str, dict[str, Any]]):
 
     @cached_property
     def result(self) -> dict[str, Any] | None:
-        """How the episode ended, with the field names of ``EpisodeResult``; ``None`` in a bag that was cut."""
+        """The end of the episode, with the field names of ``EpisodeResult``; ``None`` in a bag that was cut."""
         return self._bag.result()
 
     @property
     def is_whole(self) -> bool:
-        """Whether the bag holds the whole episode."""
+        """True if the bag holds the whole episode."""
         return self._bag.is_whole
 
     def row(self, index: int) -> dict[str, Any]:

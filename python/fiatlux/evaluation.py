@@ -38,7 +38,7 @@ class Evaluation:
     lost: tuple[str, ...] = ()
     """Episodes of a recorded evaluation that are missing, with the reason."""
     is_run: bool = False
-    """Whether it is a recorded evaluation, which is a run: in S a subtask that was not asked for counts 0."""
+    """True for a recorded evaluation, which is a run: in S a subtask that was not asked for counts 0."""
 
     def table(self) -> str:
         """The scores as a text table."""
@@ -64,7 +64,7 @@ class Evaluation:
         return "\n".join(lines)
 
     def _coverage(self, score: dict[str, Any]) -> str:
-        """How many subtasks S is over, in the words of the program's table."""
+        """The number of subtasks that S is over, in the words of the program's table."""
         counted, missing = score["subtasks"], len(self.scores["missing"])
         if counted < len(SUBTASKS):
             rest = ": not comparable"

@@ -67,7 +67,7 @@ class _Walk:
         elif isinstance(value, frozenset):
             yield repr(sorted(map(repr, value))).encode()
         elif isinstance(value, (list, dict)):
-            # What else a list or a dictionary has may be a log, which grows.
+            # Further entries of a list or a dictionary may be a log, which grows.
             parts = value.items() if isinstance(value, dict) else enumerate(value)
             for name, part in parts:
                 inner = list(self.value(part)) if _is_weight(part) else []

@@ -35,7 +35,7 @@ def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]
 
 
 def is_stateful(policy: PolicyLike) -> bool:
-    """Whether the policy is one object whose ``reset`` several episodes would share."""
+    """True if the policy is one object whose ``reset`` several episodes would share."""
     return not isinstance(policy, type) and callable(getattr(policy, "reset", None))
 
 

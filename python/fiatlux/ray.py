@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 LOST_NODES = 3
-"""How often an episode is restarted after its node was lost."""
+"""Number of times that an episode is restarted after its node was lost."""
 
 
 def evaluate(

@@ -195,7 +195,7 @@ class _Service:
 
 
 def _pauses() -> Iterator[float]:
-    """How long to wait before each try, s."""
+    """Pause before each try, s."""
     yield 0.0
     for power in range(_TRIES):
         yield min(0.5 * 2.0**power, 60.0)

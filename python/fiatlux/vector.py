@@ -142,7 +142,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
-        # Whether the last step only began the world's next episode.
+        # True where the last step only began the world's next episode.
         self._was_over = np.zeros(worlds, np.bool_)
         self.reward_weights: dict[str, float] = dict(zip(layout.reward_terms, batch.spec["reward_weights"]))
         self._is_closed = False

@@ -54,7 +54,7 @@ class WholeBody:
         self.q0: NDArray[np.float64] = np.array([joint[1] for joint in joints])
         """Their angles in the standing posture, rad."""
         self._last: dict[str, NDArray[np.float64]] = {}
-        """What each method returned last, of the joints of legs, waist and arms; NaN for those it does not move."""
+        """The targets that each method returned last, of the joints of legs, waist and arms; NaN for those it does not move."""
         self._has_warned = False
 
     def reset(self) -> None:

@@ -179,7 +179,7 @@ impl Episode {
         let (judges, spec) = (self.play.judges(), self.play.spec());
         let summary = judges.of(Protocol::Published).summary();
         let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
-        // What the published judge would not have ended has the end of the judge in force, as a bag does.
+        // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
         let end = summary.end.or(self.play.end());
         let dict = PyDict::new(py);
         dict.set_item("task", spec.task.short_id())?;

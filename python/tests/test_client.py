@@ -23,7 +23,7 @@ class Waver:
 
 
 def rows_alone(episodes):
-    """What follows from the rows, which is all that an episode without a bag has."""
+    """The results that follow from the rows, all that an episode without a bag has."""
     recorded = ("bag", "failure", "notes", "signed_by")
     return [{name: value for name, value in episode.items() if name not in recorded} for episode in episodes]
 

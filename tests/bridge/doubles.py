@@ -86,7 +86,7 @@ def gr00t_unpack(data):
 
 
 class Model:
-    """What all dialects share: delay, faults, and the share of time that it was busy."""
+    """Shared by all dialects: delay, faults, and the share of time that it was busy."""
 
     def __init__(self, args):
         self.args = args

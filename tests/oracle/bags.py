@@ -1,4 +1,4 @@
-"""What the official MCAP and Foxglove libraries say about our bags.
+"""Checks our bags with the official MCAP and Foxglove libraries.
 
     python3 tests/oracle/bags.py BAG...      checks bags; exit code 1 when one fails
 

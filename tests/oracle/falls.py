@@ -115,7 +115,7 @@ def fall_zero_action(path=None):
 
 
 def standing_gap(scene, qpos):
-    """How far the root must rise so that the lowest point of the robot just touches the floor."""
+    """Height by which the root must rise so that the lowest point of the robot just touches the floor."""
     m, d = scene.m, scene.d
     scene.set_state(qpos, np.zeros(m.nv))
     mujoco.mj_kinematics(m, d)

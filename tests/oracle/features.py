@@ -1,4 +1,4 @@
-"""What PyTorch says about the features of the head camera: writes fixtures/features.json and times one thread.
+"""PyTorch's features of the head camera: writes fixtures/features.json and times one thread.
 
     cargo run --release -p fiatlux-features --example write_weights -- target/resnet18.safetensors
     python3 tests/oracle/features.py target/resnet18.safetensors [--time-only [--json]]

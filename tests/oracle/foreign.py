@@ -1,4 +1,4 @@
-"""What Python makes of the controllers of others: random networks built as the published ones, and the targets they give.
+"""Controllers of others, computed in Python: random networks built as the published ones, and the targets they give.
 
     FIATLUX_PYTHON tests/oracle/foreign.py FOLDER [--small] [--seed N]
 
@@ -39,7 +39,7 @@ Q0[[0, 6]], Q0[[3, 9]], Q0[[4, 10]] = -0.05, 0.2, -0.15
 
 
 def sequence():
-    """What is sensed, commanded and meant in each step: a formula in integers, so that Rust has the same bits."""
+    """Observation, command and token of each step: a formula in integers, so that Rust has the same bits."""
     state = 1
 
     def draw(count, scale):

@@ -1,4 +1,4 @@
-"""What MuJoCo and Pinocchio say about poses, Jacobians and dynamics of the robot: writes fixtures/kinematics.json.
+"""Poses, Jacobians and dynamics of the robot by MuJoCo and Pinocchio: writes fixtures/kinematics.json.
 
     python3 tests/oracle/kinematics.py [--scene F.xml] [--states N]
 

@@ -1,4 +1,4 @@
-"""What onnxruntime makes of every operator that crates/foreign reads: networks whose output is that of all cases.
+"""Results of onnxruntime for every operator that crates/foreign reads: networks whose output is that of all cases.
 
     FIATLUX_PYTHON tests/oracle/operators.py crates/foreign/tests/fixtures
 

@@ -1,4 +1,4 @@
-"""What MuJoCo says about our exported scenes, as fixtures that the Rust tests compare with.
+"""MuJoCo's results for our exported scenes, as fixtures that the Rust tests compare with.
 
     python3 tests/oracle/oracle.py all          every fixture
     python3 tests/oracle/oracle.py dynamics     one fixture

@@ -69,7 +69,7 @@ class Scene:
             return cls.load(file)
 
     def summary(self):
-        """What was loaded, at its start state."""
+        """The loaded scene, at its start state."""
         m = self.m
         self.reset()
         mujoco.mj_forward(m, self.d)

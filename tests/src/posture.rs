@@ -75,7 +75,7 @@ pub fn improve(
         jacobian.set_column(column, &((there - &here) / change[column]));
     }
     let mut change = DVector::zeros(count);
-    // What would leave its limits stands still; the others make up for it.
+    // Joints that would leave their limits stand still; the others make up for it.
     let mut stuck = vec![false; count];
     for _ in 0..5 {
         let normal = jacobian.transpose() * &jacobian + DMatrix::identity(count, count) * 1e-6;

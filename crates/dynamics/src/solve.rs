@@ -305,7 +305,7 @@ impl<const W: usize> Solver<W> {
     /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom; says which.
     fn push_columns(&mut self, model: &Model, kin: &Kinematics, a: usize, b: usize, origin: &V3) -> RowSet<W> {
         let (chain_a, chain_b) = (&model.chains[a], &model.chains[b]);
-        // What moves both bodies moves neither against the other.
+        // A joint that moves both bodies moves neither against the other.
         let shared = chain_a.iter().zip(chain_b).take_while(|(x, y)| x == y).count();
         let (mut rest_a, mut rest_b) = (&chain_a[shared..], &chain_b[shared..]);
         let shift = origin - kin.origin[a];
@@ -411,7 +411,7 @@ impl<const W: usize> Solver<W> {
         self.twigs.solve_down(island.rows, problem.kin, &mut self.direction);
         self.factor.solve(&mut self.direction, island.rows & !self.twigs.free());
         self.twigs.solve_up(island.rows, problem.kin, &mut self.direction);
-        // What the Hessian gives less what stiffness gives of it.
+        // The Hessian's share less that of stiffness.
         for run in &island.dofs {
             for dof in run.clone() {
                 self.mass_direction[dof] = -self.gradient[dof] - self.diagonal[dof] * self.direction[dof];

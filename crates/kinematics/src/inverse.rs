@@ -267,7 +267,7 @@ impl InverseKinematics {
                 self.is_above_goal[bodies[index].spec.parent.0] = true;
             }
         }
-        // What hangs on a joint that moves, itself included; the marks are those of the list being built.
+        // Bodies below a joint that moves, its own included; the marks are those of the list being built.
         self.touched.clear();
         for (index, body) in bodies.iter().enumerate().skip(1).filter(|(_, body)| body.root == self.root) {
             let moves = self.column[body.dof_start].is_some() || self.touched.contains(&body.spec.parent);

@@ -1,4 +1,4 @@
-// What every player of replays has: messages, colours, buttons and keys.
+// Shared by all players of replays: messages, colours, buttons and keys.
 
 import { SPEEDS } from "./player.js";
 import { Stage } from "./stage.js";

@@ -100,7 +100,7 @@ outgoingLight = tone(outgoingLight);
 
 const PATTERNS = { Floor: 1, Wall: 2 };
 
-// What all surfaces and the sky share.
+// Shared by all surfaces and the sky.
 export function lightOf({ dome, key, key_colour: colour, dome_yaw: yaw = 0 }) {
   return {
     dome: { value: DOME * dome },
@@ -162,7 +162,7 @@ export function keyOf(light, half, away) {
   return key;
 }
 
-// What is seen where nothing is.
+// The background.
 export function skyOf(light) {
   const material = new THREE.ShaderMaterial({
     uniforms: light,

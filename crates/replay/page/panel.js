@@ -1,4 +1,4 @@
-// What stands next to the picture: the episode, its verdicts, conditions that light up, forces, events, notes.
+// The panel next to the picture: the episode, its verdicts, conditions that light up, forces, events, notes.
 
 import { isFile } from "./data.js";
 import { Pictures } from "./pictures.js";

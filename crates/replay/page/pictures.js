@@ -1,4 +1,4 @@
-// What the robot saw next to where it is: the head camera's pictures, where the episode has them.
+// The robot's view next to the scene: the head camera's pictures, where the episode has them.
 
 import { bytesOf, lastUpTo } from "./data.js";
 import { element, seconds } from "./words.js";

@@ -61,7 +61,7 @@ export class Player {
     this.changed();
   }
 
-  // What is shown while it plays: times real time, and frames a second. None until a few frames are drawn.
+  // Shown while it plays: times real time, and frames a second. None until a few frames are drawn.
   rate() {
     const last = this.recent.length - 1;
     const span = last < 2 || !this.playing ? 0 : (this.recent[last].now - this.recent[0].now) / 1000;

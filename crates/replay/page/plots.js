@@ -6,7 +6,7 @@ import { element, words } from "./words.js";
 const HEIGHT = 74;
 const PARTS = { angle: 0, target: 1, effort: 2 };
 
-// What each plot shows: its name, its unit, and its curves out of a reading function.
+// The plots: for each its name, its unit, and its curves out of a reading function.
 const PLOTS = [
   { name: "Angle and target", unit: "rad", curves: [["soft", (of) => of("target")], ["accent", (of) => of("angle")]] },
   { name: "Tracking error", unit: "rad", curves: [["accent", (of) => of("target") - of("angle")]] },

@@ -8,7 +8,7 @@ import { keyOf, lightOf, materialOf, paint, skyOf } from "./look.js";
 
 const SHADOW_HALF = 3.2;
 const LIGHT_AWAY = 9;
-// What may hide the robot from a camera that follows.
+// Things that may hide the robot from a camera that follows.
 const OBSTACLES = ["bench", "crate", "fixture", "ladder", "room"];
 // Bearings that are tried, from the camera's own, and the most it turns in a frame, rad.
 const TURNS = [0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5, 6].map((step) => (step * Math.PI) / 9);
@@ -92,7 +92,7 @@ export class Stage {
     if (pixels.x === width && pixels.y === height) return;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    // What fits in a wide picture fits in a tall one too.
+    // A scene that fits in a wide picture fits in a tall one too.
     this.camera.fov = width < height ? 52 : 38;
     this.camera.updateProjectionMatrix();
   }
@@ -136,7 +136,7 @@ export class Stage {
     this.camera.lookAt(target);
   }
 
-  // How many of pelvis, head and a knee something hides from a place.
+  // Number of pelvis, head and knee that something hides from a place.
   hiddenFrom(eye) {
     const ray = new THREE.Raycaster();
     const head = new THREE.Vector3(0, 0, 0.42);

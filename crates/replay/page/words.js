@@ -1,4 +1,4 @@
-// What is written on the page: elements, and names in words.
+// Text of the page: elements, and names in words.
 
 export function element(tag, properties = {}, ...children) {
   const made = document.createElement(tag);

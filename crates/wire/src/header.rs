@@ -127,7 +127,7 @@ pub fn read_identity(header: &EpisodeHeader) -> Result<EpisodeIdentity, WireErro
         ends_on: ends_on.map_err(|error| value("end_on")(error.to_string()))?,
         model_digest: header.model_digest.clone(),
         scene_digest: header.scene_digest.clone(),
-        // What is named after it draws the rooms, which the layout seed stands for.
+        // A generator named after it draws the rooms, which the layout seed stands for.
         generator: header.random.split(", ").next().unwrap_or_default().into(),
     })
 }

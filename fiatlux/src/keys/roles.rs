@@ -90,7 +90,7 @@ fn words(role: Role) -> Words {
                 (from, to, &["liveliness_token"], &["liveliness_query", "declare_liveliness_subscriber"])
             }
         };
-        // What one side sends, the other one receives.
+        // One side receives the other's messages.
         let mut add = |says: bool, messages: &[&'static str]| {
             for &message in messages {
                 let keys: &mut Vec<String> = words.entry((says, message)).or_default();
@@ -120,7 +120,7 @@ pub fn access_control(role: Role, subject: &str) -> Value {
         let name = other.name();
         let mut ids = Vec::new();
         for ((says, message), keys) in words(other) {
-            // What a part sends is ingress for the router and egress for the part itself.
+            // A part's messages are ingress for the router and egress for the part itself.
             let flow = if says == (role == Role::Router) { "ingress" } else { "egress" };
             let id = format!("{name}: {message}, {flow}");
             rules.push(json!({

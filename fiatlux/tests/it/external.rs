@@ -140,7 +140,7 @@ fn an_interrupted_run_is_graded_and_goes_on() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.contains(&format!("--listen {endpoint} --out")), "{said}");
-    // What was not played counts as a failure until it is.
+    // Episodes that were not played count as failures until they are.
     let rows = results(&out);
     let played = rows.iter().filter(|row| row["failure"].is_null()).count();
     assert!((1..3).contains(&played) && rows.len() == 3, "{rows:#?}");

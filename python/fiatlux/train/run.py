@@ -42,7 +42,7 @@ class Run:
     tests: ClassVar[tuple[str, ...]]
     """Columns of a test in the curve."""
     progress: ClassVar[tuple[str, ...]] = ("segment", "samples", "seconds", "best")
-    """What a checkpoint keeps besides networks and settings."""
+    """Content of a checkpoint besides networks and settings."""
 
     def __init__(self, out: Path, settings: Any, device: str, threads: int | None) -> None:
         self.out, self.settings, self.device, self.threads = out, settings, device, threads
@@ -172,7 +172,7 @@ class Run:
         return tuple(part.clone() for part in self.ppo.actor.output_distribution_params)
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint holds."""
+        """Content of a checkpoint."""
         return {
             "kind": self.kind,
             "settings": dataclasses.asdict(self.settings),

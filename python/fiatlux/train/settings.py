@@ -1,4 +1,4 @@
-"""What a training run is made of."""
+"""Settings of a training run."""
 
 import dataclasses
 import math
@@ -9,7 +9,7 @@ from .. import _native
 from ..tasks import TASKS
 
 PARTS = ("history", "clock", "symmetry")
-"""What a policy can be trained without."""
+"""Parts of the method that training can leave out."""
 SCENES = {"floor": {"robot": "g1_bare"}, "room": {"scene": "room", "robot": "g1_inspire"}}
 """Where robots walk: arguments of :class:`fiatlux.WalkingVectorEnv`."""
 

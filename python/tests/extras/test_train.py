@@ -1,4 +1,4 @@
-"""What the training of controllers stands on."""
+"""Foundations of the training of controllers."""
 
 import contextlib
 import csv
@@ -69,7 +69,7 @@ def run(*arguments):
 
 
 def on_a_terminal(*arguments):
-    """What it writes to stderr where that is a terminal."""
+    """Its stderr where that is a terminal."""
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "fiatlux.train", *map(str, arguments)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs):

@@ -121,7 +121,7 @@ fn journal(data: &[u8]) {
     let (mut link, mut out) = (String::new(), String::new());
     for line in text.lines().filter_map(|line| line.strip_suffix('}')) {
         let sum = Sha256::new().chain_update(&link).chain_update(line).finalize();
-        // What is signed is the line before.
+        // The signature is of the line before.
         let line_and_link = line.replace("PREVIOUS", &link);
         link = sum.iter().map(|byte| format!("{byte:02x}")).collect();
         let _ = writeln!(out, "{line_and_link},\"link\":\"{link}\"}}");

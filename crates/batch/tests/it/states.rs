@@ -61,7 +61,7 @@ fn seeds_begin_anew() {
     let mut batch = walkers(3, 2, 5);
     let mut outputs = Outputs::new(&batch);
     let first = play(&mut batch, &mut outputs, 0..30);
-    // What a new batch has done before its first step, a reset by seed does again.
+    // A reset by seed repeats the draws of a new batch before its first step.
     batch.reset_with_seed(5, &mut outputs.observation).unwrap();
     outputs = Outputs::new(&batch);
     assert_eq!(first, play(&mut batch, &mut outputs, 0..30));

@@ -25,7 +25,7 @@ impl<const W: usize> Solver<W> {
                 linear += self.direction[dof] * self.mass_direction[dof];
             }
         }
-        // What keeps to one straight line over the whole step is added up once; the bits are those of the others.
+        // Terms that stay linear over the whole step are added up once; the bits are those of the others.
         let (mut bent_drives, mut bent_limits) = (RowSet::<W>::EMPTY, RowSet::<W>::EMPTY);
         for index in island.drives.iter().cloned().flatten() {
             let drive = &self.drives[index];

@@ -148,7 +148,7 @@ fn supports_bear_the_robot_where_a_linear_program_says_so() {
         let (lower, tilt) = (stance % 4, draws.many(3, 1.0));
         let upper = (lower + stance / 4 % 2).min(3);
         let treads = if stance % 3 == 0 { [upper, lower] } else { [lower, upper] };
-        // How far a sole's middle is before that of its tread, m.
+        // Distance of a sole's middle before that of its tread, m.
         let ahead = [0.05 * draws.one(), 0.05 * draws.one()];
         let places: [Isometry3<f64>; 2] = std::array::from_fn(|side| {
             let aside = if side == 0 { 0.1 } else { -0.1 };

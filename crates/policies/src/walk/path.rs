@@ -62,7 +62,7 @@ impl Map {
         let point = |x: i32, y: i32| [start[0] + CELL_M * f64::from(x), start[1] + CELL_M * f64::from(y)];
         let mut costs = vec![f64::INFINITY; side * side];
         let mut from = vec![(0, 0); side * side];
-        // What a metre costs in a cell; found once, not from each of its neighbours.
+        // Cost of a metre in a cell; found once, not from each of its neighbours.
         let mut weights = vec![f64::NAN; side * side];
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;

@@ -128,7 +128,7 @@ fn a_row_without_numbers_holds_nothing() {
         judge.advance(&row_at(1, &start_of(task)));
         let verdict = judge.advance(&row);
         assert_eq!(verdict.count, 0, "{task}: {:?}", verdict.criteria);
-        // Whether the socket holds a bulb is not one of the numbers.
+        // The socket's hold on a bulb is not one of the numbers.
         let conditions = verdict.conditions.without(Cause::Unseated);
         assert_eq!(conditions, Causes::of(&[Cause::Diverged]), "{task}: {conditions}");
     }

@@ -447,7 +447,7 @@ fn a_client_of_an_older_version_is_told_to_update() {
     let tokens = zenoh.liveliness().get("fiatlux/v1/*/alive").wait().unwrap();
     let token = tokens.recv().unwrap();
     assert_eq!(token.result().unwrap().key_expr().as_str(), "fiatlux/v1/test/alive");
-    // What an older client sends cannot be read by this version, and is not looked at.
+    // Messages of an older client cannot be read by this version, and are not looked at.
     let ask = |key: String| zenoh.get(key).payload(vec![0xff; 20]).wait().unwrap().recv().unwrap();
     let opened = ask(keys.open());
     let bytes = opened.result().unwrap().payload().to_bytes();

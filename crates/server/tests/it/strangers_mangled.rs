@@ -98,7 +98,7 @@ fn its_own_messages_mangled() {
     while *sent.lock().unwrap() < count {
         send(per_step);
     }
-    // What is sent blocks where the way is full, so all of it arrives.
+    // Sending blocks while the channel is full, so everything arrives.
     let (sent, until) = (*sent.lock().unwrap(), Instant::now() + LONG);
     while server.refused_messages() - before < sent {
         assert!(Instant::now() < until, "{} of {sent} are counted", server.refused_messages() - before);
@@ -146,7 +146,7 @@ fn requests_to_a_run_are_carried_out_once() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("strangers").join("run");
     let _ = std::fs::remove_dir_all(&folder);
     let (_server, link, stranger) = network(ServerOptions { record: Some(folder), ..options() });
-    // What is asked, as a peer sees it that offers to answer.
+    // Queries, as a peer sees them that offers to answer.
     let (sender, asked) = std::sync::mpsc::channel();
     let run = ServerKeys::new("test").run();
     let queryable = stranger.declare_queryable(run.clone()).complete(true).callback(move |query| {

@@ -79,7 +79,7 @@ fn a_second_run_names_what_a_forger_changed() {
         assert!(text.contains(" in the second run"), "{name}: {text}");
     }
 
-    // What the bag alone shows is said before anything is run.
+    // Faults of the bag itself are reported before anything is run.
     type Lie = fn(&mut Parts);
     let lies: [(&str, Lie, &str); 4] = [
         ("success", |parts| parts.result.end.as_mut().unwrap().success = true, "end.success is false by its rows"),

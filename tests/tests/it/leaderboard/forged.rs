@@ -73,7 +73,7 @@ fn forged_bags_are_refused() {
         parts.write(&folder.join("a.mcap"));
         board.submit(&folder, &["--note", name])
     };
-    // What a forger starts from: not signed, all digests made anew, and good.
+    // A forger's starting point: not signed, all digests made anew, and good.
     let mut bare = honest.clone();
     bare.result.signature = None;
     bare.seal();

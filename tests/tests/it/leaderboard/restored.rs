@@ -32,7 +32,7 @@ fn a_restored_folder_goes_on() {
         ["".to_owned(), "/tasks/S05".into(), "/episodes/S01-s0-e0".into(), "/episodes/S12-s0-e0/bag".into()];
     let addresses = addresses.map(|rest| format!("/runs/{id}{rest}"));
     let before = addresses.each_ref().map(|address| board.fetch(address));
-    // What came after the backup is not in it.
+    // Later entries are not in the backup.
     board.submit_without_waiting(&loose);
     board.stop();
     std::fs::remove_dir_all(&folder).unwrap();

@@ -258,7 +258,7 @@ fn perfect_climb() {
     check(
         &meter,
         &[
-            // What the slip lost is not paid again.
+            // The loss of the slip is not paid again.
             ("height_gain", 10.0 * (1.83 - 0.79)),
             ("limb_contact", 0.25 * 0.75 * 8.52),
             ("success_bonus", 10.0),
