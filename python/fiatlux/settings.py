@@ -23,7 +23,7 @@ class Settings(TypedDict, total=False):
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
         image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
         weights: Weights of the camera's features, a safetensors file; seeded ones by default.
-        fix: What to keep fixed, of ``"layout"`` (the room of seed 0), ``"start"``, ``"hand-friction"``, ``"light"``, ``"tint"``,
+        fix: Quantities to keep fixed, of ``"layout"`` (the room of seed 0), ``"start"``, ``"hand-friction"``, ``"light"``, ``"tint"``,
             ``"noise"``, and ``"episodes"`` for all of them but the layout.
         prop_scale: Sizes of props: ``"random"``, or factors by name: ``ladder_x``, ``ladder_y``, ``ladder_z``, ``socket``,
             ``fresh_bulb``.
