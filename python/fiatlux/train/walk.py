@@ -14,7 +14,7 @@ from .start import begin_with
 from .symmetry import MOVED, Mirror, SymmetricModel
 from .worlds import WalkingWorlds
 
-VELOCITY = ("velocity", "slow_velocity")
+VELOCITY = ("track_lin_vel", "track_lin_vel_smoothed")
 """The reward's terms of velocity, each of which is its weight at best."""
 STOP_KL = 1.0
 """A policy that moves so far in one iteration has broken, but for the first ones, in which the normaliser has yet to settle."""

@@ -21,36 +21,36 @@ pub(super) struct View<'a> {
 pub(super) type TermOf = (&'static str, f64, fn(&View<'_>) -> f64);
 
 pub(super) const TERMS: [TermOf; 30] = [
-    ("velocity", 1.0, |view| libm::exp(-velocity_error(view, &view.velocity) / 0.25)),
-    ("slow_velocity", 1.5, |view| libm::exp(-velocity_error(view, &view.walking.slow_velocity) / 0.06)),
-    ("velocity_error", -2.0, |view| velocity_error(view, &view.walking.slow_velocity).sqrt()),
-    ("turning", 1.5, tracks_turning),
-    ("turning_error", -1.0, turning_error),
+    ("track_lin_vel", 1.0, |view| libm::exp(-velocity_error(view, &view.velocity) / 0.25)),
+    ("track_lin_vel_smoothed", 1.5, |view| libm::exp(-velocity_error(view, &view.walking.slow_velocity) / 0.06)),
+    ("lin_vel_error", -2.0, |view| velocity_error(view, &view.walking.slow_velocity).sqrt()),
+    ("track_ang_vel", 1.5, track_ang_vel),
+    ("ang_vel_error", -1.0, ang_vel_error),
     ("alive", 0.5, |_| 1.0),
     ("feet_height", 1.5, feet_height),
     ("feet_contact", 1.0, feet_contact),
-    ("fall", -100.0, |view| f64::from(u8::from(view.fell))),
-    ("height", 1.5, |view| libm::exp(-square(height_error(view)) / 0.0025)),
-    ("height_error", -40.0, |view| square(height_error(view))),
-    ("knees", -2.0, knees),
-    ("torso", 1.2, |view| libm::exp(-torso_error(view) / 0.05)),
-    ("torso_error", -1.5, |view| torso_error(view).sqrt()),
-    ("pelvis_tilt", -40.0, pelvis_tilt),
-    ("vertical_velocity", -0.5, |view| square(view.row.robot.linear_velocity.z)),
-    ("roll_and_pitch_rate", -0.05, roll_and_pitch_rate),
-    ("effort", -1.5e-5, |view| squares(&view.row.joint_effort[..MOVED])),
-    ("joint_velocity", -5e-4, |view| squares(&view.row.joint_velocity[..MOVED])),
-    ("joint_acceleration", -1.5e-7, joint_acceleration),
+    ("termination", -100.0, |view| f64::from(u8::from(view.fell))),
+    ("track_base_height", 1.5, |view| libm::exp(-square(height_error(view)) / 0.0025)),
+    ("base_height_error", -40.0, |view| square(height_error(view))),
+    ("joint_deviation_knee", -2.0, joint_deviation_knee),
+    ("track_torso_orientation", 1.2, |view| libm::exp(-torso_error(view) / 0.05)),
+    ("torso_orientation_error", -1.5, |view| torso_error(view).sqrt()),
+    ("flat_orientation", -40.0, flat_orientation),
+    ("lin_vel_z", -0.5, |view| square(view.row.robot.linear_velocity.z)),
+    ("ang_vel_xy", -0.05, ang_vel_xy),
+    ("joint_torques", -1.5e-5, |view| squares(&view.row.joint_effort[..MOVED])),
+    ("joint_vel", -5e-4, |view| squares(&view.row.joint_velocity[..MOVED])),
+    ("joint_acc", -1.5e-7, joint_acc),
     ("action_rate", -0.03, action_rate),
-    ("action_curvature", -0.01, action_curvature),
-    ("posture", -1.0, posture),
-    ("joint_range", -5.0, joint_range),
-    ("slip", -0.25, slip),
-    ("feet_apart", -5.0, feet_apart),
-    ("foot_tilt", -8.0, foot_tilt),
-    ("impact", -0.1, impact),
-    ("stands_still", -0.3, stands_still),
-    ("stands_calm", -1.0, stands_calm),
+    ("action_smoothness", -0.01, action_smoothness),
+    ("joint_deviation", -1.0, joint_deviation),
+    ("joint_pos_limits", -5.0, joint_pos_limits),
+    ("feet_slide", -0.25, feet_slide),
+    ("feet_distance", -5.0, feet_distance),
+    ("feet_orientation", -8.0, feet_orientation),
+    ("feet_impact", -0.1, feet_impact),
+    ("stand_still", -0.3, stand_still),
+    ("stand_still_motion", -1.0, stand_still_motion),
 ];
 
 /// Part of a joint's range, about its middle, that is free.
@@ -87,13 +87,13 @@ fn velocity_error(view: &View<'_>, velocity: &Vector3<f64>) -> f64 {
     square(velocity.x - x) + square(velocity.y - y)
 }
 
-fn tracks_turning(view: &View<'_>) -> f64 {
+fn track_ang_vel(view: &View<'_>) -> f64 {
     let [.., turn] = view.walking.setpoint.now().velocity;
-    0.4 * libm::exp(-square(view.velocity.z - turn)) + 0.6 * libm::exp(-square(turning_error(view)) / 0.2)
+    0.4 * libm::exp(-square(view.velocity.z - turn)) + 0.6 * libm::exp(-square(ang_vel_error(view)) / 0.2)
 }
 
 /// Of the slow velocity. Unlike the kernels it pulls as hard when little is missing.
-fn turning_error(view: &View<'_>) -> f64 {
+fn ang_vel_error(view: &View<'_>) -> f64 {
     let [.., turn] = view.walking.setpoint.now().velocity;
     (view.walking.slow_velocity.z - turn).abs()
 }
@@ -112,7 +112,7 @@ fn feet_contact(view: &View<'_>) -> f64 {
     (0..2).filter(|&foot| is_loaded(view, foot) == view.walking.clock.is_down(foot)).count() as f64
 }
 
-fn roll_and_pitch_rate(view: &View<'_>) -> f64 {
+fn ang_vel_xy(view: &View<'_>) -> f64 {
     let pelvis = &view.row.robot;
     pelvis.pose.rotation.inverse_transform_vector(&pelvis.angular_velocity).xy().norm_squared()
 }
@@ -128,7 +128,7 @@ fn height_error(view: &View<'_>) -> f64 {
 }
 
 /// Sum of the knees' angles by which they are straighter than the height asks for, rad.
-fn knees(view: &View<'_>) -> f64 {
+fn joint_deviation_knee(view: &View<'_>) -> f64 {
     let knees = &view.walking.knees;
     let least = knees.least(view.walking.setpoint.now().height);
     knees.joints.iter().map(|joint| (least - view.row.joint_position[*joint]).max(0.0)).sum()
@@ -142,14 +142,14 @@ fn torso_error(view: &View<'_>) -> f64 {
 
 /// Squared, off the share that the pelvis has in the torso's lean. Low down its pitch is free: the ankles' stop would end
 /// the way down otherwise.
-fn pelvis_tilt(view: &View<'_>) -> f64 {
+fn flat_orientation(view: &View<'_>) -> f64 {
     let (roll, pitch, _) = (heading(view.row).inverse() * view.row.robot.pose.rotation).euler_angles();
     let command = view.walking.setpoint.now();
     let held = ((command.height - 0.55) / 0.1).clamp(0.1, 1.0);
     square(roll - 0.2 * command.torso[0]) + held * square(pitch - 0.25 * command.torso[1])
 }
 
-fn joint_acceleration(view: &View<'_>) -> f64 {
+fn joint_acc(view: &View<'_>) -> f64 {
     let speeds = view.row.joint_velocity.iter().zip(&view.walking.joint_velocity).take(MOVED);
     speeds.map(|(after, before)| square((after - before) / CONTROL_DT)).sum()
 }
@@ -159,13 +159,13 @@ fn action_rate(view: &View<'_>) -> f64 {
     new.iter().zip(old).map(|(new, old)| square(new - old)).sum()
 }
 
-fn action_curvature(view: &View<'_>) -> f64 {
+fn action_smoothness(view: &View<'_>) -> f64 {
     let [new, old, older] = &view.walking.actions;
     (0..MOVED).map(|joint| square(new[joint] - 2.0 * old[joint] + older[joint])).sum()
 }
 
 /// Hips turned sideways or inwards and, by half, rolled ankles: off q0.
-fn posture(view: &View<'_>) -> f64 {
+fn joint_deviation(view: &View<'_>) -> f64 {
     let q0 = view.world.scene().robot.q0();
     let off = |joint: usize| square(view.row.joint_position[joint] - q0[joint]);
     let leg = |first: usize| off(first + 1) + off(first + 2) + 0.5 * off(first + 5);
@@ -173,7 +173,7 @@ fn posture(view: &View<'_>) -> f64 {
 }
 
 /// Sum of the joints' angles beyond the free part of their ranges, rad.
-fn joint_range(view: &View<'_>) -> f64 {
+fn joint_pos_limits(view: &View<'_>) -> f64 {
     let joints = view.world.scene().robot.joints().iter().zip(&view.row.joint_position).take(MOVED);
     let beyond = joints.map(|(joint, q)| {
         let (middle, half) = (0.5 * (joint.lower + joint.upper), 0.5 * (joint.upper - joint.lower));
@@ -183,27 +183,27 @@ fn joint_range(view: &View<'_>) -> f64 {
 }
 
 /// Squared speed of feet that stand.
-fn slip(view: &View<'_>) -> f64 {
+fn feet_slide(view: &View<'_>) -> f64 {
     let standing = (0..2).filter(|&foot| is_loaded(view, foot));
     standing.map(|foot| view.walking.foot_velocity[foot].xy().norm_squared()).sum()
 }
 
 /// Distance by which the feet are nearer or wider apart than comfortable, m.
-fn feet_apart(view: &View<'_>) -> f64 {
+fn feet_distance(view: &View<'_>) -> f64 {
     let [left, right] = &view.walking.foot_position;
     let apart = heading(view.row).inverse_transform_vector(&(left - right)).y;
     (APART[0] - apart).max(apart - APART[1]).max(0.0)
 }
 
 /// Squared sines of the tilts of soles that bear a load. With a small weight the robot stands on the edges of its feet.
-fn foot_tilt(view: &View<'_>) -> f64 {
+fn feet_orientation(view: &View<'_>) -> f64 {
     let lean = |link: usize| view.world.world_from_link(link).rotation.inverse_transform_vector(&Vector3::z());
     let standing = (0..2).filter(|&foot| is_loaded(view, foot));
     standing.map(|foot| lean(view.walking.feet[foot]).xy().norm_squared()).sum()
 }
 
 /// Load of each foot above 500 N, by 100 N.
-fn impact(view: &View<'_>) -> f64 {
+fn feet_impact(view: &View<'_>) -> f64 {
     SUPPORTS
         .iter()
         .map(|foot| ((view.row.load(errand::FLOOR_LOAD)[*foot as usize] - 500.0) / 100.0).clamp(0.0, 20.0))
@@ -211,7 +211,7 @@ fn impact(view: &View<'_>) -> f64 {
 }
 
 /// On a command to stand: legs that differ, rad, and one foot before the other, m.
-fn stands_still(view: &View<'_>) -> f64 {
+fn stand_still(view: &View<'_>) -> f64 {
     if !view.walking.clock.stands() {
         return 0.0;
     }
@@ -223,7 +223,7 @@ fn stands_still(view: &View<'_>) -> f64 {
 }
 
 /// On a command to stand: speed of the joints and of the feet, squared.
-fn stands_calm(view: &View<'_>) -> f64 {
+fn stand_still_motion(view: &View<'_>) -> f64 {
     if !view.walking.clock.stands() {
         return 0.0;
     }
