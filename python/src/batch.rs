@@ -261,7 +261,7 @@ impl Batch {
         py.detach(|| guarded(|| worlds.end_episodes(marks, observation)))?.map_err(error)
     }
 
-    /// Lets each world's present episode end so many steps earlier.
+    /// Lets each world's present episode end this many steps earlier.
     fn shorten_episodes(&mut self, steps: Vec<u64>) -> PyResult<()> {
         guarded(|| self.worlds.shorten_episodes(&steps))?.map_err(error)
     }

@@ -33,7 +33,7 @@ impl Parts {
         }
     }
 
-    /// Makes all digests fit what is there.
+    /// Makes all digests fit the present content.
     pub fn seal(&mut self) {
         let mut digest = read_identity(&self.header).unwrap().digest();
         self.header.digest_context = digest.hex();

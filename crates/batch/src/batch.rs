@@ -208,7 +208,7 @@ impl Batch {
         self.carry_out(order, &[], &mut || true, |job| job.copy_observation(observation))
     }
 
-    /// Lets the present episode of each world end by time-out so many steps earlier than [`Spec::horizon_steps`], so that worlds which
+    /// Lets the present episode of each world end by time-out this many steps earlier than [`Spec::horizon_steps`], so that worlds which
     /// began together do not end together.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use crate::slot::{ReadyBank, Results, Shared, Slot, Stage, Stopped};
 use crate::snapshot::{Snapshot, WorldState};
 use crate::{BatchError, Control, Outcome, Spec};
 
-/// Up to so many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
+/// Up to this many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
 const MAX_SHARED_BANKS: usize = 16;
 
 /// A job for one world.
@@ -159,7 +159,7 @@ impl Worker {
     }
 }
 
-/// A world's part of an array that is world by world, with so many numbers each.
+/// A world's part of an array with `each` numbers for every world.
 pub(crate) fn part<T>(array: &mut [T], world: usize, each: usize) -> &mut [T] {
     &mut array[world * each..][..each]
 }

@@ -160,7 +160,7 @@ impl Slot {
         }
     }
 
-    /// Lets the present episode end by time-out so many steps earlier.
+    /// Lets the present episode end by time-out this many steps earlier.
     pub fn shorten(&mut self, steps: u64) {
         self.shortened = steps;
     }

@@ -150,7 +150,7 @@ impl Snapshot {
     }
 }
 
-/// Name and value of everything that a snapshot of so many worlds in these banks must share with the batch that restores it.
+/// Name and value of everything that a snapshot of this many worlds in these banks must share with the batch that restores it.
 pub(crate) fn settings(config: &BatchConfig, worlds: usize, banks: &[Bank], task: &dyn Task) -> Vec<(String, String)> {
     let BatchConfig { disturbances, autoreset, .. } = config;
     let first = &banks[0];

@@ -98,7 +98,7 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     ));
 }
 
-/// Other weights under the same file name are another policy; a checkpoint is told from an exported file.
+/// Other weights under the same file name are another policy; a checkpoint is distinguished from an exported file.
 #[test]
 fn the_name_says_which_weights_and_which_command() {
     let name = |text: &str| {
@@ -123,7 +123,7 @@ fn the_name_says_which_weights_and_which_command() {
     assert!(refused.contains("command vx is 3, outside of -0.5 to 1"), "{refused}");
 }
 
-/// Received actions and targets are sent again, bit for bit; then the policy reports that there are no more.
+/// Received actions and targets are sent again, bit for bit; then the policy reports that none is left.
 #[test]
 fn replay_sends_what_was_recorded_and_no_more() {
     let path = std::env::temp_dir().join(format!("fiatlux-replay-{}.mcap", std::process::id()));

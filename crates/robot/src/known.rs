@@ -19,7 +19,7 @@ impl Robot {
     /// A robot that comes with the library.
     ///
     /// # Errors
-    /// [`RobotError::Name`] for any other name, with those that there are.
+    /// [`RobotError::Name`] for any other name; it lists the known ones.
     pub fn by_name(name: &str) -> Result<Self, RobotError> {
         Self::from_toml(text_of(name)?)
     }
@@ -27,7 +27,7 @@ impl Robot {
     /// The name of a known robot as [`Robot::NAMES`] has it; of the benchmark's where none is given.
     ///
     /// # Errors
-    /// [`RobotError::Name`] for any other name, with those that there are.
+    /// [`RobotError::Name`] for any other name; it lists the known ones.
     pub fn known(name: &str) -> Result<&'static str, RobotError> {
         match NAMES.into_iter().find(|known| *known == name) {
             None if name.is_empty() => Ok(NAMES[0]),
@@ -36,7 +36,7 @@ impl Robot {
         }
     }
 
-    /// The robot that has these joints in this order, for peers that are told of joints alone.
+    /// The robot that has these joints in this order, for peers that know the joints alone.
     ///
     /// # Errors
     /// [`RobotError::Joints`] when no known robot has them.

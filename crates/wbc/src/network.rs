@@ -44,7 +44,7 @@ impl Network {
     /// The controller that comes with this version.
     ///
     /// # Errors
-    /// As [`Network::from_bytes`]; a test guards that there are none.
+    /// As [`Network::from_bytes`]; a test guards that it never fails.
     pub fn shipped() -> Result<Self, WbcError> {
         Self::from_bytes(include_bytes!("../weights/wbc.safetensors"))
     }

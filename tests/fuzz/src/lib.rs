@@ -104,7 +104,7 @@ pub fn put_together(bytes: &[u8], path: &Path) -> Option<()> {
     writer.finish(&result).ok().map(drop)
 }
 
-/// Makes all digests fit what is there, as far as it can be read.
+/// Makes all digests fit the present content, as far as it can be read.
 fn seal(bytes: &[u8], header: &mut EpisodeHeader, result: &mut EpisodeResult) {
     if let (Ok(identity), Ok(layout)) = (read_identity(header), layout_of(header)) {
         let mut digest = identity.digest();

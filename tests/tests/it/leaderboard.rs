@@ -15,7 +15,7 @@ use lab::{Board, played_run};
 use serde_json::Value;
 
 /// Guards what a badge stands for: a run is *replayed* once all its bags were simulated again, *hosted* where also its seeds
-/// were drawn and its bags signed by a server of ours, and by nobody else.
+/// were drawn and its bags signed by the board's own server, and by nobody else.
 #[test]
 fn runs_get_the_badges_that_they_earn() {
     let lab = lab::Lab::start("board-badges");

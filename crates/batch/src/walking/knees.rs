@@ -6,7 +6,7 @@ use fiatlux_world::World;
 const PART: f64 = 0.7;
 
 /// A leg in its plane: thigh and shin. Straight legs are a trap, since a knee that is pressed beyond them lowers the pelvis
-/// too; a learner needs to be told which way is down.
+/// too; a learner needs to know which way is down.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Knees {
     thigh_m: f64,

@@ -91,7 +91,7 @@ fn a_step_that_is_broken_off_asks_for_a_reset() {
     }
 }
 
-/// A task that goes wrong when it is told to.
+/// A task that fails on request.
 #[derive(Clone)]
 struct Faulty(Spec);
 

@@ -115,7 +115,7 @@ fn losses(excluded: &[ExcludedBag]) -> Option<String> {
     (!lost.is_empty()).then_some(reason)
 }
 
-/// True if a finished run was played by servers of ours in rooms that they drew. Their signatures prove it: those of
+/// True if a finished run was played by the board's own servers in rooms that they drew. Their signatures prove it: those of
 /// the bags, which cover the header with its index in the run and the origin of the seed, and those of the journals,
 /// without which episodes or attempts could be left out.
 fn is_hosted(results: &Results, signers: &KnownServers) -> bool {

@@ -118,7 +118,7 @@ fn terms_are_sized_by_the_robot() {
     assert_eq!(Sensor::Flat.terms(&setup).iter().map(Term::length).sum::<usize>(), published);
 }
 
-/// The G1's cameras are told with their mounts.
+/// The G1's cameras are described with their mounts.
 #[test]
 fn cameras_are_described() {
     let robot = Robot::g1_inspire().unwrap();

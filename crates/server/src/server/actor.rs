@@ -18,11 +18,11 @@ use super::lock;
 use super::runs::Attempt;
 
 /// A session whose replies go to those who asked.
-pub(super) type Session = ServerSession<Simulation, Asker>;
+pub(super) type Session = ServerSession<Simulation, ReplyTo>;
 
 /// Destination of a reply.
 #[derive(Debug)]
-pub(super) enum Asker {
+pub(super) enum ReplyTo {
     /// The client's query on this key with this number; the gate knows who waits for it.
     Client(&'static str, u64),
     Recorder(Query),
@@ -54,7 +54,7 @@ pub(super) struct Actor {
 
 #[derive(Default)]
 struct Inbox {
-    inputs: VecDeque<(Side, Input<Asker>)>,
+    inputs: VecDeque<(Side, Input<ReplyTo>)>,
     /// Number of waiting messages of each side.
     waiting: [usize; 3],
     dropped: u64,
@@ -111,15 +111,15 @@ impl Actor {
     /// Takes in a message; returns whether the session must be scheduled. Messages over the limit are counted and
     /// dropped.
     #[must_use]
-    pub fn push(&self, side: Side, input: Input<Asker>) -> bool {
+    pub fn push(&self, side: Side, input: Input<ReplyTo>) -> bool {
         let mut inbox = lock(&self.inbox);
         let waiting = &mut inbox.waiting[side as usize];
         if side != Side::Server && *waiting >= limits::MAX_WAITING_MESSAGES {
             inbox.dropped += u64::from(side == Side::Client);
-            if let Input::Reset(_, Asker::Client(_, number))
-            | Input::Close(_, Asker::Client(_, number))
-            | Input::Look(_, Asker::Client(_, number))
-            | Input::Observation(Asker::Client(_, number)) = input
+            if let Input::Reset(_, ReplyTo::Client(_, number))
+            | Input::Close(_, ReplyTo::Client(_, number))
+            | Input::Look(_, ReplyTo::Client(_, number))
+            | Input::Observation(ReplyTo::Client(_, number)) = input
             {
                 self.gate.forget(number);
             }
@@ -140,7 +140,7 @@ impl Actor {
     }
 
     /// Takes the next input from the inbox; a tick comes first.
-    pub fn take(&self) -> Option<Input<Asker>> {
+    pub fn take(&self) -> Option<Input<ReplyTo>> {
         let mut inbox = lock(&self.inbox);
         if std::mem::take(&mut inbox.tick) {
             return Some(Input::Tick);

@@ -13,7 +13,7 @@ use fiatlux_proto::v3::{
 use fiatlux_proto::{Bytes, Message, PROTOCOL, decode, limits};
 use fiatlux_session::server::Input;
 
-use super::actor::{Actor, Asker, Side};
+use super::actor::{Actor, ReplyTo, Side};
 use super::gate::{Gate, QueryCheck, Sealed};
 use super::links::RunJob;
 use super::lock;
@@ -87,7 +87,7 @@ impl Server {
         &mut self,
         key: String,
         label: &'static str,
-        input: fn(Bytes, Asker) -> Input<Asker>,
+        input: fn(Bytes, ReplyTo) -> Input<ReplyTo>,
     ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
@@ -105,7 +105,7 @@ impl Server {
                         let refusal = Refusal::new(Code::Malformed, "", "the request is too large");
                         return answer_refusal(&shared, &actor.gate, label, number, refusal);
                     }
-                    shared.send(&actor, Side::Client, input(bytes, Asker::Client(label, number)));
+                    shared.send(&actor, Side::Client, input(bytes, ReplyTo::Client(label, number)));
                 }
                 QueryCheck::Again(sealed, query) => answer_again(&shared, *sealed, query),
                 QueryCheck::Nothing | QueryCheck::Foreign(_) => tell_of_refused(&shared, &actor),
@@ -136,7 +136,7 @@ impl Server {
                                    --recorder-key FILE, or read the server's bags";
                     return reject(&query, Code::Closed, "", message);
                 }
-                shared.send(&actor, Side::Recorder, Input::StepRecords(bytes, Asker::Recorder(query)));
+                shared.send(&actor, Side::Recorder, Input::StepRecords(bytes, ReplyTo::Recorder(query)));
             };
             self.declare_queryable(from, key.clone(), callback)?;
         }

@@ -13,7 +13,7 @@ use fiatlux_proto::{Bytes, record_seq};
 use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
-use super::actor::{Actor, Asker, Side, Wire};
+use super::actor::{Actor, ReplyTo, Side, Wire};
 use super::credentials::Credentials;
 use super::gate::Gate;
 use super::links::{Links, RunJob};
@@ -84,7 +84,7 @@ impl ServerState {
     }
 
     /// Gives a session an input, and schedules the session.
-    pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<Asker>) {
+    pub fn send(&self, actor: &Arc<Actor>, side: Side, input: Input<ReplyTo>) {
         if actor.push(side, input) {
             self.queues.jobs.push(Job::Run(Arc::clone(actor)));
         }
@@ -174,7 +174,7 @@ impl ServerState {
     }
 
     /// Sends an output of a session; returns whether it was the last one.
-    fn emit(&self, actor: &Actor, wire: Option<&Wire>, output: Output<Asker>) -> bool {
+    fn emit(&self, actor: &Actor, wire: Option<&Wire>, output: Output<ReplyTo>) -> bool {
         let put = |publish: fn(&Wire) -> &Publisher, label: Option<&str>, bytes: Bytes| {
             let Some(wire) = wire else { return };
             let attachment = label.map(|label| actor.gate.seal(label, &bytes).to_vec()).unwrap_or_default();
@@ -191,17 +191,17 @@ impl ServerState {
                     put(|wire| &wire.truth, None, sealed(actor, bytes));
                 }
             }
-            Output::Reply(Asker::Recorder(query), message, replies) => {
+            Output::Reply(ReplyTo::Recorder(query), message, replies) => {
                 let replies = replies.into_iter().map(|record| sealed(actor, record)).collect();
                 self.answer(query, AnswerKind::Replies(message, replies));
             }
-            Output::Reply(Asker::Client(label, number), message, replies) => {
+            Output::Reply(ReplyTo::Client(label, number), message, replies) => {
                 replies.into_iter().take(1).for_each(|bytes| {
                     self.answer_client(&actor.gate, label, number, message, bytes);
                 });
             }
-            Output::Refuse(Asker::Recorder(query), bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
-            Output::Refuse(Asker::Client(_, number), bytes) => {
+            Output::Refuse(ReplyTo::Recorder(query), bytes) => self.answer(query, AnswerKind::Refusal(bytes)),
+            Output::Refuse(ReplyTo::Client(_, number), bytes) => {
                 self.answer_client(&actor.gate, "refusal", number, "Refusal", bytes);
             }
             Output::Closed => self.sessions.places.leave(&actor.id),

@@ -55,7 +55,7 @@ fn request(task: &str) -> OpenRequest {
     OpenRequest { protocol: Some(PROTOCOL), task: task.into(), seed: 1, ..OpenRequest::default() }
 }
 
-/// A client that says exactly what it is told to.
+/// A client that sends exactly the given messages.
 struct Client {
     zenoh: Session,
     info: SessionInfo,

@@ -57,7 +57,7 @@ fn gaps(model: &Model, bodies: &[String], a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// MuJoCo's variants in whose hands a bulb stays.
 const FIRM: [&str; 2] = ["friction that creeps", "robot 0.1 mm higher"];
-/// A gap may be so many times as large as MuJoCo's own up to then, and by so much (rad, m) larger.
+/// Bound of a gap: a factor of MuJoCo's own up to then, and an addition (rad, m).
 const TIMES: f64 = 3.0;
 const BESIDES: [f64; 2] = [5e-3, 1e-3];
 
