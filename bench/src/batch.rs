@@ -70,7 +70,6 @@ pub struct BatchReport {
     pub bytes_per_world: Option<usize>,
 }
 
-/// Runs all cases.
 pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
     let BatchOptions { worlds, threads, seconds } = *options;
     let (mut world, targets) = standing_world()?;

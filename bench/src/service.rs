@@ -55,7 +55,6 @@ pub struct ServiceCase {
     pub p99_us: Option<f64>,
     /// `steps_per_s` over that of the case that it is compared with.
     pub ratio: Option<f64>,
-    /// Name of the case to compare with.
     pub compared_with: Option<&'static str>,
 }
 

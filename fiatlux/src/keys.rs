@@ -23,7 +23,6 @@ use thiserror::Error;
 use certificates::Authority;
 pub use roles::Role;
 
-/// The router's way to authenticate programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Authentication {
@@ -40,11 +39,9 @@ pub struct KeysOptions {
     pub out: PathBuf,
     /// Names or addresses of the router's machine, the one that others connect to first; empty for this machine alone.
     pub hosts: Vec<String>,
-    /// The port that the router listens on.
     pub port: u16,
     /// Name of the simulation server, as in `sim-server --name`.
     pub server: String,
-    /// The router's way to authenticate programs.
     pub authentication: Authentication,
     /// Validity of certificates, days.
     pub days: u16,
@@ -78,10 +75,8 @@ pub enum KeysError {
     Certificate(#[from] rcgen::Error),
 }
 
-/// A file that was created.
 #[derive(Debug, Clone, Serialize)]
 pub struct CreatedFile {
-    /// Path of the file.
     pub path: PathBuf,
     /// Whose machine needs it, and what for.
     pub purpose: &'static str,
@@ -94,7 +89,6 @@ pub struct CreatedFile {
 pub struct CreatedKeys {
     /// All files, grouped by machine.
     pub files: Vec<CreatedFile>,
-    /// The router's way to authenticate programs.
     pub authentication: Authentication,
     /// Last day on which the certificates are valid, `YYYY-MM-DD`; `None` without certificates.
     pub valid_until: Option<String>,

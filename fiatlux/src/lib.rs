@@ -4,10 +4,12 @@
 //! - [`keys`]: keys, certificates and configs of an installation on several machines.
 
 mod evaluate_command;
+#[allow(missing_docs)] // Used by this program and its tests.
 pub mod keys;
 mod keys_command;
 mod network;
 mod part;
+#[allow(missing_docs)] // Used by this program and its tests.
 pub mod render;
 mod render_command;
 mod view_command;

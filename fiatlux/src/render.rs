@@ -38,16 +38,13 @@ const MAX_ROWS: usize = 200_000;
 /// Rows that a view is chosen by.
 const SAMPLES: usize = 8;
 
-/// A clip or a still to render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOptions {
     /// Bags, shown one after the other.
     pub bags: Vec<PathBuf>,
-    /// Where the frames go.
     pub output: Output,
     /// Replaces a file or folder of that name.
     pub force: bool,
-    /// Size, quality and views.
     pub picture: Picture,
     /// Rows that become frames, of each bag.
     pub span: Span,
@@ -59,25 +56,18 @@ pub struct RenderOptions {
     pub speed: f64,
     /// Folder of meshes that the robot is drawn with in place of our own shapes.
     pub meshes: Option<PathBuf>,
-    /// Number of threads that draw.
     pub workers: NonZeroUsize,
 }
 
-/// Progress of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Frames that are drawn.
     pub done: u64,
-    /// Frames that will be drawn in all.
     pub all: u64,
 }
 
-/// The outcome of rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Frames that were written.
     pub frames: u64,
-    /// It was stopped before the end.
     pub stopped: bool,
     /// Parts of the bags that are not shown, with the reason.
     pub lost: Vec<String>,
@@ -137,9 +127,7 @@ pub struct Clip {
 struct Episode {
     bag: Bag,
     scene: Arc<Scene>,
-    /// All rows that can be drawn.
     spots: Vec<Spot>,
-    /// Indices of those that become frames.
     chosen: Vec<usize>,
     lost: Vec<String>,
 }
@@ -181,7 +169,6 @@ impl Clip {
         &self.warnings
     }
 
-    /// Frames that it will have.
     pub fn frames(&self) -> u64 {
         self.episodes.iter().map(|episode| episode.chosen.len() as u64).sum()
     }
@@ -220,7 +207,6 @@ impl Clip {
 }
 
 impl Episode {
-    /// Reads through a bag.
     fn open(path: &Path, options: &RenderOptions, warnings: &mut Vec<String>) -> Result<Self, RenderError> {
         let bag = Bag::open(path)?;
         let scene = robot_of(bag.header()).and_then(|robot| scene_of(bag.header(), Arc::new(robot)));

@@ -51,7 +51,6 @@ impl SessionInfo {
 /// Fields of a session's observations, as the server described them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ObservationLayout {
-    /// Count of numbers in each field.
     counts: BTreeMap<String, usize>,
     /// Width and height by the field of the image.
     images: BTreeMap<String, [u64; 2]>,

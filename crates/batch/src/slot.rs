@@ -54,7 +54,6 @@ impl ReadyBank {
         Ok(Self { scene: Arc::clone(&bank.scene), starts, sums })
     }
 
-    /// Draws a start.
     fn draw(&self, random: &mut Random) -> usize {
         let Some(sums) = &self.sums else { return random.index(self.starts.len()) };
         let at = random.uniform(0.0, sums[sums.len() - 1]);

@@ -42,7 +42,6 @@ pub(crate) struct WorldState {
     pub task: Vec<u8>,
 }
 
-/// A snapshot as it is written.
 #[derive(Serialize, Deserialize)]
 struct Written {
     settings: Vec<(String, String)>,

@@ -17,7 +17,6 @@ pub struct Play {
     /// Temporal ensembling with this m: rows of several chunks for one step are averaged, the i-th oldest with weight
     /// exp(-m i).
     pub ensemble: Option<f64>,
-    /// Number of control steps that a row lasts.
     pub steps_per_row: f64,
 }
 
@@ -30,7 +29,6 @@ struct ActiveChunk {
     index: u64,
 }
 
-/// The row for a step, and its chunk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlayedRow {
     pub row: Row,

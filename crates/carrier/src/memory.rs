@@ -89,7 +89,6 @@ fn check(key: &str) -> Result<(), CarrierError> {
     }
 }
 
-/// Withdraws a declaration from the hub.
 struct Withdraw<F: Fn(&Hub)>(Weak<Hub>, F);
 
 impl<F: Fn(&Hub)> Drop for Withdraw<F> {

@@ -38,7 +38,6 @@ impl PatternRows {
 #[derive(Debug, Clone)]
 struct Rows {
     start: Vec<u32>,
-    /// Column of each entry.
     columns: Vec<u16>,
     /// Half-open runs of columns below the diagonal, ascending.
     runs: Vec<(u16, u16)>,

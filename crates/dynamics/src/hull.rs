@@ -17,7 +17,6 @@ pub struct Hull {
     edges: Vec<Edge>,
     /// The corners of all faces.
     corners: Vec<u16>,
-    /// A point inside.
     inside: V3,
 }
 
@@ -29,7 +28,6 @@ pub(crate) struct Face {
     corners: std::ops::Range<usize>,
 }
 
-/// An edge between two faces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Edge {
     pub vertices: [usize; 2],

@@ -8,7 +8,6 @@ use crate::model::Runner;
 use crate::{BODY, DECODER, ForeignError, Model, TOKEN, Token, history, sensed, token};
 
 pub(crate) const NAME: &str = "sonic";
-/// Number of frames in an observation.
 const FRAMES: usize = 10;
 /// Start of each block of the observation: token, angular velocity, positions, velocities, actions, gravity.
 const ANGULAR_VELOCITY: usize = TOKEN;

@@ -15,7 +15,6 @@ const FILE_LIMIT: u64 = 1 << 30;
 /// A motion in the code of an encoder or a model.
 pub type Token = [f32; TOKEN];
 
-/// A source of tokens, one for each control step.
 pub trait TokenSource: Send {
     /// The token of a control step, which counts from 0 in each episode.
     ///

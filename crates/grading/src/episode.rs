@@ -33,7 +33,6 @@ pub enum HeaderError {
     Layout(String),
 }
 
-/// The grade of an episode, from its rows.
 #[derive(Debug, Clone)]
 pub struct GradedEpisode {
     /// Verdict of the published judge, from the rows alone.

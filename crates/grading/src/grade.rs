@@ -20,7 +20,6 @@ pub fn patience(limit: Duration) -> Patience {
     Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit))
 }
 
-/// The state of a grading in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GradeProgress {
     pub bags_done: usize,

@@ -78,7 +78,6 @@ pub struct InverseKinematics {
     is_held: Vec<bool>,
 }
 
-/// Errors of a posture.
 #[derive(Debug, Clone, Copy)]
 struct Errors {
     /// Half the weighted sum of squares.

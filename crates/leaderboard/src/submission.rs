@@ -269,7 +269,6 @@ pub(crate) struct FileSpec {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     pub files: usize,
-    /// Maximum size of one file, bytes.
     pub file_bytes: u64,
     /// Maximum size of all files together, bytes.
     pub bytes: u64,

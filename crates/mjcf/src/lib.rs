@@ -40,7 +40,6 @@ pub enum OptionSet {
 /// Settings of an export besides the model and its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MjcfOptions {
-    /// Name of the MJCF model.
     pub name: String,
     /// Length of a physics step, s.
     pub timestep: f64,
@@ -53,7 +52,6 @@ pub struct MjcfOptions {
 /// Names that are not those of bodies and shapes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Names {
-    /// Named frames.
     pub sites: Vec<(String, Site)>,
     /// Cameras, which look along +x with +z up, each with its angle of view from the lower to the upper edge, rad.
     pub cameras: Vec<(String, Site, f64)>,

@@ -17,7 +17,6 @@ fn session(seed: u64) -> SessionInfo {
     SessionInfo { seed, joints: vec![Joint::default(); 4], ..SessionInfo::default() }
 }
 
-/// The first commands of an episode.
 fn commands(policy: &mut dyn Policy, seed: u64, episode: u64, last_action: &[f32]) -> Vec<Command> {
     let mut observation = Observation { episode, last_action: last_action.to_vec(), ..Observation::default() };
     policy.reset(&session(seed), &observation).expect("resets");

@@ -132,7 +132,6 @@ pub struct Vla {
     episode: Option<Episode>,
 }
 
-/// State of an episode.
 struct Episode {
     client: ModelClient,
     player: Player,

@@ -1,6 +1,5 @@
 //! Colours and finishes.
 
-/// Paint of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Paint {

@@ -41,7 +41,6 @@ struct FileState {
     modified: Option<SystemTime>,
 }
 
-/// Reads replays, and caches recent ones.
 #[derive(Debug)]
 pub struct ReplayCache {
     max_replays: usize,

@@ -88,7 +88,6 @@ impl Page {
     }
 }
 
-/// The head of a served page.
 pub(crate) struct Head {
     /// Links to the style and the module, and the import map.
     pub html: String,

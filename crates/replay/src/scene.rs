@@ -41,7 +41,6 @@ pub struct Material {
     pub lit: Option<usize>,
 }
 
-/// Triangles of one material.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
     pub material: usize,

@@ -24,7 +24,7 @@ pub enum By {
     Joint,
     /// A number, or a vector, for each part of a sensed group.
     Part {
-        /// The group.
+        /// The parts that are measured.
         of: Group,
         /// Each part has a vector.
         axes: bool,

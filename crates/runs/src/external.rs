@@ -44,7 +44,6 @@ pub enum ExternalProgress {
     /// A run is under way.
     Playing {
         run: String,
-        /// Name of its policy.
         policy: String,
         /// Its episodes. How far an open one has come is not known, and its steps do not count before its end.
         progress: RunProgress,

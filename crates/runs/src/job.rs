@@ -14,7 +14,6 @@ use thiserror::Error;
 /// Name of the server in this process.
 pub(super) const SERVER: &str = "evaluate";
 
-/// Options of an evaluation.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
     /// Policies that can be played.
@@ -46,7 +45,6 @@ pub(super) struct Job {
 }
 
 impl EvaluateOptions {
-    /// The request for a job's session.
     pub(super) fn request(&self, job: Job, policy: &dyn Policy) -> OpenRequest {
         let mut request = OpenRequest {
             protocol: Some(PROTOCOL),
@@ -107,7 +105,6 @@ pub enum EvaluateError {
     Score(#[from] ScoreError),
 }
 
-/// The bags of some jobs.
 pub(super) fn job_bags(jobs: &[Job], bags: &Path) -> Vec<PathBuf> {
     jobs.iter().map(|job| bags.join(job.bag_name())).collect()
 }

@@ -7,7 +7,6 @@ use fiatlux_bag::lock_folder;
 
 use crate::job::{EvaluateError, folder};
 
-/// Name of the lock file.
 const NAME: &str = "evaluate.lock";
 
 /// Locks a folder while an evaluation runs.

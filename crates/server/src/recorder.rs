@@ -24,7 +24,6 @@ use thiserror::Error;
 use fiatlux_wire::Frames;
 use worker::{Inlets, Worker, WorkerEvent};
 
-/// Number of cores that one worker can serve.
 const CORES_PER_WORKER: usize = 4;
 /// Time between two lines in the log about sessions of unknown servers.
 const TELLING_PERIOD: Duration = Duration::from_secs(60);
@@ -82,7 +81,6 @@ pub enum BagEnd {
 pub struct BagReport {
     /// The file: `NAME.mcap`, or `NAME.mcap.part` where it could not be finished.
     pub path: PathBuf,
-    /// The header of the episode in it.
     pub header: EpisodeHeader,
     /// Whole, or the reason why not.
     pub end: BagEnd,

@@ -44,7 +44,6 @@ const ASK_EVERY: u32 = 4;
 /// Answer to a query: a reply, an error reply, or none.
 pub type Answer = Option<Result<Bytes, Bytes>>;
 
-/// An input of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
     /// Start this episode; a running one is given up.

@@ -72,7 +72,6 @@ pub enum Write {
     Cut(String),
 }
 
-/// State of the open bag.
 #[derive(Debug, Clone, Copy)]
 struct OpenBag {
     episode: u64,

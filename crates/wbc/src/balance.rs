@@ -48,7 +48,6 @@ const LARGEST_SHIFT: f64 = 0.9;
 const SMALLEST_STANCE: f64 = 0.05;
 const SMALLEST_HEIGHT: f64 = 0.3;
 
-/// Index of ankle pitch in a leg.
 const ANKLE_PITCH: usize = 4;
 
 const LEG_JOINTS: [&str; 6] = ["hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"];

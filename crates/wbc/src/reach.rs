@@ -16,7 +16,6 @@ use crate::{ARMS, BODY, CONTROL_DT, MOVED, Sensed, WbcError};
 const LEAD: f64 = 0.15;
 /// Fastest that a reference moves, rad/s.
 const SPEED: f64 = 2.0;
-/// Joints of one arm.
 const ARM: usize = ARMS / 2;
 
 /// Where a hand is wanted.

@@ -37,7 +37,6 @@ const ANKLE_ROOM: [f64; 2] = [0.08, 0.14];
 /// Rate of the lean, rad/s, and its bound, rad.
 const LEAN_RATE: f64 = 0.3;
 const MAX_LEAN: f64 = 0.45;
-/// Index of ankle pitch in a leg.
 const ANKLE_PITCH: usize = 4;
 /// Least distance from the ends of the joints' ranges, rad.
 const RANGE_MARGIN: f64 = 0.02;

@@ -29,7 +29,6 @@ pub fn geometry_message(geometry: &Geometry) -> v3::SceneGeometry {
     }
 }
 
-/// A scene's constants from a message.
 pub fn read_geometry(message: &Option<v3::SceneGeometry>) -> Result<Geometry, WireError> {
     let message = message.as_ref().ok_or(WireError::Missing { field: "geometry" })?;
     let feet: [f64; 12] = array("geometry.ladder_feet", &message.ladder_feet)?;

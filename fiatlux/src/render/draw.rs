@@ -21,16 +21,13 @@ pub(super) struct Stage {
     pub light: Lighting,
 }
 
-/// A frame to draw.
 #[derive(Debug)]
 pub(super) struct Job {
     pub stage: Arc<Stage>,
     pub row: Row,
-    /// One for each view.
     pub cameras: Vec<Camera>,
 }
 
-/// Form of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// Red, green, blue of all pixels.

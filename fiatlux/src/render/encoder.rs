@@ -11,7 +11,6 @@ use std::thread::JoinHandle;
 use super::RenderError;
 use super::view::Picture;
 
-/// Name of the program.
 const FFMPEG: &str = "ffmpeg";
 /// Last lines that are kept of what it says, and the longest of them, bytes.
 const LINES: usize = 8;
@@ -32,7 +31,6 @@ pub fn find_ffmpeg() -> Option<PathBuf> {
     )
 }
 
-/// The command that joins a folder of frames to a video.
 pub fn join_command(folder: &Path, video: &Path, fps: u32) -> String {
     let quoted = |path: &Path| {
         let text = path.display().to_string();
@@ -53,7 +51,6 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
-    /// Starts it, writing to `path`.
     pub fn start(ffmpeg: &Path, path: &Path, picture: &Picture, fps: u32) -> Result<Self, RenderError> {
         let mut command = Command::new(ffmpeg);
         command.args("-hide_banner -loglevel error -y -f rawvideo -pixel_format rgb24".split(' '));
@@ -83,7 +80,6 @@ impl Encoder {
         }
     }
 
-    /// Ends the video and waits for it.
     pub fn finish(mut self) -> Result<(), RenderError> {
         self.end()
     }

@@ -10,30 +10,17 @@ use super::encoder::Encoder;
 use super::view::Picture;
 use crate::part_of;
 
-/// Form of the output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
     /// One MP4 file, by `ffmpeg`.
-    Video {
-        /// Path of the file to write.
-        path: PathBuf,
-        /// Name or path of the program `ffmpeg`.
-        ffmpeg: PathBuf,
-    },
+    Video { path: PathBuf, ffmpeg: PathBuf },
     /// PNG files `0000.png`, `0001.png` and so on.
-    Frames {
-        /// Path of the folder to write them into.
-        folder: PathBuf,
-    },
+    Frames { folder: PathBuf },
     /// One PNG file of a single frame.
-    Still {
-        /// Path of the file to write.
-        path: PathBuf,
-    },
+    Still { path: PathBuf },
 }
 
 impl Output {
-    /// The file, or the folder for frames.
     pub fn path(&self) -> &Path {
         match self {
             Output::Video { path, .. } | Output::Still { path } => path,
@@ -100,7 +87,6 @@ impl Sink {
         Ok(Self { output: output.clone(), force, part, encoder, frames: 0, finished: false })
     }
 
-    /// Takes the next frame in the output's form.
     pub fn write(&mut self, frame: &[u8]) -> Result<(), RenderError> {
         match (&mut self.encoder, &self.output) {
             (Some(encoder), _) => encoder.write(frame)?,
@@ -111,7 +97,6 @@ impl Sink {
         Ok(())
     }
 
-    /// Frames that were taken so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }

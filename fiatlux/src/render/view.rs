@@ -16,14 +16,12 @@ const ROOM_INSET: f64 = 0.7;
 /// Width of an inset's border, pixels.
 const BORDER: usize = 2;
 
-/// A view of an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum View {
     /// From outside, with the robot and what its task is about in the picture: ladder and lamp, crate or fresh bulb.
     Follow,
     /// The whole room from above.
     Room,
-    /// The picture of the head camera.
     Head,
     /// From one point to another, m, world.
     Free {

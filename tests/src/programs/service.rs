@@ -93,7 +93,6 @@ pub fn endpoint(port: u16) -> String {
     format!("tcp/127.0.0.1:{port}")
 }
 
-/// A Zenoh router that listens on that port.
 pub fn router(port: u16, folder: &Scratch) -> Running {
     let mut router = Running::start("examples/router", &[&port.to_string()], folder);
     router.wait_for("ready");
@@ -133,9 +132,7 @@ pub fn client(port: u16, args: &[&str], folder: &Scratch) -> Running {
 pub struct Played {
     /// Such as `time-out`.
     pub cause: String,
-    /// Control steps that were played.
     pub steps: u64,
-    /// Digest of all rows.
     pub digest: String,
     /// The digest is that of the bag that was replayed.
     pub is_equal: Option<bool>,

@@ -53,7 +53,6 @@ impl Content for RunInfo {
 }
 
 impl Calls<'_> {
-    /// Registers the run, or resumes it.
     pub(super) fn register(&self, server: &str, spec: &RunSpec) -> Result<RunInfo, ClientError> {
         self.greet(server, Ask::Register(spec.clone()))
     }

@@ -112,7 +112,6 @@ enum Axis {
     Edges { normal: V3, a: Edge, b: Edge },
 }
 
-/// Two hulls.
 pub(super) fn hull_hull(
     scratch: &mut HullScratch,
     (place_a, a): (&Placed, &Hull),

@@ -15,7 +15,6 @@ pub(super) struct Call<'c> {
 }
 
 impl Call<'_> {
-    /// A required input.
     pub fn input(&self, index: usize) -> Result<&Value, Refusal> {
         self.optional(index).ok_or_else(|| format!("it has no input {index}").into())
     }

@@ -91,7 +91,6 @@ pub(super) fn kind(code: i64) -> String {
     name.map_or_else(|| format!("number {code}"), String::from)
 }
 
-/// Number of elements of a shape.
 pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     let count = shape.iter().try_fold(1_usize, |count, size| count.checked_mul(*size));
     match count.filter(|count| (1..=MAX_NUMBERS).contains(count) && shape.len() <= MAX_RANK) {

@@ -4,7 +4,6 @@ use fiatlux_foreign::{ForeignError, GainsRule, Plant, Reading};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_wbc::{CONTROL_DT, Joint};
 
-/// The joints of a session with this set of gains.
 fn joints(robot: &str, set: GainSet) -> Vec<Joint> {
     let robot = Robot::by_name(robot).unwrap();
     Joint::all(&robot, &robot.gains(set)).collect()

@@ -193,7 +193,6 @@ pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter
     writer
 }
 
-/// Writes a finished bag of a story.
 pub fn write(path: &Path, task: Task, seed: u64, story: Story) {
     let (header, rows) = (header(task, seed), rows(task, seed, story));
     begin(path, &header, &rows).finish(&result(&header, &rows)).expect("finished");

@@ -107,7 +107,6 @@ impl SubtaskLine<'_> {
     }
 }
 
-/// Means of one run over the pairs of a line.
 #[derive(Default)]
 struct RunMeans {
     /// Score of an episode by the published judge: half success, half gate progress.

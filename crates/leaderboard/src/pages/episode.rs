@@ -23,7 +23,6 @@ const BYTES: &str = "application/octet-stream";
 /// The files of an episode change only with the version of the program.
 const FOR_AN_HOUR: HeaderValue = HeaderValue::from_static("public, max-age=3600");
 
-/// A run and one of its episodes.
 pub(super) struct FoundEpisode {
     pub entry: Entry,
     pub results: Arc<Results>,

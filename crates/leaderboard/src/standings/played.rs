@@ -19,7 +19,6 @@ impl PlayedEpisodes {
         Self { version: results.conditions.benchmark_version, episodes }
     }
 
-    /// True if it played the episode.
     pub fn has(&self, task: &str, seed: u64, episode: u64) -> bool {
         let key = |(t, s, e): &(String, u64, u64)| t.as_str().cmp(task).then(s.cmp(&seed)).then(e.cmp(&episode));
         self.episodes.binary_search_by(key).is_ok()

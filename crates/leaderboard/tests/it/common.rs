@@ -63,7 +63,6 @@ impl Board {
         Self { folder, address, metrics, store, runtime, jobs: Some(jobs), stop: Some(stop) }
     }
 
-    /// Creates an account, and returns a token for it.
     pub fn token(&self, account: &str) -> String {
         self.runtime.block_on(async {
             self.store.make_account(account, Quota::default()).await.unwrap();

@@ -19,7 +19,6 @@ const SENSORS: Sensors =
 pub struct Played {
     pub cause: Cause,
     pub seconds: f64,
-    /// Phase that it ended in.
     pub phase: String,
     /// Largest force of the bulb on a body of the hands, N.
     pub peak: f64,

@@ -54,7 +54,6 @@ impl Surface {
         surface
     }
 
-    /// The same surface with other points and faces.
     pub(super) fn with(&self, points: Vec<Vec3>, faces: Vec<[u32; 3]>) -> Self {
         let mut surface = Self { points, faces, is_closed: self.is_closed };
         surface.drop_flat_faces();

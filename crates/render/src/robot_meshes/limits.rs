@@ -1,7 +1,6 @@
 //! Limits of mesh files.
 
 pub(super) const FILE_BYTES: u64 = 64 << 20;
-/// Triangles of a file.
 pub(super) const TRIANGLES: usize = 500_000;
 /// Triangles of all files together.
 pub(super) const TOTAL_TRIANGLES: usize = 4_000_000;

@@ -49,7 +49,6 @@ impl Drop for Serving {
     }
 }
 
-/// Joins a body that arrives in chunks.
 fn joined(mut chunked: &[u8]) -> Vec<u8> {
     let mut body = Vec::new();
     while let Some(end) = chunked.windows(2).position(|window| window == b"\r\n") {

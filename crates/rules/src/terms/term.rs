@@ -54,7 +54,6 @@ impl Kind {
     }
 }
 
-/// A term of a reward.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TermSpec {
     pub name: &'static str,
@@ -89,7 +88,6 @@ impl Term {
     }
 }
 
-/// A term and its state.
 #[derive(Debug, Clone)]
 pub(crate) struct Ledger {
     spec: TermSpec,

@@ -131,7 +131,6 @@ pub fn lean_ladder_at_root(row: &mut Row) {
     row.things[errand::LADDER].pose.rotation = UnitQuaternion::from_scaled_axis(Vector3::x() * 0.65);
 }
 
-/// The state in which a task starts.
 pub fn start_of(task: Task) -> Row {
     let mut row = room();
     let r = &mut row;

@@ -2,7 +2,6 @@
 
 use fiatlux_rules::{Cause, Protocol, Task};
 
-/// The page's section of a task.
 fn section(task: Task) -> String {
     let spec = task.spec();
     let heading = match task.weight() > 0.0 {

@@ -78,7 +78,6 @@ impl Rig {
         Self { scene: Arc::clone(scene), suite, setup, judge }
     }
 
-    /// The numbers of a sensor.
     pub fn compute(&mut self, sensor: Sensor, row: &Row) -> Vec<f32> {
         let mut numbers = vec![f32::NAN; self.suite.length(sensor)];
         let Self { scene, suite, setup, judge } = self;

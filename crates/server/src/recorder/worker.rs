@@ -101,7 +101,6 @@ impl Drop for AnswerEnd {
     }
 }
 
-/// A session that is followed.
 struct Followed {
     keys: SessionKeys,
     inlet: Inlet,

@@ -20,7 +20,6 @@ use super::runs::Attempt;
 /// A session whose replies go to those who asked.
 pub(super) type Session = ServerSession<Simulation, ReplyTo>;
 
-/// Destination of a reply.
 #[derive(Debug)]
 pub(super) enum ReplyTo {
     /// The client's query on this key with this number; the gate knows who waits for it.

@@ -34,13 +34,11 @@ struct State {
 /// An answer as it is sent.
 #[derive(Clone)]
 pub(super) struct Sealed {
-    /// Name of its message.
     pub message: &'static str,
     pub bytes: Bytes,
     pub attachment: [u8; SEAL_BYTES],
 }
 
-/// Result of the check of a query.
 pub(super) enum QueryCheck {
     /// It is to be answered, under this number.
     New(u64),
@@ -66,7 +64,6 @@ impl Gate {
         takes
     }
 
-    /// Takes in a query.
     pub fn ask(&self, label: &str, payload: &[u8], query: Query) -> QueryCheck {
         let mut state = lock(&self.0);
         match state.channel.open(Label::Message(label), payload, &query.attachment) {

@@ -174,7 +174,6 @@ impl Server {
         Ok(())
     }
 
-    /// Watches liveliness tokens of clients.
     fn watch_clients(&mut self, key: String) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |key: &str, seen: bool| {
@@ -194,7 +193,6 @@ fn session_of(shared: &ServerState, key: &str) -> Option<Arc<Actor>> {
     shared.sessions.find(id)
 }
 
-/// Takes in a request to open a session.
 fn take_open(shared: &ServerState, query: Query) {
     let key = shared.keys.open();
     if let Err(refusal) = names_one_server(&query, &key) {

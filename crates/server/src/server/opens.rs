@@ -35,7 +35,6 @@ enum Request {
 /// The answer to a request.
 #[derive(Clone)]
 pub(super) struct Begun {
-    /// Name of its message.
     pub message: &'static str,
     pub bytes: Bytes,
     /// Code of the answer, for a request to a run.

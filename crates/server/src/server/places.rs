@@ -88,7 +88,6 @@ impl Places {
         lock(&self.taken).iter().any(|place| place.session == session)
     }
 
-    /// Frees the place of a session, if it has one.
     pub fn leave(&self, session: &str) {
         lock(&self.taken).retain(|place| place.session != session);
     }

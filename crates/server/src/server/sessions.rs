@@ -18,7 +18,6 @@ pub(super) struct Sessions {
     open: RwLock<BTreeMap<String, Arc<Actor>>>,
     /// Gates of closed sessions, oldest first: their clients are told that the session is over.
     former: Mutex<VecDeque<(String, Arc<Gate>)>>,
-    /// The places of open sessions.
     pub places: Places,
     /// Distinguishes the ids of sessions from those of an earlier server of the same name.
     id_prefix: String,
@@ -73,7 +72,6 @@ impl Sessions {
         removed.is_some()
     }
 
-    /// The gate of a closed session.
     pub fn former(&self, id: &str) -> Option<Arc<Gate>> {
         lock(&self.former).iter().find(|(former, _)| former == id).map(|(_, gate)| Arc::clone(gate))
     }

@@ -49,7 +49,6 @@ pub enum RecordsTo {
     Recorders(RecorderKey),
 }
 
-/// Settings of a server.
 #[derive(Debug, Clone)]
 pub struct ServerOptions {
     /// Name of the server, which is part of all its keys.
@@ -222,7 +221,6 @@ impl Server {
         &self.shared.name
     }
 
-    /// Number of sessions that are open now.
     pub fn open_sessions(&self) -> usize {
         self.shared.sessions.places.count()
     }
@@ -281,7 +279,6 @@ impl Server {
         Ok(())
     }
 
-    /// Starts the server's own recorder.
     fn record(&mut self, out: PathBuf, key: RecorderKey) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let options = RecorderOptions {

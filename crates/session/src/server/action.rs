@@ -12,7 +12,6 @@ use crate::command::Command;
 /// Farthest that an action of a real-time session may be ahead of the present step.
 const MAX_AHEAD: Duration = Duration::from_secs(1);
 
-/// An action, and its command.
 #[derive(Debug, Clone)]
 pub(super) struct ReceivedAction {
     action: Action,

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use fiatlux_proto::{Bytes, limits};
 
-/// Timeouts of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timeouts {
     /// Time for which the session waits for a client whose token is gone.

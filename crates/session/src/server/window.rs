@@ -10,7 +10,6 @@ use fiatlux_proto::{Bytes, Message};
 #[derive(Debug, Default)]
 pub(super) struct RecordWindow {
     records: VecDeque<Bytes>,
-    /// Number of the first record kept.
     first: u64,
     /// Size of all kept records, bytes.
     bytes: usize,

@@ -23,7 +23,6 @@ fn isometry(translation: Option<Vector>, rotation: Option<Quaternion>) -> Isomet
     Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), rotation)
 }
 
-/// Poses in the world, by frame.
 fn in_world(frames: &FrameTransforms) -> BTreeMap<String, Isometry3<f64>> {
     let mut poses = BTreeMap::from([(WORLD.to_owned(), Isometry3::identity())]);
     for frame in &frames.transforms {

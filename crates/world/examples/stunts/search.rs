@@ -53,7 +53,6 @@ pub struct Search {
 /// A trace and what it is worth.
 #[derive(Debug, Clone)]
 pub struct Found {
-    /// The trace that was found.
     pub trace: Trace,
     /// Number of its try.
     pub number: u64,

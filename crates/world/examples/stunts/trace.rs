@@ -46,7 +46,6 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads a trace from a TOML file.
     pub fn read(path: &Path) -> Result<Self, Box<dyn Error>> {
         let text = std::fs::read_to_string(path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
         Ok(toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?)
@@ -122,7 +121,6 @@ impl Stage {
         Self::new(trace.task.parse()?, trace.room, trace.episode)
     }
 
-    /// The episode in its start state.
     pub fn start(&self) -> &Episode {
         &self.start
     }

@@ -185,7 +185,6 @@ fn serve(lab: &Lab, args: &[String], servers: &[&str]) -> Running {
     service
 }
 
-/// Waits until a submission is in that state.
 pub fn wait_for_state(board: &Board<'_>, id: &str, state: &str) {
     let address = format!("/api/v1/submissions/{id}");
     wait_until(state, PATIENCE, || board.get(&address)["state"] == state);

@@ -9,7 +9,6 @@ use fiatlux_tests::programs::{PATIENCE, Service, alone, grade, wait_until};
 
 use super::lab::{BENCHMARK, Lab, RunArgs};
 
-/// Kills of each program.
 fn kills_of_each() -> usize {
     if at_full_length() { 20 } else { 4 }
 }

@@ -49,7 +49,6 @@ impl SensorPlan {
         self.of(|choice| choice.use_ != Use::BagOnly)
     }
 
-    /// Sensors in the observation of a step.
     pub fn due(&self, step: u64) -> Sensors {
         self.of(|choice| matches!(choice.use_, Use::Every(period) if step.is_multiple_of(period)))
     }

@@ -21,7 +21,6 @@ pub struct Rest {
     facing: Vector3<f64>,
 }
 
-/// One place to stand.
 #[derive(Debug, Clone)]
 pub struct Place {
     pub name: String,
