@@ -101,7 +101,7 @@ impl Conditions {
         if gains(header) != "fiatlux" {
             deviations.push(format!("gains are {}", quoted(gains(header))));
         }
-        if robot(header) != ROBOT {
+        if !pins::RANKED_ROBOTS.contains(&robot(header)) {
             deviations.push(format!("the robot is {}", quoted(robot(header))));
         }
         if pins::model(robot(header)).is_some_and(|pinned| pinned != header.model_digest) {

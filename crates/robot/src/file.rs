@@ -21,6 +21,7 @@ pub(crate) struct RobotFile {
     pub sensors: SensorMounts,
     #[serde(default)]
     pub camera: Vec<CameraDef>,
+    pub bulb_grasp: Option<BulbGraspDef>,
     pub checks: Checks,
     pub posture: BTreeMap<String, f64>,
     pub gains: GainSets,
@@ -68,6 +69,16 @@ pub(crate) struct CameraDef {
     pub focal_length: f64,
     pub near: f64,
     pub hidden_link: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BulbGraspDef {
+    pub link: String,
+    pub glass_center: [f64; 3],
+    pub glass_height: f64,
+    pub glass_tilt: [f64; 2],
+    pub grip: BTreeMap<String, f64>,
 }
 
 #[derive(Deserialize)]

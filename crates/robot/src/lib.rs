@@ -49,6 +49,6 @@ mod variant;
 pub use build::{BuildOptions, JointIds, LinkIds, PlacedRobot, RobotIds};
 pub use error::RobotError;
 pub use gains::{GainSet, Gains, JointGains};
-pub use robot::{CameraMount, Joint, JointGroups, Link, Robot};
+pub use robot::{BulbGrasp, CameraMount, Joint, JointGroups, Link, Robot};
 pub use shape::{Shape, Surface};
 pub use sites::{RobotSite, Sole};

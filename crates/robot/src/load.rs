@@ -9,7 +9,7 @@ use crate::kinematics::pose;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
 use crate::shape::Surface;
-use crate::{CameraMount, Joint, JointGroups, Robot, RobotError};
+use crate::{BulbGrasp, CameraMount, Joint, JointGroups, Robot, RobotError};
 
 /// Mass may differ from that of the file by this, kg.
 const MASS_TOLERANCE: f64 = 1e-3;
@@ -51,6 +51,7 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         lidar: mount("lidar", "sensors.lidar", &file.sensors.lidar)?,
         cameras: cameras(&file, &link_names, &refuse)?,
         excluded: excluded(&file, &link_names, &refuse)?,
+        bulb_grasp: bulb_grasp(&file, &link_names, &joints, &refuse)?,
         q0: vec![0.0; joints.len()],
         sonic: Gains(joints.iter().map(|j| j.gains).collect()),
         name: file.name.clone(),
@@ -116,6 +117,45 @@ fn cameras(file: &RobotFile, link_names: &[&str], refuse: &Refuse<'_>) -> Result
         });
     }
     Ok(cameras)
+}
+
+fn bulb_grasp(
+    file: &RobotFile,
+    link_names: &[&str],
+    joints: &[Joint],
+    refuse: &Refuse<'_>,
+) -> Result<Option<BulbGrasp>, RobotError> {
+    const TABLE: &str = "bulb_grasp";
+    let Some(def) = &file.bulb_grasp else { return Ok(None) };
+    let path = |key| [Step::Key(TABLE), Step::Key(key)];
+    let within = |key: &'static str, values: &[f64], range: [f64; 2]| {
+        let fits = values.iter().all(|value| (range[0]..=range[1]).contains(value));
+        let [low, high] = range;
+        let problem = || format!("has a {key} outside {low} to {high}; correct it");
+        if fits { Ok(()) } else { Err(refuse.at(&path(key), TABLE, problem())) }
+    };
+    within("glass_center", &def.glass_center, [-1.0, 1.0])?;
+    within("glass_height", &[def.glass_height], [0.0, 1.0])?;
+    within("glass_tilt", &def.glass_tilt, [-3.2, 3.2])?;
+    let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
+    let mut grip = Vec::new();
+    for (name, &angle) in &def.grip {
+        let path = [Step::Key(TABLE), Step::Key("grip"), Step::Key(name)];
+        let joint = refuse.find(&names, name, "joint", TABLE, &path)?;
+        let Joint { lower, upper, .. } = joints[joint];
+        if !(lower..=upper).contains(&angle) {
+            let problem = format!("sets joint '{name}' to {angle}, beyond its limits {lower} to {upper}; correct it");
+            return Err(refuse.at(&path, TABLE, problem));
+        }
+        grip.push((joint, angle));
+    }
+    Ok(Some(BulbGrasp {
+        link: refuse.find(link_names, &def.link, "link", TABLE, &path("link"))?,
+        glass_center: def.glass_center,
+        glass_height: def.glass_height,
+        glass_tilt: def.glass_tilt,
+        grip,
+    }))
 }
 
 fn surfaces(file: &RobotFile, refuse: &Refuse<'_>) -> Result<Vec<Surface>, RobotError> {

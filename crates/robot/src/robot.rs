@@ -69,6 +69,21 @@ pub struct JointGroups {
     pub fingers: Vec<usize>,
 }
 
+/// A hand around the glass of a bulb.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BulbGrasp {
+    /// Index of the link in whose frame the bulb is placed.
+    pub link: usize,
+    /// Centre of the glass in that frame, m.
+    pub glass_center: [f64; 3],
+    /// Height of that centre on the axis of a bulb of the published size, m.
+    pub glass_height: f64,
+    /// Tilt of the bulb about x, beyond half a turn, then about y, rad.
+    pub glass_tilt: [f64; 2],
+    /// Joints of the hand and their targets, rad; the drives press the bulb.
+    pub grip: Vec<(usize, f64)>,
+}
+
 /// A checked robot. Links are indexed in the order of its file, joints in the order of its `joint_order`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
@@ -89,6 +104,7 @@ pub struct Robot {
     pub(crate) palms: Vec<usize>,
     pub(crate) lidar: Option<usize>,
     pub(crate) cameras: Vec<CameraMount>,
+    pub(crate) bulb_grasp: Option<BulbGrasp>,
 }
 
 impl Robot {
@@ -156,6 +172,11 @@ impl Robot {
     /// Palm links: left, right.
     pub fn palms(&self) -> &[usize] {
         &self.palms
+    }
+
+    /// The right hand around a bulb, as an episode begins; `None` where the scene's own grasp is meant for the robot's hands.
+    pub fn bulb_grasp(&self) -> Option<&BulbGrasp> {
+        self.bulb_grasp.as_ref()
     }
 
     /// Link whose frame is the LiDAR's, where the robot has one.

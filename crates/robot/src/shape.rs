@@ -1,5 +1,7 @@
+use std::f64::consts::PI;
+
 use fiatlux_dynamics::{Geometry, Material};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// A collision shape of a link.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +32,21 @@ pub struct Surface {
 }
 
 impl Shape {
+    /// Where a capsule or a box that lies along its link ends, in the frame of the shape; z points out. A box ends away from the
+    /// link's joint, along its longest side.
+    pub(crate) fn far_end(&self) -> Option<Isometry3<f64>> {
+        if let Some((radius, half_length)) = self.geometry.as_capsule() {
+            return Some(Isometry3::translation(0.0, 0.0, half_length + radius));
+        }
+        let half = self.geometry.as_cuboid()?;
+        let axis = half.imax();
+        let joint = self.link_from_shape.inverse().translation.vector;
+        let out = Vector3::ith(axis, -joint[axis].signum());
+        let turn = UnitQuaternion::rotation_between(&Vector3::z(), &out)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI));
+        Some(Isometry3::from_parts((out * half[axis]).into(), turn))
+    }
+
     /// Height of the shape's lowest point, m.
     pub(crate) fn lowest_point(&self, world_from_link: &Isometry3<f64>) -> f64 {
         let world_from_shape = world_from_link * self.link_from_shape;

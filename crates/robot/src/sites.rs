@@ -61,19 +61,19 @@ impl Robot {
         };
         let mut sites: Vec<RobotSite> = self.palms.iter().zip(SIDES).map(palm).collect();
         sites.extend(self.soles().into_iter().map(|sole| sole.site));
-        let is_last = |link: usize| self.links.iter().all(|other| other.parent != Some(link));
+        let is_last =
+            |link: usize| self.links[link].joint.is_some() && self.links.iter().all(|other| other.parent != Some(link));
         let fingers = self.shapes.iter().filter(|shape| self.hand_links.contains(&shape.link) && is_last(shape.link));
         sites.extend(fingers.filter_map(|shape| self.tip(shape)));
         sites
     }
 
-    /// The end of a finger's last link, a capsule from knuckle to tip.
+    /// The end of a finger's last link, whose shape is called by side and finger.
     fn tip(&self, shape: &Shape) -> Option<RobotSite> {
-        let (radius, half_length) = shape.geometry.as_capsule()?;
-        let (side, finger) = self.links[shape.link].name.split_once('_')?;
-        let side = SIDES.iter().find(|name| name[..1].eq_ignore_ascii_case(side))?;
+        let (side, finger) = shape.name.split_once('_')?;
+        let side = SIDES.iter().find(|name| side == **name || name[..1].eq_ignore_ascii_case(side))?;
         let finger = finger.split('_').next()?;
-        let link_from_site = shape.link_from_shape * Isometry3::translation(0.0, 0.0, half_length + radius);
+        let link_from_site = shape.link_from_shape * shape.far_end()?;
         Some(RobotSite { name: format!("{side}_{finger}_tip"), link: shape.link, link_from_site })
     }
 }

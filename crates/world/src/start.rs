@@ -154,7 +154,10 @@ pub fn start_drawn(
             hold::set_joints(&scene, "start.carry.platform_arm", &carry.platform_arm, &mut posture)?;
         }
         targets.clone_from(&posture);
-        hold::set_joints(&scene, "start.carry.grip", &carry.grip, &mut targets)?;
+        for (joint, angle) in hold::bulb_grasp(&scene)?.grip {
+            let limits = &scene.robot.joints()[joint];
+            targets[joint] = angle.clamp(limits.lower, limits.upper);
+        }
     }
     let noise = if options.reset_noise { place::noise(&scene, spec) } else { place::NO_NOISE };
 

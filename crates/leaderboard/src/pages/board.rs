@@ -123,11 +123,14 @@ fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
 
 #[derive(Template)]
 #[template(path = "about.html")]
-struct AboutPage;
+struct AboutPage {
+    /// Robots with divisions of their own.
+    robots: [&'static str; fiatlux_rules::pins::RANKED_ROBOTS.len()],
+}
 
 /// The page that explains numbers, badges and divisions, and how to submit.
 pub(super) async fn about() -> Response {
-    page(&AboutPage)
+    page(&AboutPage { robots: fiatlux_rules::pins::RANKED_ROBOTS })
 }
 
 #[cfg(test)]

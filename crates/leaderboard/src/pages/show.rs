@@ -107,11 +107,13 @@ pub(super) fn observations(observations: Observations) -> &'static str {
     }
 }
 
-/// A robot in words, such as `G1 with Inspire hands`; one without words keeps its name.
-pub(super) fn robot(name: &str) -> &str {
-    match name {
-        "g1_inspire" => "G1 with Inspire hands",
-        other => other,
+/// A robot in words, such as `G1 with Inspire hands` for `g1_inspire`: its body and its hands.
+pub(super) fn robot(name: &str) -> String {
+    match name.split_once('_') {
+        Some((body, hands)) if !hands.is_empty() && hands.is_ascii() => {
+            format!("{} with {}{} hands", body.to_ascii_uppercase(), hands[..1].to_ascii_uppercase(), &hands[1..])
+        }
+        _ => name.into(),
     }
 }
 
@@ -124,9 +126,9 @@ pub(super) fn division(division: &Division) -> String {
 
 /// A division in a few words, such as `privileged`: only its uncommon parts.
 pub(super) fn brief(division: &Division) -> String {
-    let mut words = vec![observations(division.observations)];
+    let mut words = vec![observations(division.observations).to_owned()];
     if division.time != Time::Lockstep {
-        words.push(time(division.time));
+        words.push(time(division.time).to_owned());
     }
     if division.robot != pins::RANKED_ROBOTS[0] {
         words.push(robot(&division.robot));

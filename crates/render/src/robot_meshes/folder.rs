@@ -7,21 +7,8 @@ use fiatlux_robot::Robot;
 
 use crate::error::MeshError;
 
-/// Parts of an Inspire hand in Unitree's order: `Link11_L` is the left hand's first.
-const FINGERS: [&str; 12] = [
-    "thumb_proximal_base",
-    "thumb_proximal",
-    "thumb_intermediate",
-    "thumb_distal",
-    "index_proximal",
-    "index_intermediate",
-    "middle_proximal",
-    "middle_intermediate",
-    "ring_proximal",
-    "ring_intermediate",
-    "pinky_proximal",
-    "pinky_intermediate",
-];
+/// Files whose names are not those of their links: name without ending, link.
+const ALIASES: &str = include_str!("aliases.txt");
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
@@ -90,7 +77,7 @@ impl MeshFile {
             "obj" => Format::Obj,
             _ => return None,
         };
-        let (link, revision) = match robot.link_index(stem).or_else(|| by_unitree_name(stem, robot)) {
+        let (link, revision) = match robot.link_index(stem).or_else(|| robot.link_index(alias(stem)?)) {
             Some(link) => (link, Vec::new()),
             None => {
                 let (base, revision) = stem.rsplit_once("_rev_")?;
@@ -102,16 +89,10 @@ impl MeshFile {
     }
 }
 
-/// Unitree's file names for the parts of the Inspire hands.
-fn by_unitree_name(stem: &str, robot: &Robot) -> Option<usize> {
-    match stem {
-        "L_hand_base_link" => return robot.link_index("left_hand_base_link"),
-        "R_hand_base_link" => return robot.link_index("right_hand_base_link"),
-        _ => {}
-    }
-    let (number, side) = stem.strip_prefix("Link")?.split_once('_')?;
-    let part = FINGERS.get(number.parse::<usize>().ok()?.checked_sub(11)?)?;
-    robot.link_index(&format!("{side}_{part}"))
+/// The link that the file is meant for.
+fn alias(stem: &str) -> Option<&'static str> {
+    let mut pairs = ALIASES.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_once(' '));
+    pairs.find(|(name, _)| *name == stem).map(|(_, link)| link)
 }
 
 /// Some names that a file could have.

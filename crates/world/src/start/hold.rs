@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+use fiatlux_robot::BulbGrasp;
 use fiatlux_rules::{Bulb, Row, errand};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -24,21 +25,41 @@ pub(super) fn set_joints(
     Ok(())
 }
 
+/// The grasp of the robot's file, else of the scene's.
+pub(super) fn bulb_grasp(scene: &Scene) -> Result<BulbGrasp, StartError> {
+    let (robot, carry) = (&scene.robot, &scene.config.start.carry);
+    if let Some(grasp) = robot.bulb_grasp() {
+        return Ok(grasp.clone());
+    }
+    let unknown = |field, name: &str| StartError::Name { field, name: name.into() };
+    let find_link = |name: &str| robot.link_index(name).ok_or_else(|| unknown("start.carry.hand_link", name));
+    let find_joint = |name: &str| robot.joint_index(name).ok_or_else(|| unknown("start.carry.grip", name));
+    Ok(BulbGrasp {
+        link: find_link(&carry.hand_link)?,
+        glass_center: carry.glass_center,
+        glass_height: carry.glass_height,
+        glass_tilt: carry.glass_tilt,
+        grip: carry
+            .grip
+            .iter()
+            .map(|(name, &angle)| Ok((find_joint(name)?, angle)))
+            .collect::<Result<_, StartError>>()?,
+    })
+}
+
 impl Start<'_> {
     /// Pose of a bulb in the hand that will close around it.
     pub(super) fn world_from_held_bulb(&self, row: &Row, bulb: Bulb) -> Result<Isometry3<f64>, StartError> {
-        let (robot, carry) = (&self.scene.robot, &self.scene.config.start.carry);
-        let unknown = || StartError::Name { field: "start.carry.hand_link", name: carry.hand_link.clone() };
-        let link = robot.link_index(&carry.hand_link).ok_or_else(unknown)?;
-        let links = robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
-        let [about_x, about_y] = carry.glass_tilt;
+        let grasp = bulb_grasp(self.scene)?;
+        let links = self.scene.robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
+        let [about_x, about_y] = grasp.glass_tilt;
         let hand_from_glass = Isometry3::from_parts(
-            Translation3::from(Vector3::from(carry.glass_center)),
+            Translation3::from(Vector3::from(grasp.glass_center)),
             UnitQuaternion::from_euler_angles(PI + about_x, about_y, 0.0),
         );
-        Ok(links[link]
+        Ok(links[grasp.link]
             * hand_from_glass
-            * Translation3::new(0.0, 0.0, -carry.glass_height * self.scene.spec.scale.bulb(bulb)))
+            * Translation3::new(0.0, 0.0, -grasp.glass_height * self.scene.spec.scale.bulb(bulb)))
     }
 
     /// Closes the hand, first around the bulb held still, then around the free bulb.
@@ -46,7 +67,7 @@ impl Start<'_> {
         let scene = self.scene;
         let carry = &scene.config.start.carry;
         let mut locked = vec![true; scene.model.nv()];
-        for joint in carry.grip.keys().filter_map(|name| scene.robot.joint_index(name)) {
+        for (joint, _) in bulb_grasp(scene)?.grip {
             locked[scene.robot_ids.joints[joint].dof] = false;
         }
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
