@@ -19,7 +19,7 @@ class Settings(TypedDict, total=False):
         reward: ``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward.
         protocol: Which judge ends the episode: ``"strict"`` or ``"published"``.
         noise: Whether the sensors have noise.
-        robot: Name of the robot: ``"g1_inspire"``, or ``"g1_bare"`` with welded fingers.
+        robot: Name of the robot: ``"g1_inspire"``, ``"g1_dex3"``, or ``"g1_bare"`` with welded fingers.
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
         image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
         weights: Weights of the camera's features, a safetensors file; seeded ones by default.

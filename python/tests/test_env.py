@@ -47,6 +47,8 @@ def test_the_published_vector_is_the_sensor_flat():
     fields, _ = fiatlux.Env("S05", sensors=["flat"]).reset(seed=2)
     np.testing.assert_array_equal(vector, np.concatenate([part.ravel() for part in fields.values()]))
     assert fiatlux.Env("climb", observation="published").observation_space.shape == (6453,)
+    for task, numbers in [("S05", 6483), ("climb", 6423)]:
+        assert fiatlux.Env(task, observation="published", robot="g1_dex3").observation_space.shape == (numbers,)
 
 
 def test_both_action_forms_lead_to_the_same_rows():

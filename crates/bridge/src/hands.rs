@@ -67,7 +67,6 @@ struct File {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileFinger {
-    #[expect(dead_code, reason = "it names the joint for whoever reads the file")]
     joint: String,
     open: f64,
     closed: f64,
@@ -90,8 +89,14 @@ impl Hands {
             })?,
         };
         let file: File = toml::from_str(&text).map_err(|error| wrong("file", error.message().to_owned()))?;
+        // A robot with the model's own hands needs no table.
+        let mut fingers = file.left.iter().chain(&file.right);
+        let is_own = fingers.all(|finger| robot.joint_index(&finger.joint).is_some());
         let side = |field: &str, fingers: Vec<FileFinger>| -> Result<Vec<Finger>, BridgeError> {
-            let read = |finger: FileFinger| {
+            let read = |mut finger: FileFinger| {
+                if is_own {
+                    finger.ours = vec![(finger.joint, finger.open, finger.closed)];
+                }
                 let ours = finger.ours.iter().map(|(joint, open, closed)| {
                     let found = robot.joint_index(joint).filter(|joint| *joint >= BODY);
                     let found = found.ok_or_else(|| {
@@ -116,7 +121,8 @@ impl Hands {
             };
             fingers.into_iter().map(read).collect()
         };
-        Ok(Self { left: side("left", file.left)?, right: side("right", file.right)?, name: file.name })
+        let name = if is_own { robot.hand().to_owned() } else { file.name };
+        Ok(Self { left: side("left", file.left)?, right: side("right", file.right)?, name })
     }
 
     fn fingers(&self, side: Side) -> &[Finger] {
@@ -206,5 +212,23 @@ mod tests {
         }
         let bare = Robot::by_name("g1_bare").unwrap();
         assert!(Hands::open("dex3-inspire-1", &bare).unwrap_err().to_string().contains("use the robot with hands"));
+    }
+
+    /// A robot that has the model's hands plays its angles as they are.
+    #[test]
+    fn fingers_of_the_same_hand_are_not_retargeted() {
+        let robot = Robot::by_name("g1_dex3").unwrap();
+        let hands = Hands::open("dex3-inspire-1", &robot).unwrap();
+        assert_eq!(hands.name, "dex3");
+        for side in [Side::Left, Side::Right] {
+            let theirs: Vec<f64> = hands.fingers(side).iter().map(|f| f.open + 0.3 * (f.closed - f.open)).collect();
+            let mut q = robot.q0().to_vec();
+            for ((joint, angle), wanted) in hands.ours(side, &theirs).into_iter().zip(&theirs) {
+                assert!((angle - wanted).abs() < 1e-12);
+                q[joint] = angle;
+            }
+            let back = hands.theirs(side, &q);
+            assert!(back.iter().zip(&theirs).all(|(back, angle)| (back - angle).abs() < 1e-12), "{back:?} {theirs:?}");
+        }
     }
 }

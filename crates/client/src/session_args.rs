@@ -13,7 +13,7 @@ pub struct SessionArgs {
     /// Set of gains for the joints' drives: fiatlux, sonic, gear or gear-lerobot
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
-    /// Robot: g1_inspire, or g1_bare, whose fingers are welded: 29 joints [default: g1_inspire]
+    /// Robot: g1_inspire (53 joints), g1_dex3 (43), or g1_bare, whose fingers are welded (29) [default: g1_inspire]
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: with a rate in Hz, or only when the policy looks; by

@@ -3,5 +3,6 @@
 
 mod g1;
 mod g1_bare;
+mod g1_dex3;
 mod model;
 mod refused;

@@ -433,7 +433,7 @@ mod tests {
                 OpenRequest { robot: "claw".into(), ..request() },
                 Code::Unknown,
                 "robot",
-                "use one of 'g1_inspire', 'g1_bare'",
+                "use one of 'g1_inspire', 'g1_bare', 'g1_dex3'",
             ),
             (
                 OpenRequest { episode_protocol: "lenient".into(), ..request() },

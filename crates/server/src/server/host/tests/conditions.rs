@@ -161,7 +161,7 @@ fn bags_have_large_sensors_at_their_own_rate() {
 /// A session has the robot that was asked for by name; what stands still is told with it.
 #[test]
 fn a_session_says_which_robot_and_room_it_has() {
-    for (robot, joints, bodies) in [("", 53, 34), ("g1_inspire", 53, 34), ("g1_bare", 29, 10)] {
+    for (robot, joints, bodies) in [("", 53, 34), ("g1_inspire", 53, 34), ("g1_dex3", 43, 24), ("g1_bare", 29, 10)] {
         let harness = without_client(OpenRequest { robot: robot.into(), ..OpenRequest::default() });
         let info = harness.session.info();
         assert_eq!((info.joints.len(), info.hand_bodies.len()), (joints, bodies), "robot '{robot}'");
