@@ -61,26 +61,33 @@ pub trait Policy: Send {
 
 /// Why a policy cannot be made or cannot continue.
 #[derive(Debug, Error)]
-#[allow(missing_docs)] // The messages say it.
+#[allow(missing_docs)] // The messages name the fields.
 pub enum PolicyError {
+    /// No policy has this name.
     #[error("'{name}' is not a known policy; use one of {known}")]
     Unknown { name: String, known: String },
+    /// A run has tasks that the policy does not play.
     #[error("policy {policy} does not play {refused}; choose tasks that it plays: --tasks {plays}")]
     Tasks { policy: String, refused: String, plays: String },
+    /// The session lacks a sensor that the policy reads.
     #[error("policy {policy} needs the sensor {sensor}, which the session lacks; ask for it when you open the session")]
     Sensor { policy: &'static str, sensor: &'static str },
+    /// The session's robot or task is not one that the policy knows.
     #[error("policy {policy} does not fit the session: {reason}")]
     Unfit { policy: &'static str, reason: String },
     /// The policy's own error, which says why it cannot be made or cannot continue.
     #[error("policy {policy} cannot go on")]
     Failed { policy: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
+    /// A word in a policy's arguments is not NAME=VALUE with a known name.
     #[error("cannot read '{word}' as NAME=VALUE; use names of {fields}")]
     Words { word: String, fields: &'static str },
+    /// The bag has no action for a step.
     #[error(
         "the bag has actions for the steps before {actions} and none for step {step}; it was cut, or this run went on \
          longer than the recorded one did: compare task, seed, episode, gains, noise and thresholds with the bag's"
     )]
     Ended { actions: usize, step: u64 },
+    /// The policy gives a command that every server would refuse.
     #[error("policy {policy} commands {field} {problem} in step {step}; correct the policy")]
     Command { policy: String, field: &'static str, problem: String, step: u64 },
 }
