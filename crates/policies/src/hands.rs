@@ -1,9 +1,11 @@
-//! The policy `hands`: takes the fresh bulb from the bench (S08). The whole-body controller moves legs and waist, an expert for
+//! The policy `hands`: puts the spent bulb into the crate (S06) and takes the fresh one from the bench (S08). The whole-body controller moves legs and waist, an expert for
 //! each task the right arm and its hand.
 
 mod arm;
 mod grab;
+mod place;
 mod skill;
+mod steps;
 
 use std::sync::Arc;
 
@@ -14,6 +16,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use self::arm::{FINGERS, RightArm};
 use self::grab::Grab;
+use self::place::Place;
 use self::skill::{Seen, Skill};
 use super::body;
 use super::whole_body::WholeBody;
@@ -24,7 +27,7 @@ use crate::entry::Entry;
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "hands",
-    does: "takes the fresh bulb from the bench (S08) by exact poses",
+    does: "puts the spent bulb into the crate (S06) and takes the fresh one from the bench (S08) by exact poses",
     make: |_| Ok(Box::new(Hands::new()?)),
 };
 
@@ -74,7 +77,7 @@ impl Policy for Hands {
     }
 
     fn tasks(&self) -> &'static [Task] {
-        &[Task::S08]
+        &[Task::S06, Task::S08]
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -84,14 +87,16 @@ impl Policy for Hands {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let skill: Box<dyn Skill> = match task {
+            "S06" => Box::new(Place::new(self.parameters.as_deref())?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref())?),
             _ => {
-                let reason = format!("it plays S08, but this is {task}; use another policy");
+                let reason = format!("it plays S06 and S08, but this is {task}; use another policy");
                 return Err(PolicyError::Unfit { policy: "hands", reason });
             }
         };
-        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
-        let arm = RightArm::new(info, &body.targets)?;
+        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?;
+        let body = body.holding_arms(info)?.bending_low();
+        let arm = RightArm::new(info, &body.targets, skill.rest())?;
         self.episode = Some(Played { body, arm, skill, bodies: info.hand_bodies.clone() });
         Ok(())
     }
@@ -128,6 +133,8 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
         time: observation.step as f64 * CONTROL_DT,
         pelvis: pose(poses.robot.as_ref())?,
         fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
+        old_bulb: pose(poses.old_bulb.as_ref())?,
+        crate_: pose(poses.crate_.as_ref())?,
         force,
     })
 }

@@ -95,6 +95,16 @@ impl WholeBody {
         Ok(Self { arms: Some(Arms::new(&body::joints(info)).map_err(PolicyError::of("wbc"))?), ..self })
     }
 
+    /// Where it stands still, commands may bend it lower than the controller can walk; see [`Controller::bending_low`].
+    #[must_use]
+    pub fn bending_low(self) -> Self {
+        let controller = match self.controller {
+            Moves::Own(controller) => Moves::Own(Box::new(controller.bending_low())),
+            gear @ Moves::Gear(_) => gear,
+        };
+        Self { controller, ..self }
+    }
+
     /// The command for standing upright.
     pub fn upright(&self) -> BodyCommand {
         match self.controller {

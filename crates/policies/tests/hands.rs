@@ -7,17 +7,43 @@ mod play;
 use fiatlux_client::Policy;
 use fiatlux_policies::Hands;
 use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
-use fiatlux_rules::{Cause, Task};
+use fiatlux_rules::{Bulb, Cause, Task};
+use play::{Changes, Moment};
 
 /// It lifts the bulb, by a grip that strict accepts, and presses it with less than 25 N: 50 N break it.
 #[test]
 fn it_takes_the_bulb_from_the_bench_gently() {
     for seed in [1000, 1005] {
-        let ended = play::play(Task::S08, seed, Hands::new().unwrap(), |_, _, _| ()).unwrap();
-        let play::Played { cause, seconds, phase, peak } = ended;
-        assert_eq!(cause, Cause::Success, "room {seed}, {phase}");
-        assert!(peak < 25.0 && seconds < 30.0, "room {seed}: {peak} N, {seconds} s");
+        takes_the_bulb(seed, &Changes::default());
     }
+}
+
+/// It puts the spent bulb into the crate, whose walls are higher than its hand reaches upright, and stands afterwards.
+#[test]
+fn it_puts_the_bulb_into_the_crate() {
+    let mut lowest = f64::INFINITY;
+    for seed in [1000, 1003] {
+        let mut released_at = None;
+        let watch = |moment: &Moment<'_>| {
+            lowest = lowest.min(moment.row.robot.pose.translation.z);
+            if moment.phase == "Open" && released_at.is_none() {
+                released_at = Some(moment.row.body(Bulb::Old.thing()).pose.translation.vector.z);
+            }
+        };
+        let ended = play::play(Task::S06, seed, Hands::new().unwrap(), &Changes::default(), watch).unwrap();
+        assert!(ended.cause == Cause::Success && !ended.is_spoilt, "room {seed}: {:?}, {}", ended.cause, ended.phase);
+        assert!(ended.later_peak < 25.0 && ended.seconds < 30.0, "room {seed}: {} N", ended.later_peak);
+        // Put down, not dropped.
+        assert!(released_at.is_some_and(|height| height < 0.1), "room {seed}: {released_at:?} m");
+    }
+    assert!(lowest < 0.5, "{lowest} m");
+}
+
+fn takes_the_bulb(seed: u64, changes: &Changes) {
+    let ended = play::play(Task::S08, seed, Hands::new().unwrap(), changes, |_| ()).unwrap();
+    let play::Played { cause, seconds, phase, peak, .. } = ended;
+    assert_eq!(cause, Cause::Success, "room {seed}, {phase}");
+    assert!(peak < 25.0 && seconds < 30.0, "room {seed}: {peak} N, {seconds} s");
 }
 
 #[test]
@@ -25,6 +51,6 @@ fn other_tasks_are_refused() {
     let task = Some(TaskInfo { task: "S03".into(), ..TaskInfo::default() });
     let mut hands = Hands::new().unwrap();
     let refused = hands.reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default()).unwrap_err();
-    assert!(refused.to_string().contains("plays S08, but this is S03"), "{refused}");
-    assert_eq!(hands.tasks(), [Task::S08]);
+    assert!(refused.to_string().contains("plays S06 and S08, but this is S03"), "{refused}");
+    assert_eq!(hands.tasks(), [Task::S06, Task::S08]);
 }

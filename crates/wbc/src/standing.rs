@@ -32,6 +32,8 @@ const CENTRE_GAIN: f64 = 0.05;
 const CENTRE_RATE: f64 = 0.1;
 /// Share that the pelvis has in the torso's roll and pitch, as in training.
 const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
+/// Largest share of the waist in the torso's pitch, rad: just below its stop.
+const WAIST_PITCH: f64 = 0.5;
 /// Nearer to their stop than the first number the ankles make the pelvis lean forwards, farther than the second back, rad.
 const ANKLE_ROOM: [f64; 2] = [0.08, 0.14];
 /// Rate of the lean, rad/s, and its bound, rad.
@@ -214,7 +216,8 @@ impl Stance {
         self.pelvis.z = towards(self.pelvis.z, command.height, PELVIS_RATE[0]);
         let [roll, pitch, _] = command.torso;
         self.turned[0] = towards(self.turned[0], PELVIS_SHARE[0] * roll, PELVIS_RATE[1]);
-        self.turned[1] = towards(self.turned[1], PELVIS_SHARE[1] * pitch + self.lean, PELVIS_RATE[1]);
+        let bow = (PELVIS_SHARE[1] * pitch).max(pitch - WAIST_PITCH);
+        self.turned[1] = towards(self.turned[1], bow + self.lean, PELVIS_RATE[1]);
         for (now, wanted) in self.torso.iter_mut().zip(command.torso) {
             *now = towards(*now, wanted, TORSO_RATE);
         }

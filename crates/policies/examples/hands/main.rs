@@ -1,6 +1,8 @@
-//! Plays `hands` in rooms, the last included, and prints how each ended. With `trace` it prints phases, forces and how many
-//! criteria hold, and with a file it plays other parameters:
-//! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml]`.
+//! Plays `hands` in rooms, the last included, and prints how each ended:
+//! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
+//! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
+//! `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
+//! second into a phase, in another direction in each room).
 #![allow(missing_docs)]
 
 mod play;
@@ -8,10 +10,10 @@ mod play;
 use std::error::Error;
 
 use fiatlux_policies::Hands;
-use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Task};
-use fiatlux_world::Episode;
+use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Task, errand};
+use nalgebra::{UnitQuaternion, Vector3};
 
-use play::{forces, play};
+use play::{Changes, Moment, bulb_of, forces, play};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -20,24 +22,35 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".toml")).map(std::fs::read_to_string).transpose()?;
-    let (mut peaks, mut times, mut played) = (Vec::new(), Vec::new(), 0);
+    let changes = changes(rest)?;
+    let (mut peaks, mut times, mut played, mut deepest) = (Vec::new(), Vec::new(), 0, 0.0_f64);
     for seed in first.parse::<u64>()?..=last.parse()? {
         let mut hands = Hands::new()?;
         if let Some(file) = &file {
             hands = hands.with_parameters(file.clone());
         }
         let mut before = String::new();
-        let ended = play(task, seed, hands, |episode, phase, off| {
-            if trace && (phase != before || episode.row().step % 25 == 0) {
-                print_state(episode, phase, off);
+        let ended = play(task, seed, hands, &changes, |moment| {
+            if trace && (moment.phase != before || moment.row.step % 25 == 0) {
+                print_state(moment, bulb_of(task));
             }
-            before = phase.into();
+            before = moment.phase.into();
         })?;
-        println!("{seed}: {:?} after {:.1} s in {}, peak {:.1} N", ended.cause, ended.seconds, ended.phase, ended.peak);
+        let clean = if ended.is_spoilt { ", broken or dropped" } else { "" };
+        println!(
+            "{seed}: {:?} after {:.1} s in {}, peak {:.1} N ({:.1} N after the start), overlap {:.1} mm{clean}",
+            ended.cause,
+            ended.seconds,
+            ended.phase,
+            ended.peak,
+            ended.later_peak,
+            ended.penetration * 1e3
+        );
         played += 1;
-        if ended.cause == Cause::Success {
+        if ended.cause == Cause::Success && !ended.is_spoilt {
             peaks.push(ended.peak);
             times.push(ended.seconds);
+            deepest = deepest.max(ended.penetration);
         }
     }
     peaks.sort_by(f64::total_cmp);
@@ -45,28 +58,56 @@ fn main() -> Result<(), Box<dyn Error>> {
     let at = |numbers: &[f64], index: usize| numbers.get(index).copied().unwrap_or(f64::NAN);
     let middle = times.len() / 2;
     println!(
-        "{} of {played}; of these peak force median {:.1} N, most {:.1} N; time median {:.1} s",
+        "{} of {played}; of these peak force median {:.1} N, most {:.1} N; time median {:.1} s; overlap most {:.1} mm",
         times.len(),
         at(&peaks, middle),
         at(&peaks, peaks.len().wrapping_sub(1)),
-        at(&times, middle)
+        at(&times, middle),
+        deepest * 1e3
     );
     Ok(())
 }
 
-fn print_state(episode: &Episode, phase: &str, off: f64) {
-    let row = episode.row();
-    let bulb = row.body(Bulb::Fresh.thing()).pose.translation.vector - row.robot.pose.translation.vector;
+/// Changes from words such as `friction=0.7`.
+fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
+    let mut changes = Changes::default();
+    for (name, value) in words.iter().filter_map(|word| word.split_once('=')) {
+        match name {
+            "friction" => changes.friction = Some(value.parse()?),
+            "size" => changes.fresh_bulb = Some(value.parse()?),
+            "delay" => changes.delay = value.parse()?,
+            "push" => {
+                let (speed, phase) = value.split_once('@').ok_or("push=SPEED@PHASE")?;
+                changes.push = Some((speed.parse()?, phase.into()));
+            }
+            _ => return Err(format!("there is no change '{name}'; use friction, size, delay or push").into()),
+        }
+    }
+    Ok(changes)
+}
+
+fn print_state(moment: &Moment<'_>, bulb: Bulb) {
+    let row = moment.row;
+    let pelvis = row.robot.pose;
+    let at = row.body(bulb.thing()).pose.translation.vector;
+    let ahead = pelvis.rotation * Vector3::x();
+    let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -ahead.y.atan2(ahead.x));
+    let away = level * (at - pelvis.translation.vector);
+    let of_other = row.load(errand::OTHER_FORCE_PEAK[bulb as usize])[0];
     let touching: Vec<usize> =
-        forces(row).enumerate().filter(|(_, force)| *force > 0.3).map(|(body, _)| body).collect();
+        forces(row, bulb).enumerate().filter(|(_, force)| *force > 0.3).map(|(body, _)| body).collect();
     println!(
-        "{:6.2} {phase:9} hand off {:3.0} mm, {:4.1} N on {touching:?}, bulb {:.3} {:.3} {:.3} from the pelvis, {} criteria",
+        "{:6.2} {:9} hand off {:3.0} mm, {:4.1} N on {touching:?}, others {of_other:.1} N, bulb {:.3} ahead {:.3} left {:.3} high, \
+         pelvis {:.3} high, {} criteria{}",
         row.step as f64 * CONTROL_DT,
-        off * 1e3,
-        forces(row).fold(0.0, f64::max),
-        bulb.x,
-        bulb.y,
-        bulb.z,
-        episode.verdict().count
+        moment.phase,
+        moment.off * 1e3,
+        forces(row, bulb).fold(0.0, f64::max),
+        away.x,
+        away.y,
+        at.z,
+        pelvis.translation.z,
+        moment.verdict.count,
+        if moment.verdict.dropped { ", dropped" } else { "" },
     );
 }

@@ -36,6 +36,14 @@ pub(super) struct Posture {
     pub margin: f64,
 }
 
+/// Where the torso is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Torso {
+    pub world_from_pelvis: Isometry3<f64>,
+    /// Yaw, roll and pitch of the waist, rad.
+    pub waist: [f64; 3],
+}
+
 /// The right arm of an episode.
 pub(super) struct RightArm {
     model: Model,
@@ -52,6 +60,8 @@ pub(super) struct RightArm {
     sensed: Option<Vec<f64>>,
     /// The arm's angles as they are commanded, rad.
     angles: [f64; ARMS / 2],
+    /// Where the arm's joints rest where the hand's pose leaves them free, rad.
+    rest: [f64; ARMS / 2],
     /// Where the hand is on its way.
     way: Option<Isometry3<f64>>,
     names: Vec<String>,
@@ -60,7 +70,8 @@ pub(super) struct RightArm {
 }
 
 impl RightArm {
-    pub fn new(info: &SessionInfo, staged: &[f64]) -> Result<Self, PolicyError> {
+    /// An arm whose joints rest at these angles, from the shoulder down, where the hand's pose leaves them free, rad.
+    pub fn new(info: &SessionInfo, staged: &[f64], rest: [f64; ARMS / 2]) -> Result<Self, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names: Vec<String> = info.joints.iter().map(|joint| joint.name.clone()).collect();
         let robot = Robot::with_joints(names.iter().map(String::as_str)).map_err(|error| unfit(error.to_string()))?;
@@ -75,7 +86,7 @@ impl RightArm {
         let mut inverse = InverseKinematics::new(&model, ids.root, &bodies, false).map_err(PolicyError::of("hands"))?;
         inverse.options.limit_margin = 0.03;
         inverse.options.rest_pull = REST_PULL;
-        inverse.set_rest(&REST).map_err(PolicyError::of("hands"))?;
+        inverse.set_rest(&rest).map_err(PolicyError::of("hands"))?;
         let mut angles = [0.0; ARMS / 2];
         angles.copy_from_slice(&staged[ARM]);
         Ok(Self {
@@ -88,6 +99,7 @@ impl RightArm {
             limits: robot.joints().iter().map(|joint| [joint.lower, joint.upper]).collect(),
             sensed: None,
             angles,
+            rest,
             way: None,
             names,
             stiffness: info.joints.iter().map(|joint| joint.stiffness.max(1e-3)).collect(),
@@ -104,15 +116,19 @@ impl RightArm {
                 average.iter_mut().zip(now()).for_each(|(average, now)| *average += AVERAGE_GAIN * (now - *average));
             }
         }
-        let base = &mut self.state.qpos[..7];
-        base[..3].copy_from_slice(pelvis.translation.vector.as_slice());
-        let turned = pelvis.rotation;
-        base[3..].copy_from_slice(&[turned.w, turned.i, turned.j, turned.k]);
+        self.place_base(pelvis);
         if let Some(sensed) = &self.sensed {
             for joint in LEGS..MOVED {
                 self.state.qpos[self.qpos[joint]] = sensed[joint];
             }
         }
+    }
+
+    fn place_base(&mut self, pelvis: &Isometry3<f64>) {
+        let base = &mut self.state.qpos[..7];
+        base[..3].copy_from_slice(pelvis.translation.vector.as_slice());
+        let turned = pelvis.rotation;
+        base[3..].copy_from_slice(&[turned.w, turned.i, turned.j, turned.k]);
     }
 
     /// Pose of the hand, as commanded.
@@ -150,7 +166,8 @@ impl RightArm {
 
     /// The posture in which the hand has a pose, found from the posture of rest.
     pub fn posture(&mut self, goal: &Isometry3<f64>) -> Result<Posture, PolicyError> {
-        let (angles, error) = self.solve(goal, &REST, TRIES)?;
+        let rest = self.rest;
+        let (angles, error) = self.solve(goal, &rest, TRIES)?;
         let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
         let margin = angles.iter().zip(&self.limits[ARM]).map(room).fold(f64::INFINITY, f64::min);
         Ok(Posture { angles, error, margin: margin.min(STRAIGHT - angles[ELBOW]) })
@@ -194,19 +211,28 @@ impl RightArm {
             Some(way) => way,
             None => self.world_from_hand(),
         };
-        let off = goal.translation.vector - from.translation.vector;
-        let turn = (goal.rotation * from.rotation.inverse()).scaled_axis();
-        let left = off.norm().max(TURN_M * turn.norm());
-        let share = (speed * CONTROL_DT / left.max(1e-9)).min(1.0);
-        let next = Isometry3::from_parts(
-            (from.translation.vector + share * off).into(),
-            UnitQuaternion::from_scaled_axis(share * turn) * from.rotation,
-        );
+        let (next, left) = next_on_way(&from, goal, speed);
         self.way = Some(next);
         let from = self.angles;
         let (angles, _) = self.solve(&next, &from, 1)?;
         self.follow(&angles, MAX_TURN_RATE);
-        Ok((1.0 - share) * left)
+        Ok(left)
+    }
+
+    /// The posture in which the hand would have a pose if pelvis and waist were elsewhere, near another posture or, without one, from
+    /// the posture of rest; and how far the hand stays from there, m.
+    pub fn posture_of(
+        &mut self,
+        torso: &Torso,
+        goal: &Isometry3<f64>,
+        near: Option<[f64; ARMS / 2]>,
+    ) -> Result<([f64; ARMS / 2], f64), PolicyError> {
+        self.place_base(&torso.world_from_pelvis);
+        for (joint, angle) in (LEGS..MOVED).zip(torso.waist) {
+            self.state.qpos[self.qpos[joint]] = angle;
+        }
+        let rest = self.rest;
+        self.solve(goal, &near.unwrap_or(rest), if near.is_some() { 1 } else { TRIES })
     }
 
     /// Writes the arm's angles into the targets of the session.
@@ -231,7 +257,8 @@ impl RightArm {
             let mut target = (open + fingers[finger].share * (closed - open)).clamp(lower, upper);
             if let (Some(torque), Some(sensed)) = (fingers[finger].torque, &self.sensed) {
                 let bend = torque / self.stiffness[joint];
-                target = target.clamp(sensed[joint] - bend, sensed[joint] + bend);
+                let most = sensed[joint] + bend;
+                target = if *closed > open { target.min(most) } else { target.max(sensed[joint] - bend) };
             }
             targets[joint] = target;
         }
@@ -247,6 +274,19 @@ pub(super) struct Finger {
     pub torque: Option<f64>,
 }
 
+/// The pose on a straight way after a control step, m/s, and the way that is left then, m, turns included.
+fn next_on_way(from: &Isometry3<f64>, goal: &Isometry3<f64>, speed: f64) -> (Isometry3<f64>, f64) {
+    let off = goal.translation.vector - from.translation.vector;
+    let turn = (goal.rotation * from.rotation.inverse()).scaled_axis();
+    let left = off.norm().max(TURN_M * turn.norm());
+    let share = (speed * CONTROL_DT / left.max(1e-9)).min(1.0);
+    let next = Isometry3::from_parts(
+        (from.translation.vector + share * off).into(),
+        UnitQuaternion::from_scaled_axis(share * turn) * from.rotation,
+    );
+    (next, (1.0 - share) * left)
+}
+
 /// Fastest turn of a joint on a straight way of the hand, rad/s.
 const MAX_TURN_RATE: f64 = 1.0;
 /// Postures from which a search starts at most.
@@ -254,9 +294,7 @@ const TRIES: usize = 12;
 /// Index of the elbow in the arm, and its angle where the arm is straight, rad.
 const ELBOW: usize = 3;
 const STRAIGHT: f64 = 1.57;
-/// Where the arm's joints rest, from the shoulder down, rad, and how strongly they are pulled there where the hand's pose leaves
-/// them free.
-const REST: [f64; ARMS / 2] = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
+/// How strongly joints are pulled to where they rest.
 const REST_PULL: f64 = 0.1;
 
 /// Turn about the vertical of a pose's x axis, rad.

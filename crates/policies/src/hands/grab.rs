@@ -9,7 +9,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
-use super::skill::{Seen, Skill};
+use super::skill::{CAP, Seen, Skill};
+use super::steps::{Steps, steps_to};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
 const TURNS: u32 = 11;
@@ -18,10 +19,8 @@ const REACHED: f64 = 0.003;
 /// What is left where the hand has come to the end of its way, m, and the arm to a posture, rad.
 const ARRIVED: f64 = 0.002;
 const TURNED: f64 = 0.01;
-/// How fast the robot steps at least, m/s, how its speeds grow with what is left, 1/s, and how fast it turns at most, rad/s.
-const LEAST_SPEED: f64 = 0.1;
-const GAIN: f64 = 1.5;
-const TURN_RATE: f64 = 0.4;
+/// Least and largest size of a bulb that is believed: the published range is 0.9 to 1.1.
+const SIZES: [f64; 2] = [0.85, 1.15];
 /// Cosine of the tilt at which a bulb still stands.
 const UPRIGHT: f64 = 0.9;
 
@@ -44,13 +43,16 @@ struct Stand {
     height: f64,
     walk_height: f64,
     settle: f64,
+    patience: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Grasp {
+    bench_height: f64,
     glass_height: f64,
     hand_from_glass: [f64; 3],
+    growth: [f64; 3],
     tilt: [f64; 2],
     turn: f64,
 }
@@ -58,6 +60,7 @@ struct Grasp {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Motion {
+    rest: [f64; ARMS / 2],
     ready: [f64; 3],
     pre_grasp: [f64; 3],
     rate: f64,
@@ -76,6 +79,7 @@ struct Close {
     finger_delay: f64,
     touch: f64,
     torque: f64,
+    excess: f64,
     time: f64,
     hold: f64,
     verify: f64,
@@ -114,6 +118,8 @@ pub(super) struct Grab {
     phase: Phase,
     /// When the phase began, s.
     since: f64,
+    /// The bulb's size, as a factor of the published one.
+    size: f64,
     /// Height of the bulb before it was lifted, m.
     bulb_height: f64,
     /// Goal of the hand in the phase.
@@ -137,6 +143,7 @@ impl Grab {
         Ok(Self {
             phase: Phase::Raise,
             since: 0.0,
+            size: 1.0,
             bulb_height: 0.0,
             goal: Isometry3::identity(),
             posture: None,
@@ -148,15 +155,21 @@ impl Grab {
         })
     }
 
+    /// Size of a bulb that stands on the bench: its origin is below its cap, the farther the larger it is.
+    fn size_of(&self, bulb: &Isometry3<f64>) -> f64 {
+        let size = (self.params.grasp.bench_height - bulb.translation.z) / CAP;
+        if is_upright(bulb) { size.clamp(SIZES[0], SIZES[1]) } else { 1.0 }
+    }
+
     /// The hand around the bulb, its fingers pointing where the robot looks.
     fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
         let grasp = &self.params.grasp;
-        let glass = seen.fresh_bulb * Point3::new(0.0, 0.0, grasp.glass_height);
+        let glass = seen.fresh_bulb * Point3::new(0.0, 0.0, grasp.glass_height * self.size);
         let turn = heading(&seen.pelvis) + self.turn - std::f64::consts::FRAC_PI_2;
         let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
         let [about_x, about_y] = grasp.tilt;
         let hand_from_glass = Isometry3::from_parts(
-            Translation3::from(grasp.hand_from_glass),
+            Translation3::from(Vector3::from(grasp.hand_from_glass) + (self.size - 1.0) * Vector3::from(grasp.growth)),
             UnitQuaternion::from_euler_angles(std::f64::consts::PI + about_x, about_y, 0.0),
         );
         world_from_glass * hand_from_glass.inverse()
@@ -192,18 +205,12 @@ impl Grab {
         Ok(best.is_some())
     }
 
-    /// Velocity that brings the bulb to its place before the robot, and the distance from it, m.
-    fn step_up(&self, seen: &Seen) -> ([f64; 3], f64) {
+    /// Steps that bring the bulb to its place before the robot.
+    fn step_up(&self, seen: &Seen) -> Steps {
         let stand = &self.params.stand;
-        let away = seen.fresh_bulb.translation.vector - seen.pelvis.translation.vector;
-        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading(&seen.pelvis)) * away;
-        let left = Vector3::new(turned.x - stand.ahead, turned.y - stand.left, 0.0);
-        let distance = left.norm();
-        let speed = (GAIN * distance).clamp(LEAST_SPEED, stand.speed);
-        let velocity = left * (speed / distance.max(1e-6));
-        let turn = self.heading - heading(&seen.pelvis);
-        let turn = libm::atan2(libm::sin(turn), libm::cos(turn));
-        ([velocity.x, velocity.y, (GAIN * turn).clamp(-TURN_RATE, TURN_RATE)], distance)
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading(&seen.pelvis));
+        let place = seen.fresh_bulb.translation.vector - turned * Vector3::new(stand.ahead, stand.left, 0.0);
+        steps_to(&seen.pelvis, &place.xy(), self.heading, stand.speed)
     }
 }
 
@@ -229,12 +236,14 @@ impl Skill for Grab {
         let ready = Translation3::from(motion.ready);
         let back_off = Translation3::from(motion.pre_grasp);
         let closing = CONTROL_DT / close.time;
+        let closed = 1.0 + close.excess * (1.0 - self.size);
         let next = match self.phase {
             Phase::Raise => {
                 let posture = match self.posture {
                     Some(posture) => posture,
                     None => {
                         self.heading = heading(&seen.pelvis);
+                        self.size = self.size_of(&seen.fresh_bulb);
                         let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
                         *self.posture.insert(arm.posture(&goal)?.angles)
                     }
@@ -242,16 +251,16 @@ impl Skill for Grab {
                 (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::StepUp)
             }
             Phase::StepUp => {
-                let (velocity, distance) = self.step_up(seen);
+                let Steps { velocity, distance } = self.step_up(seen);
                 (command.velocity, command.height) = (velocity, params.stand.walk_height);
                 (distance < params.stand.tolerance).then_some(Phase::Settle)
             }
             // A bulb that lies is left alone.
             Phase::Settle if elapsed > params.stand.settle && seen.stands && is_upright(&seen.fresh_bulb) => {
-                let is_near = self.step_up(seen).1 < 2.0 * params.stand.tolerance;
+                let is_near = self.step_up(seen).distance < 2.0 * params.stand.tolerance;
                 Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
             }
-            Phase::Settle => None,
+            Phase::Settle => (elapsed > params.stand.patience).then_some(Phase::StepUp),
             Phase::PreGrasp => {
                 self.goal = self.world_from_grasp(seen);
                 let goal = self.goal * back_off;
@@ -301,12 +310,16 @@ impl Skill for Grab {
             }
         };
         arm.write(targets);
-        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
+        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, closed));
         arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since) = (next, seen.time);
         }
         Ok(command)
+    }
+
+    fn rest(&self) -> [f64; ARMS / 2] {
+        self.params.motion.rest
     }
 
     fn phase(&self) -> String {

@@ -1,10 +1,13 @@
 //! An expert of one task, and what it sees.
 
 use fiatlux_client::PolicyError;
-use fiatlux_wbc::BodyCommand;
+use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 
 use super::arm::{FINGERS, RightArm};
+
+/// Bottom of the cap on a bulb's axis, m: `seat_z` of `[bulb]` in `crates/world/scene.toml`.
+pub(super) const CAP: f64 = 0.036259;
 
 /// What an expert sees in a control step.
 pub(super) struct Seen {
@@ -15,6 +18,8 @@ pub(super) struct Seen {
     /// Poses in the room.
     pub pelvis: Isometry3<f64>,
     pub fresh_bulb: Isometry3<f64>,
+    pub old_bulb: Isometry3<f64>,
+    pub crate_: Isometry3<f64>,
     /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
     pub force: [f64; FINGERS.len()],
 }
@@ -26,6 +31,9 @@ pub(super) trait Skill: Send {
     /// # Errors
     /// The arm's kinematics fail.
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError>;
+
+    /// Where the arm's joints rest, from the shoulder down, where the hand's pose leaves them free, rad.
+    fn rest(&self) -> [f64; ARMS / 2];
 
     /// Name of the phase that it is in.
     fn phase(&self) -> String;

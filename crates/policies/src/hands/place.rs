@@ -1,0 +1,331 @@
+//! S06: puts the spent bulb into the crate.
+//!
+//! The robot steps to where its right hand is beside the crate's middle, brings the bulb above it, bends its knees and its back
+//! while the hand goes down, lets the bulb rest, opens the hand, takes it up, and stands up.
+
+use std::f64::consts::FRAC_PI_2;
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use serde::Deserialize;
+
+use super::arm::{Angles, FINGERS, Finger, RightArm, Torso, heading};
+use super::skill::{CAP, Seen, Skill};
+use super::steps::{angle, steps_to};
+
+/// Radii of glass and cap, m.
+const GLASS_RADIUS: f64 = 0.0396;
+const CAP_RADIUS: f64 = 0.0076;
+/// Half extents of the crate, inside, m: `[crate]` of `crates/world/scene.toml`.
+const INTERIOR: [f64; 2] = [0.2873, 0.1876];
+/// Places along a side that are compared, to either hand of its middle, and what a turn of the robot costs, m/rad.
+const PLACES: i32 = 20;
+const TURN_COST: f64 = 0.2;
+/// Largest error of a posture that reaches, m, what is left where the arm has come to a posture, rad, and its fastest turn, rad/s.
+const REACHED: f64 = 0.015;
+const FASTEST: f64 = 2.0;
+const TURNED: f64 = 0.02;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Params {
+    stand: Stand,
+    bend: Bend,
+    grasp: Grasp,
+    motion: Motion,
+    way: Vec<Waypoint>,
+    close: Close,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stand {
+    ahead: f64,
+    left: f64,
+    margin: f64,
+    tolerance: f64,
+    heading: f64,
+    speed: f64,
+    settle: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Bend {
+    height: f64,
+    torso: [f64; 3],
+    time: f64,
+}
+
+/// Where the robot is in a part of its bend, seen from where its pelvis was before, and where the glass is then.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Waypoint {
+    pelvis: [f64; 3],
+    turned: [f64; 3],
+    waist: [f64; 3],
+    glass: [f64; 3],
+    down: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grasp {
+    glass_height: f64,
+    turn: f64,
+    roll: f64,
+    torque: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Motion {
+    rest: [f64; ARMS / 2],
+    rate: f64,
+    low: f64,
+    wait: f64,
+    open: f64,
+    rise: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Close {
+    open: Angles,
+    grip: Angles,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Steps to the place from which the hand reaches into the crate.
+    StepUp,
+    /// Waits until the robot stands, and finds the arm's postures on the way down.
+    Settle,
+    /// Brings the bulb out ahead, above the crate.
+    Above,
+    /// Bends knees and back, and lowers the bulb. Ends where the bulb is just above the floor, or at the end of the way.
+    Lower,
+    /// Waits until all is at rest, by time.
+    Rest,
+    /// Opens the hand, by time, and takes it up meanwhile.
+    Open,
+    /// Stands up the same way, and stands.
+    StandUp,
+}
+
+/// Where the robot stands and where the glass is wanted, on the floor.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    glass: Vector2<f64>,
+    pelvis: Vector2<f64>,
+    facing: f64,
+}
+
+/// State of an episode.
+pub(super) struct Place {
+    params: Params,
+    phase: Phase,
+    /// When the phase began, s.
+    since: f64,
+    spot: Option<Spot>,
+    /// The arm's postures on the way down.
+    postures: Vec<[f64; ARMS / 2]>,
+    /// Part of the way down.
+    share: f64,
+    fingers: [Finger; FINGERS.len()],
+}
+
+impl Place {
+    /// With parameters of the form of `place.toml`, which are also the default.
+    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
+        let params: Params =
+            toml::from_str(parameters.unwrap_or(include_str!("place.toml"))).map_err(PolicyError::of("hands"))?;
+        Ok(Self {
+            phase: Phase::StepUp,
+            since: 0.0,
+            spot: None,
+            postures: Vec::new(),
+            share: 0.0,
+            fingers: [Finger { share: 1.0, torque: Some(params.grasp.torque) }; FINGERS.len()],
+            params,
+        })
+    }
+
+    /// The robot faces one of the crate's sides, and the glass comes down just behind that wall: of these places the one to which the
+    /// robot has the least way.
+    fn spot(&self, seen: &Seen, arm: &mut RightArm) -> Spot {
+        let hand_from_bulb = arm.sensed_hand().inv_mul(&seen.old_bulb);
+        let stand = &self.params.stand;
+        let (here, looks) = (seen.pelvis.translation.vector.xy(), heading(&seen.pelvis));
+        let along_x = heading(&seen.crate_);
+        let crate_ = seen.crate_.translation.vector;
+        let mut best: Option<(f64, Spot)> = None;
+        for side in 0..4_u8 {
+            let facing = along_x + f64::from(side) * FRAC_PI_2;
+            let [deep, wide] = if side % 2 == 0 { INTERIOR } else { [INTERIOR[1], INTERIOR[0]] };
+            let world_from_side = Isometry3::new(crate_, Vector3::z() * facing);
+            for step in -PLACES..=PLACES {
+                let aside = wide * f64::from(step) / f64::from(PLACES);
+                let glass = world_from_side * Point3::new(stand.margin - deep, aside, 0.0);
+                let pelvis = glass - world_from_side.rotation * Vector3::new(stand.ahead, stand.left, 0.0);
+                let spot = Spot { glass: glass.coords.xy(), pelvis: pelvis.coords.xy(), facing };
+                let cap = world_from_side.inverse() * self.cap(&spot, &hand_from_bulb);
+                let is_inside = aside.abs() < wide - stand.margin
+                    && cap.x.abs() < deep - 0.5 * stand.margin
+                    && cap.y.abs() < wide - stand.margin;
+                let cost = (spot.pelvis - here).norm() + TURN_COST * angle(facing - looks).abs();
+                if is_inside && best.is_none_or(|(least, _)| cost < least) {
+                    best = Some((cost, spot));
+                }
+            }
+        }
+        let stay = Spot { glass: crate_.xy(), pelvis: here, facing: looks };
+        best.map_or(stay, |(_, spot)| spot)
+    }
+
+    /// Where the cap's bottom is when the glass is there.
+    fn cap(&self, spot: &Spot, hand_from_bulb: &Isometry3<f64>) -> Point3<f64> {
+        let down = self.params.way.last().map_or(0.0, |last| last.down);
+        let hand = self.world_from_hand_rotation(spot.facing, down);
+        let axis = hand * (hand_from_bulb.rotation * Vector3::z());
+        Point3::from(spot.glass.push(0.0) - axis * (self.params.grasp.glass_height - CAP))
+    }
+
+    /// Finds the arm's postures, from the last one up, so that each is near the next one; false where it does not
+    /// reach the last one.
+    fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let glass = seen.old_bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height);
+        let hand_from_glass = (arm.sensed_hand().inverse() * glass).coords;
+        let here = seen.pelvis.translation.vector;
+        let looks = heading(&seen.pelvis);
+        let world_from_stance = Isometry3::new(Vector3::new(here.x, here.y, 0.0), Vector3::z() * looks);
+        let Some(end) = self.params.way.last().map(|last| last.glass) else { return Ok(false) };
+        let off = world_from_stance.inverse() * Point3::from(spot.glass.push(0.0)) - Point3::from(end);
+        let (mut near, mut at_end) = (None, None);
+        self.postures.clear();
+        for waypoint in self.params.way.iter().rev() {
+            let [roll, pitch, yaw] = waypoint.turned;
+            let stance_from_pelvis = Isometry3::from_parts(
+                Translation3::from(waypoint.pelvis),
+                UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+            );
+            let torso = Torso { world_from_pelvis: world_from_stance * stance_from_pelvis, waist: waypoint.waist };
+            let glass = Point3::from(waypoint.glass) + Vector3::new(off.x, off.y, 0.0);
+            let turned = self.world_from_hand_rotation(looks, waypoint.down);
+            let glass = world_from_stance * glass;
+            let goal = Isometry3::from_parts((glass.coords - turned * hand_from_glass).into(), turned);
+            let (posture, error) = arm.posture_of(&torso, &goal, near)?;
+            near = Some(posture);
+            at_end = at_end.or(Some(error));
+            self.postures.insert(0, posture);
+        }
+        Ok(at_end.is_some_and(|error| error < REACHED))
+    }
+
+    /// The hand's rotation: its fingers point below the horizontal and to the left of a direction.
+    fn world_from_hand_rotation(&self, facing: f64, down: f64) -> UnitQuaternion<f64> {
+        let grasp = &self.params.grasp;
+        let (sin, cos) = (libm::sin(down), libm::cos(down));
+        let fingers = Vector3::new(cos, 0.0, -sin);
+        let thumb = Rotation3::from_scaled_axis(fingers * grasp.roll) * Vector3::new(sin, 0.0, cos);
+        let axes = Matrix3::from_columns(&[fingers.cross(&thumb), -fingers, -thumb]);
+        let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), facing + grasp.turn);
+        level * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes))
+    }
+
+    /// The arm's posture at the present part of the way down, and the command to the body.
+    fn on_way(&self) -> ([f64; ARMS / 2], BodyCommand) {
+        let last = self.postures.len().saturating_sub(1);
+        let at = self.share * last as f64;
+        let before = (at as usize).min(last.saturating_sub(1));
+        let part = at - before as f64;
+        let mut posture = [0.0; ARMS / 2];
+        if let (Some(from), Some(to)) = (self.postures.get(before), self.postures.get((before + 1).min(last))) {
+            posture.iter_mut().zip(from.iter().zip(to)).for_each(|(q, (from, to))| *q = from + part * (to - from));
+        }
+        let bend = &self.params.bend;
+        let upright = BodyCommand::default();
+        let command = BodyCommand {
+            height: upright.height + self.share * (bend.height - upright.height),
+            torso: bend.torso.map(|angle| self.share * angle),
+            ..upright
+        };
+        (posture, command)
+    }
+
+    /// Height of a bulb's lowest point, m.
+    fn lowest(&self, bulb: &Isometry3<f64>) -> f64 {
+        let glass = (bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height)).z - GLASS_RADIUS;
+        glass.min((bulb * Point3::new(0.0, 0.0, CAP)).z - CAP_RADIUS)
+    }
+}
+
+impl Skill for Place {
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+        let params = self.params.clone();
+        let (stand, motion) = (&params.stand, &params.motion);
+        let mut command = BodyCommand::default();
+        let elapsed = seen.time - self.since;
+        let spot = match self.spot {
+            Some(spot) => spot,
+            None => *self.spot.insert(self.spot(seen, arm)),
+        };
+        let steps = steps_to(&seen.pelvis, &spot.pelvis, spot.facing, stand.speed);
+        let off = angle(spot.facing - heading(&seen.pelvis)).abs();
+        let on_way = CONTROL_DT / params.bend.time;
+        let next = match self.phase {
+            Phase::StepUp => {
+                command.velocity = steps.velocity;
+                (steps.distance < stand.tolerance && off < stand.heading).then_some(Phase::Settle)
+            }
+            Phase::Settle if elapsed > stand.settle && seen.stands => {
+                let is_near = steps.distance < 2.0 * stand.tolerance && off < 2.0 * stand.heading;
+                let is_ready = is_near && self.plan(seen, &spot, arm)?;
+                Some(if is_ready { Phase::Above } else { Phase::StepUp })
+            }
+            Phase::Settle => (elapsed > stand.patience).then_some(Phase::StepUp),
+            Phase::Above => {
+                let (posture, _) = self.on_way();
+                (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::Lower)
+            }
+            Phase::Lower => {
+                self.share = (self.share + on_way).min(1.0);
+                let is_down = self.lowest(&seen.old_bulb) < motion.low;
+                (is_down || elapsed > params.bend.time + motion.wait).then_some(Phase::Rest)
+            }
+            Phase::Rest => (elapsed > motion.wait).then_some(Phase::Open),
+            Phase::Open => {
+                self.fingers.iter_mut().for_each(|finger| finger.share -= CONTROL_DT / motion.open);
+                // The fingers are below the bulb, and straighten towards the floor.
+                self.share = (self.share - motion.rise * on_way).max(0.0);
+                (elapsed > motion.open + motion.wait).then_some(Phase::StandUp)
+            }
+            Phase::StandUp => {
+                self.share = (self.share - on_way).max(0.0);
+                None
+            }
+        };
+        if matches!(self.phase, Phase::Lower | Phase::Rest | Phase::Open | Phase::StandUp) {
+            let (posture, on_way) = self.on_way();
+            arm.turn_to(&posture, FASTEST);
+            command = on_way;
+        }
+        arm.write(targets);
+        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
+        arm.write_fingers(&params.close.open, &params.close.grip, &self.fingers, targets);
+        if let Some(next) = next {
+            (self.phase, self.since) = (next, seen.time);
+        }
+        Ok(command)
+    }
+
+    fn rest(&self) -> [f64; ARMS / 2] {
+        self.params.motion.rest
+    }
+
+    fn phase(&self) -> String {
+        format!("{:?}", self.phase)
+    }
+}
