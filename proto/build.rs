@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 25] = [
+const IN_METADATA: [&str; 26] = [
     "EpisodeHeader",
+    "Asset",
     "OpenRequest",
     "Hello",
     "RunSpec",

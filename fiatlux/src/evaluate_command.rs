@@ -14,6 +14,7 @@ use fiatlux_policies::Policies;
 use fiatlux_proto::plain;
 use fiatlux_rules::{CONTROL_DT, Task};
 use fiatlux_runs::{EvaluateOptions, evaluate};
+use fiatlux_world::{AssetArg, SceneConfig};
 use outcome::finish;
 
 /// Shown below the options.
@@ -64,6 +65,10 @@ pub struct EvaluateArgs {
     /// pictures show them instead of the built-in shapes. Runs whose policies see such pictures are not ranked.
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
+    /// Object in place of a thing of the room, such as crate=DIR, where DIR is what `python -m fiatlux.assets build` wrote;
+    /// repeat it for more. Places are bench, crate, fixture, fresh_bulb and old_bulb. Such runs are ranked apart.
+    #[arg(long = "asset", value_name = "PLACE=DIR")]
+    assets: Vec<AssetArg>,
     #[command(flatten)]
     session: SessionArgs,
 }
@@ -97,6 +102,13 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         fiatlux_cli::print_error(format!("--policy {}: {problem}", plain(policy)));
         return Ok(ExitCode::from(USAGE));
     }
+    let scene = match SceneConfig::default().with_assets(&args.assets) {
+        Ok(scene) => scene,
+        Err(error) => {
+            fiatlux_cli::print_error(format!("--asset: {:#}", anyhow::Error::new(error)));
+            return Ok(ExitCode::from(USAGE));
+        }
+    };
     // The name of a policy may be a path.
     let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
     let mut session = args.session.clone();
@@ -109,6 +121,7 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         workers: args.workers(),
         weights: session.split_weights(),
         meshes: args.meshes.clone(),
+        scene,
         session,
     };
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;

@@ -25,11 +25,13 @@ def controller_contract(
     frames: int, hidden: list[int], seed: int, samples: int, minutes: float, hardware: str
 ) -> str: ...
 def benchmark(episodes: list[dict[str, Any]]) -> dict[str, Any]: ...
+def asset_trials(folders: list[str]) -> str: ...
 def evaluate_into(
     out: str,
     make_player: Callable[[], Any],
     run: dict[str, Any],
     settings: dict[str, Any],
+    assets: list[tuple[str, str]],
     progress: Callable[[dict[str, Any]], None] | None,
 ) -> tuple[str, list[str]]: ...
 

@@ -84,6 +84,7 @@ def evaluate(
     observation: ObservationForm = "dict",
     record: Sequence[str] = (),
     max_steps: int | None = None,
+    assets: Mapping[str, str | PathLike[str]] | None = None,
     progress: Callable[[dict[str, Any]], None] | None = None,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
@@ -101,6 +102,8 @@ def evaluate(
         name: The policy's name, for the record.
         observation: Form of the observations.
         record: Sensors to record in the bags in addition to the small ones, such as ``"camera"``.
+        assets: Objects in place of things of the room, by place, such as ``{"crate": "DIR"}``, where ``python -m fiatlux.assets build``
+            wrote the folder; only with ``out``. Such evaluations are ranked apart.
         max_steps: Cuts episodes after this number of steps; the table cannot be compared with others then. Not with ``out``.
         progress: Called with the summary of each episode as it ends; with ``out``, a few times a second with a dictionary of
             counts.
@@ -111,8 +114,11 @@ def evaluate(
     if out is not None:
         if max_steps is not None:
             raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
-        return _recorded(policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen)
-    for field, given in (("parallel", parallel is not None), ("record", len(record) > 0)):
+        objects = {place: fspath(folder) for place, folder in (assets or {}).items()}
+        return _recorded(
+            policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen, objects
+        )
+    for field, given in (("parallel", parallel is not None), ("record", len(record) > 0), ("assets", bool(assets))):
         if given:
             raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
     wanted = [(task, seed) for task in tasks for seed in seeds]
@@ -186,6 +192,7 @@ def _recorded(
     record: Sequence[str],
     progress: Callable[[dict[str, Any]], None] | None,
     settings: Mapping[str, Any],
+    assets: Mapping[str, str],
 ) -> Evaluation:
     if len(tasks) == 0 or len(seeds) == 0:
         raise ValueError("tasks and seeds: give at least one each")
@@ -194,7 +201,7 @@ def _recorded(
     # A policy may be made even if nothing is left to play.
     begun = Event()
     play_one = lambda: Player(policy, observation, begun)
-    text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, progress)
+    text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, list(assets.items()), progress)
     if not begun.is_set() and not lost:
         message = f"{out} had all episodes already, so none was played; name another folder for a new evaluation"
         warnings.warn(message, stacklevel=3)

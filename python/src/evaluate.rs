@@ -6,10 +6,11 @@ use std::sync::Arc;
 use fiatlux_client::RunProgress;
 use fiatlux_grading::report;
 use fiatlux_runs::{ExternalOptions, evaluate_run};
+use fiatlux_world::{AssetArg, SceneConfig};
 use pyo3::prelude::*;
 
 use crate::client::{Failure, Run, play, tell};
-use crate::fault::{FiatluxError, check_process, failed};
+use crate::fault::{FiatluxError, check_process, failed, refused};
 use crate::settings::Settings;
 use crate::watch::watch;
 
@@ -25,11 +26,14 @@ pub(crate) fn evaluate_into(
     make_player: Py<PyAny>,
     run: Run,
     settings: Settings,
+    assets: Vec<(String, PathBuf)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, Vec<String>)> {
     check_process()?;
     let form = settings.action_form()?;
     let (settings, weights) = settings.split_weights();
+    let assets: Vec<AssetArg> = assets.into_iter().map(|(place, path)| AssetArg { place, path }).collect();
+    let scene = SceneConfig::default().with_assets(&assets).map_err(|error| refused(&error))?;
     std::fs::create_dir_all(&out)?;
     let options = run.options(&settings)?;
     let hosting = ExternalOptions {
@@ -38,6 +42,7 @@ pub(crate) fn evaluate_into(
         workers: std::thread::available_parallelism().map_or(1, usize::from),
         weights,
         meshes: None,
+        scene,
     };
     let failure = Failure::default();
     let noted = failure.clone();

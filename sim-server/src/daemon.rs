@@ -11,7 +11,7 @@ use fiatlux_access::{Identity, RecorderKey, Tokens};
 use fiatlux_cli::whole;
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
-use fiatlux_world::SceneConfig;
+use fiatlux_world::{AssetArg, SceneConfig};
 
 /// Time that recorders have after an interrupt.
 const SHUTDOWN: Duration = Duration::from_secs(12);
@@ -37,6 +37,10 @@ pub struct DaemonArgs {
     /// Scene config; its values replace the published ones. Runs in another scene are not ranked.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
+    /// Object in place of a thing of the room, such as crate=DIR, where DIR is what `python -m fiatlux.assets build` wrote;
+    /// repeat it for more. Places are bench, crate, fixture, fresh_bulb and old_bulb. Such runs are ranked apart.
+    #[arg(long = "asset", value_name = "PLACE=DIR")]
+    assets: Vec<AssetArg>,
     /// Folder of safetensors files with ResNet-18 weights; a session can name one of them for the camera's features.
     #[arg(long, value_name = "DIR")]
     weights: Option<PathBuf>,
@@ -78,6 +82,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
             SceneConfig::from_toml(&text).with_context(|| path.display().to_string())?
         }
     };
+    let scene = scene.with_assets(&args.assets).context("--asset")?;
     let mut options = ServerOptions {
         name: args.name,
         capacity: args.capacity,

@@ -2,8 +2,9 @@
 
 mod daemon;
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{ExitCode, Stdio};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -31,7 +32,8 @@ Examples:
   sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
   sim-server --name lab --record bags         and keep runs: every episode once, recorded here and not by the client
   sim-server --settings lab.toml              with the flags that a file has; deploy/settings/sim-server.toml shows all
-  sim-server export --task S01 -o scene.xml   the same scene for MuJoCo";
+  sim-server export --task S01 -o scene.xml   the same scene for MuJoCo
+  sim-server export --format usd --task S01 -o scene   and as USD";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -66,7 +68,7 @@ struct Export {
     /// limits then clamp the stiffness only.
     #[arg(long)]
     mujoco_defaults: bool,
-    /// Output file; - for stdout.
+    /// Output file, with usd a folder; - for stdout.
     #[arg(short, long)]
     output: PathBuf,
 }
@@ -75,6 +77,8 @@ struct Export {
 enum Format {
     /// MJCF, as MuJoCo 4 loads it.
     Mjcf,
+    /// USD: a folder with scene.usda, written by `python3 -m fiatlux.assets`, the wheel's extra assets.
+    Usd,
 }
 
 fn timestep(text: &str) -> Result<f64, String> {
@@ -108,7 +112,6 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         Some(task) => ExportScene::task(task, export.seed, &export.robot)?,
         None => ExportScene::robot_only(&export.robot, export.floor)?,
     };
-    let Format::Mjcf = export.format;
     let options = MjcfOptions {
         name: scene.name,
         timestep: export.timestep,
@@ -116,10 +119,26 @@ fn run_export(export: &Export) -> anyhow::Result<()> {
         names: scene.names,
     };
     let text = to_mjcf(&scene.model, &scene.state, &scene.targets, &options);
+    if let Format::Usd = export.format {
+        return write_usd(&text, &export.output);
+    }
     if export.output.as_os_str() == "-" {
         return Ok(fiatlux_cli::print(text)?);
     }
     fiatlux_cli::write_whole(&export.output, text).with_context(|| format!("cannot write {}", export.output.display()))
+}
+
+/// Lets the Python package write a scene as USD: the libraries of USD are there.
+fn write_usd(mjcf: &str, folder: &Path) -> anyhow::Result<()> {
+    let remedy = "install the wheel with its extra assets into the environment of python3 (docs/assets.md)";
+    let mut python = std::process::Command::new("python3");
+    let command = python.args(["-m", "fiatlux.assets", "scene", "--mjcf", "-", "--out"]).arg(folder);
+    let mut running = command.stdin(Stdio::piped()).spawn().with_context(|| format!("cannot start python3; {remedy}"))?;
+    // A package that is missing closes its end.
+    let written = running.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(mjcf.as_bytes()));
+    let status = running.wait()?;
+    anyhow::ensure!(status.success(), "python3 -m fiatlux.assets failed; {remedy}");
+    Ok(written?)
 }
 
 #[cfg(test)]

@@ -51,6 +51,23 @@ pub struct Conditions {
     pub published_counting: bool,
     pub model_digest: String,
     pub scene_digest: String,
+    /// Objects from files in place of the scene's own things, each as its place and digest.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub assets: Vec<String>,
+}
+
+/// How the deviation of a scene with objects from files begins; it is followed by [`Conditions::assets`].
+pub const OBJECTS: &str = "objects from files are ";
+
+fn is_named(asset: &v3::Asset) -> bool {
+    let is_place = |byte: u8| byte.is_ascii_lowercase() || byte == b'_';
+    let is_hex = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+    let place = (1..=32).contains(&asset.place.len()) && asset.place.bytes().all(is_place);
+    place && asset.digest.len() == 64 && asset.digest.bytes().all(is_hex)
+}
+
+fn assets(header: &v3::EpisodeHeader) -> Vec<String> {
+    header.assets.iter().map(|asset| format!("{} {}", asset.place, asset.digest)).collect()
 }
 
 /// The conditions that are compared between bags: names and values in the words of a report.
@@ -74,6 +91,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("end_on", end_on),
         ("model_digest", quoted(&header.model_digest)),
         ("scene_digest", quoted(&header.scene_digest)),
+        ("assets", listed(&assets(header))),
     ]
     .map(|(name, value)| (name.into(), value))
     .into();
@@ -114,8 +132,19 @@ impl Conditions {
         if prop_scale(header) != PUBLISHED {
             deviations.push(format!("sizes of props are {}", prop_scale(header)));
         }
-        if header.scene_digest != pins::SCENE || !header.scene_config.is_empty() {
-            deviations.push("the scene is not the pinned one".into());
+        let assets = assets(header);
+        if assets.is_empty() {
+            if header.scene_digest != pins::SCENE || !header.scene_config.is_empty() {
+                deviations.push("the scene is not the pinned one".into());
+            }
+        } else {
+            if header.base_scene_digest != pins::SCENE {
+                deviations.push("the scene without its objects is not the pinned one".into());
+            }
+            if !header.assets.iter().all(is_named) {
+                deviations.push("an object's place or digest is malformed".into());
+            }
+            deviations.push(format!("{OBJECTS}{}", listed(&assets)));
         }
         if is_untrained(header) {
             let label = quoted(weights(header));
@@ -166,6 +195,7 @@ impl Conditions {
             published_counting: published,
             model_digest: header.model_digest.clone(),
             scene_digest: header.scene_digest.clone(),
+            assets,
         }
     }
 
@@ -354,6 +384,31 @@ mod tests {
         };
         assert_eq!(compared(&with("climb", "limb_contact")), compared(&with("S05", "hand_contact")));
         assert_ne!(compared(&with("S05", "limb_contact")), compared(&with("S05", "hand_contact")));
+    }
+
+    /// Guards that objects from files are the only thing that may differ from the pinned scene, and that they are told apart.
+    #[test]
+    fn objects_from_files_are_named_in_a_pinned_scene() {
+        let with = |place: &str, digest: String| v3::EpisodeHeader {
+            scene_digest: "1".into(),
+            scene_config: "[assets]".into(),
+            base_scene_digest: pins::SCENE.into(),
+            assets: vec![v3::Asset { place: place.into(), name: "box".into(), digest }],
+            ..pinned()
+        };
+        let conditions = new(with("crate", "ab".repeat(32)));
+        let named = format!("crate {}", "ab".repeat(32));
+        assert_eq!(conditions.deviations, [format!("{OBJECTS}{named}")]);
+        assert_eq!((conditions.ranked, conditions.assets), (false, vec![named]));
+        assert_ne!(compared(&with("crate", "ab".repeat(32))), compared(&with("crate", "cd".repeat(32))));
+        let elsewhere = v3::EpisodeHeader { base_scene_digest: "2".into(), ..with("crate", "ab".repeat(32)) };
+        assert!(new(elsewhere).deviations[0].contains("without its objects is not the pinned one"));
+        for (place, digest) in [("<b>", "ab".repeat(32)), ("crate", "AB".repeat(32)), ("crate", String::new())] {
+            assert!(new(with(place, digest)).deviations[0].contains("malformed"), "{place}");
+        }
+        // An object cannot hide a changed scene.
+        let none = v3::EpisodeHeader { assets: Vec::new(), ..with("crate", String::new()) };
+        assert_eq!(new(none).deviations, ["the scene is not the pinned one"]);
     }
 
     /// Guards that randomization, sizes of props and sensors are conditions, and that fields of a single bag are not.

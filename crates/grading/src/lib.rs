@@ -51,7 +51,7 @@ pub mod tables;
 pub use bag::check_bag;
 pub use claim::false_claim;
 pub use compare::{CompareError, ComparedRun, Comparison, Pairs, compare, compare_results};
-pub use conditions::Conditions;
+pub use conditions::{Conditions, OBJECTS};
 pub use episode::{GradedEpisode, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;

@@ -245,7 +245,7 @@ impl Neighbours {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use fiatlux_grading::RESULTS_VERSION;
+    use fiatlux_grading::{OBJECTS, RESULTS_VERSION};
     use serde_json::{Value, json};
     use time::OffsetDateTime;
 
@@ -354,10 +354,14 @@ pub(crate) mod tests {
             results(4),
             change(&|r| r.conditions.time = "real time".into()),
             change(&|r| r.conditions.observations = "privileged".into()),
+            change(&|r| {
+                r.conditions.assets = vec!["crate abc".into()];
+                r.conditions.deviations = vec![format!("{OBJECTS}crate abc")];
+            }),
             change(&|r| r.conditions.benchmark_version = 3),
         ];
         let tables = tables(all.iter().zip(1..).map(|(results, id)| placed(id, results)).collect());
-        assert_eq!(tables.iter().map(|table| table.places.len()).collect::<Vec<_>>(), [1; 4]);
+        assert_eq!(tables.iter().map(|table| table.places.len()).collect::<Vec<_>>(), [1; 5]);
         assert_eq!(tables.last().map(|table| table.version), Some(3));
     }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use fiatlux_grading::{Conditions, Results};
+use fiatlux_grading::{Conditions, OBJECTS, Results};
 use fiatlux_proto::is_unseen;
 use fiatlux_rules::pins;
 use serde::de::DeserializeOwned;
@@ -150,6 +150,9 @@ pub struct Division {
     pub observations: Observations,
     /// The robot, one of `fiatlux_rules::pins::RANKED_ROBOTS`.
     pub robot: String,
+    /// Objects from files in place of the scene's own things, each as its place and digest.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub assets: Vec<String>,
 }
 
 impl Division {
@@ -173,11 +176,15 @@ impl Division {
             "privileged" => Observations::Privileged,
             _ => return None,
         };
-        // Another robot is a division of its own, not a deviation.
-        let is_robot = |deviation: &String| deviation.starts_with("the robot is '");
-        let ranked = conditions.deviations.iter().all(is_robot) && conditions.protocol == "strict";
+        // Another robot is a division of its own, not a deviation, and so are other objects.
+        let is_division =
+            |deviation: &String| deviation.starts_with("the robot is '") || deviation.starts_with(OBJECTS);
+        let ranked = conditions.deviations.iter().all(is_division) && conditions.protocol == "strict";
         let is_known = pins::RANKED_ROBOTS.contains(&conditions.robot.as_str());
-        (ranked && is_known).then(|| Self { time, observations, robot: conditions.robot.clone() })
+        (ranked && is_known).then(|| {
+            let (robot, assets) = (conditions.robot.clone(), conditions.assets.clone());
+            Self { time, observations, robot, assets }
+        })
     }
 
     /// The reason why results are not ranked, as text for the page; empty if they are.

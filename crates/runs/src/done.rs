@@ -8,7 +8,6 @@ use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::{EpisodeHeader, OpenRequest};
 use fiatlux_render::RobotMeshes;
 use fiatlux_robot::Robot;
-use fiatlux_world::SceneConfig;
 
 use crate::job::{EvaluateError, EvaluateOptions, Job, folder, grade, job_bags};
 
@@ -27,7 +26,7 @@ pub(super) fn not_done(
     let robots = Robot::NAMES.map(Robot::by_name).into_iter().collect::<Result<Vec<_>, _>>()?;
     // The robots differ in joints, not in links, so one robot's meshes serve all.
     let robot = &robots[0];
-    let scene = SceneConfig::default().digest();
+    let scene = options.scene.digest();
     let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
     let meshes = meshes.as_ref().map_or("", RobotMeshes::label);
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));

@@ -10,6 +10,7 @@ use fiatlux_carrier::Carrier;
 use fiatlux_client::{EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress};
 use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
+use fiatlux_world::SceneConfig;
 
 use super::Outcome;
 use super::job::{EvaluateError, folder, grade};
@@ -34,6 +35,8 @@ pub struct ExternalOptions {
     pub weights: Option<PathBuf>,
     /// Folder of meshes that replace the built-in shapes of the robot.
     pub meshes: Option<PathBuf>,
+    /// Scene that the server simulates.
+    pub scene: SceneConfig,
 }
 
 /// Progress of a run from elsewhere.
@@ -75,6 +78,7 @@ pub fn evaluate_external(
         workers: options.workers,
         weights: options.weights.clone(),
         meshes: options.meshes.clone(),
+        scene: options.scene.clone(),
         record: Some(runs.clone()),
         ..ServerOptions::default()
     };

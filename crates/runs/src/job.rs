@@ -9,6 +9,7 @@ use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::Task;
 use fiatlux_server::{RecorderError, ServerError};
+use fiatlux_world::SceneConfig;
 use thiserror::Error;
 
 /// Name of the server in this process.
@@ -33,6 +34,8 @@ pub struct EvaluateOptions {
     pub weights: Option<PathBuf>,
     /// Folder of meshes that replace the built-in shapes of the robot.
     pub meshes: Option<PathBuf>,
+    /// Scene that the server simulates.
+    pub scene: SceneConfig,
     /// The request for every session, without policy, task and seed.
     pub session: SessionArgs,
 }

@@ -62,6 +62,7 @@ pub fn evaluate(
         capacity: 2 * jobs.len().max(1),
         weights: options.weights.clone(),
         meshes: options.meshes.clone(),
+        scene: options.scene.clone(),
         ..ServerOptions::default()
     };
     let todo = done::not_done(&jobs, &bags, options, policy.as_ref())?;

@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{EpisodeHeader, Layout, OpenRequest, PropScale, Randomiza
 use fiatlux_robot::Robot;
 use fiatlux_rules::Row;
 use fiatlux_wire::{layout_of, light_of, read_row, scene_of, state_message};
-use fiatlux_world::{ACTION_SCALE, Episode, Light, SceneConfig, World};
+use fiatlux_world::{ACTION_SCALE, Episode, Light, Object, SceneConfig, World};
 
 use crate::server::recorded_header;
 
@@ -36,6 +36,8 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
 fn an_episode_is_rebuilt_from_what_was_recorded() {
     let robot = Arc::new(Robot::g1_inspire().unwrap());
     let other_room = SceneConfig::from_toml("[bench]\nsurface_height = 0.98\n").unwrap();
+    let own = Object::from_toml(include_str!("../tests/data/crate.toml")).unwrap();
+    let own_crate = SceneConfig::default().with_asset("crate", &own).unwrap();
     let random = Randomization { prop_scale: true, ..Randomization::default() };
     let larger = PropScale { ladder_z: 1.08, fresh_bulb: 0.93, ..PropScale::default() };
     for (task, randomization, prop_scale, config) in [
@@ -43,6 +45,7 @@ fn an_episode_is_rebuilt_from_what_was_recorded() {
         ("S06", Some(random), None, SceneConfig::default()),
         ("S10", None, Some(larger), SceneConfig::default()),
         ("S08", Some(Randomization { fixed_hand_friction: true, fixed_layout: true, ..random }), None, other_room),
+        ("S06", None, None, own_crate.clone()),
         ("climb", None, None, SceneConfig::default()),
     ] {
         let request = OpenRequest { task: task.into(), seed: 3, randomization, prop_scale, ..OpenRequest::default() };
@@ -53,6 +56,12 @@ fn an_episode_is_rebuilt_from_what_was_recorded() {
         let rows: Vec<Row> = rows.collect();
         let scene = Arc::new(scene_of(&header, Arc::clone(&robot)).unwrap());
         assert_eq!(scene.config, config, "{task}");
+        let places: Vec<&str> = header.assets.iter().map(|asset| asset.place.as_str()).collect();
+        assert_eq!(places.is_empty(), config.assets.is_empty());
+        if let [asset] = &header.assets[..] {
+            assert_eq!((places[0], &asset.digest), ("crate", &own.digest));
+            assert_eq!(header.base_scene_digest, SceneConfig::default().digest());
+        }
         let mut world = World::new(Arc::clone(&scene));
         world.reset_to(&rows[0]).unwrap();
         for row in &rows[1..] {

@@ -1,5 +1,6 @@
 //! Every number of the scene. `scene.toml` holds the published values with their sources and the meaning of each field.
 
+mod asset;
 mod check;
 mod parts;
 
@@ -11,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use toml::de::{DeTable, DeValue};
 
+pub use asset::AssetConfig;
 pub use parts::{
     AttachmentConfig, BenchConfig, BulbConfig, CarryConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig,
     LayoutConfig, RobotStartConfig, RoomConfig, StartConfig, StartNoise, Surface, Surfaces, ThingAnchor, ThingConfig,
@@ -53,6 +55,9 @@ pub struct SceneConfig {
     /// Things of the manifest that have no section of their own, by name; they are where there is furniture.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub things: BTreeMap<String, ThingConfig>,
+    /// Objects from files in place of the scene's own things, by place ([`ASSET_PLACES`](crate::ASSET_PLACES)).
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub assets: BTreeMap<String, AssetConfig>,
 }
 
 impl Default for SceneConfig {

@@ -1,5 +1,6 @@
 //! The things in the room, each as a list of convex parts in its own frame.
 
+mod asset;
 mod bench;
 mod bulb;
 mod crate_;
@@ -12,6 +13,7 @@ mod thing;
 use fiatlux_dynamics::{BodyId, Geometry, Material, ModelBuilder, ModelError, ShapeSpec};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
+pub(crate) use asset::asset;
 pub(crate) use bench::bench;
 pub(crate) use bulb::{bulb, bulb_body};
 pub(crate) use crate_::crate_;
@@ -27,10 +29,14 @@ use crate::owner::ShapeOwner;
 
 /// A convex part of a prop.
 #[derive(Debug, Clone)]
-pub(crate) struct Part {
+pub struct Part {
+    /// Its name in the prop.
     pub name: String,
+    /// Pose of its shape in the prop's frame.
     pub prop_from_part: Isometry3<f64>,
+    /// Geometry about its own frame.
     pub geometry: Geometry,
+    /// Friction of its surface.
     pub material: Material,
 }
 

@@ -11,7 +11,7 @@ use crate::config::{BulbConfig, ThingAnchor, ThingConfig};
 use crate::layout::{Layout, Mount};
 use crate::owner::ShapeOwner;
 use crate::parts::{LadderPart, SceneParts};
-use crate::props::{self, LadderPoints, PropSizes, add_parts};
+use crate::props::{self, LadderPoints, Part, PropSizes, add_parts};
 use crate::{PropScale, SceneConfig, SceneError};
 
 /// Description of a scene to build.
@@ -288,7 +288,10 @@ impl Props {
             for ((thing, bulb), world_from_thing) in errand::BULBS.into_iter().zip(&sizes.bulbs).zip(poses) {
                 let name = &manifest().things[thing].name;
                 let body = builder.add_body(props::bulb_body(bulb, name, world_from_thing))?;
-                let (parts, owner) = (props::bulb(bulb, surfaces), ShapeOwner::Thing(thing));
+                let (mut parts, owner) = (props::bulb(bulb, surfaces), ShapeOwner::Thing(thing));
+                if let Some(asset) = config.asset(name) {
+                    parts.extend(props::asset(asset, bulb.seat_z / config.bulb.seat_z)?);
+                }
                 add_parts(builder, parts, &format!("{name}_"), body, &at_origin, owner, cull_group())?;
                 things[thing] = Some(Placed { body: Some(body), world_from_thing });
             }
@@ -321,6 +324,11 @@ impl Props {
             let rod_length = config.room.ceiling_height - layout.world_from_fixture.translation.z;
             let rod_length = (layout.mount == Mount::Ceiling).then_some(rod_length);
             let mut fixture = props::fixture(&sizes.fixture, sizes.seat_z, surfaces, rod_length);
+            if let Some(asset) = config.asset("fixture") {
+                // The housing comes first; collar, sleeve and rod stay.
+                let factor = sizes.seat_z / config.bulb.seat_z;
+                fixture.splice(..1, props::asset(asset, factor)?);
+            }
             // The rod is long: culled on its own, it does not keep the socket's parts awake.
             let rod = rod_length.and_then(|_| fixture.pop());
             add_fixed(fixture, "fixture_", &layout.world_from_fixture, ShapeOwner::FIXTURE)?;
@@ -330,15 +338,22 @@ impl Props {
             things[errand::FIXTURE] = Some(Placed { body: None, world_from_thing: layout.world_from_fixture });
         }
         if let Some(center) = layout.bench {
-            add_fixed(props::bench(&config.bench, surfaces), "bench_", &on_floor(center), ShapeOwner::Bench)?;
+            let parts = own_or(config, "bench", || props::bench(&config.bench, surfaces))?;
+            add_fixed(parts, "bench_", &on_floor(center), ShapeOwner::Bench)?;
         }
         if let Some(center) = layout.crate_ {
             let world_from_thing = on_floor(center);
-            add_fixed(props::crate_(&config.crate_, surfaces), "crate_", &world_from_thing, ShapeOwner::CRATE)?;
+            let parts = own_or(config, "crate", || props::crate_(&config.crate_, surfaces))?;
+            add_fixed(parts, "crate_", &world_from_thing, ShapeOwner::CRATE)?;
             things[errand::CRATE] = Some(Placed { body: None, world_from_thing });
         }
         Ok(Self { things, next_cull_group })
     }
+}
+
+/// The parts of the object in a place; the scene's own where there is none.
+fn own_or(config: &SceneConfig, place: &str, own: impl FnOnce() -> Vec<Part>) -> Result<Vec<Part>, SceneError> {
+    config.asset(place).map_or_else(|| Ok(own()), |asset| Ok(props::asset(asset, 1.0)?))
 }
 
 /// The old bulb in the fixture and the fresh one on the bench; on the floor where there is no furniture, and the old one

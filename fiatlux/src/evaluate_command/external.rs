@@ -9,6 +9,7 @@ use fiatlux_client::RunProgress;
 use fiatlux_proto::keys::is_name;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_runs::{EvaluateError, ExternalOptions, ExternalProgress, evaluate_external};
+use fiatlux_world::SceneConfig;
 
 use super::EvaluateArgs;
 use super::outcome::finish;
@@ -33,12 +34,17 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
             "the client chooses the options of its sessions: give these flags to policy-client evaluate",
         ));
     }
+    let scene = match SceneConfig::default().with_assets(&args.assets) {
+        Ok(scene) => scene,
+        Err(error) => return Ok(refuse(&format!("{:#}", anyhow::Error::new(error)))),
+    };
     let options = ExternalOptions {
         name: args.name.clone(),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(&args.name)),
         workers: args.workers(),
         weights,
         meshes: args.meshes.clone(),
+        scene,
     };
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let (carrier, endpoint) = crate::network::listen(&args.listen)?;

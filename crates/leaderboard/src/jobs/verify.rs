@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use fiatlux_bag::Bag;
 use fiatlux_cli::in_full;
 use fiatlux_client::{Access, ClientError};
 use fiatlux_grading::Difference;
@@ -170,6 +171,15 @@ impl Worker {
         metrics.verifying_ms.fetch_add(start.elapsed().as_millis() as u64, Ordering::Relaxed);
         metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);
         match done {
+            Ok(verification) if !verification.is_equal() && has_objects(&path) => {
+                // Only a server with the same files can tell.
+                match &verification.header {
+                    Some(Difference { field, .. }) if field == "scene_digest" => VerifyOutcome::NotTaken(
+                        "the server does not have the bag's objects; start one with --asset for each of them".into(),
+                    ),
+                    _ => of_verification(&verification),
+                }
+            }
             Ok(verification) => of_verification(&verification),
             Err(VerifyError::Client(ClientError::Stopped)) => VerifyOutcome::Stopped,
             // The bag could be read when it was graded: check that it is still the same file.
@@ -255,6 +265,10 @@ fn of_verification(verification: &Verification) -> VerifyOutcome {
         Some(end) => format!("the second run ended by {} at step {}", end.cause, end.steps),
     };
     VerifyOutcome::Decided(Verdict::Differs, row.or(header).or(result).unwrap_or_else(ended))
+}
+
+fn has_objects(path: &Path) -> bool {
+    Bag::open(path).is_ok_and(|bag| !bag.header().assets.is_empty())
 }
 
 /// True if a bag's header has the benchmark's own value of a field. If the second run has another one, the server is

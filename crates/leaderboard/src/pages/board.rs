@@ -83,6 +83,7 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     let is_papers = |division: &Division| {
         (division.time, division.observations, division.robot.as_str())
             == (Time::Lockstep, Observations::Standard, "g1_inspire")
+            && division.assets.is_empty()
     };
     let has_paper = table.is_none_or(|table| is_papers(&table.division));
     let part = show::part(table.map_or(&[][..], |table| &table.places), ROWS, query);

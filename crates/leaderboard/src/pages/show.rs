@@ -121,7 +121,17 @@ pub(super) fn robot(name: &str) -> String {
 pub(super) fn division(division: &Division) -> String {
     let mut time = time(division.time).to_owned();
     time[..1].make_ascii_uppercase();
-    format!("{time}, {} observations, {}", observations(division.observations), robot(&division.robot))
+    let observations = observations(division.observations);
+    format!("{time}, {observations} observations, {}{}", robot(&division.robot), objects(division, ", with ", " "))
+}
+
+/// The objects from files of a division, each by its place and the begin of its digest.
+fn objects(division: &Division, before: &str, between: &str) -> String {
+    let short = |object: &String| {
+        let (place, digest) = object.split_once(' ').unwrap_or((object, ""));
+        format!("{before}{place}{between}{}", digest.get(..12).unwrap_or(digest))
+    };
+    division.assets.iter().map(short).collect()
 }
 
 /// A division in a few words, such as `privileged`: only its uncommon parts.
@@ -133,13 +143,14 @@ pub(super) fn brief(division: &Division) -> String {
     if division.robot != pins::RANKED_ROBOTS[0] {
         words.push(robot(&division.robot));
     }
-    words.join(", ")
+    words.join(", ") + &objects(division, ", with ", " ")
 }
 
 /// A division in an address, such as `7-lockstep-standard-g1_inspire`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
     let time = time(division.time).replace(' ', "-");
-    format!("{version}-{time}-{}-{}", observations(division.observations), division.robot)
+    let objects = objects(division, "-", "-");
+    format!("{version}-{time}-{}-{}{objects}", observations(division.observations), division.robot)
 }
 
 /// The day an entry was received, UTC, such as `2026-11-23`.

@@ -1,7 +1,7 @@
 //! Descriptions of a server, of its tasks and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v3::{EpisodeHeader, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Asset, EpisodeHeader, ServerInfo, SessionInfo, TaskInfo};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
@@ -87,6 +87,13 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
     }
 }
 
+fn assets(config: &SceneConfig) -> Vec<Asset> {
+    let assets = config.assets.iter();
+    assets
+        .map(|(place, asset)| Asset { place: place.clone(), name: asset.name.clone(), digest: asset.digest.clone() })
+        .collect()
+}
+
 pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, episode: &Episode) -> EpisodeHeader {
     let scene = episode.scene();
     let robot = &scene.robot;
@@ -137,5 +144,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         contacts: contact_messages(scene.robot_layout()),
         joint_groups: Some(joint_groups_message(&scene.joint_groups())),
         run: plan.ticket.clone(),
+        assets: assets(&scene.config),
+        base_scene_digest: scene.config.base_digest().unwrap_or_default(),
     }
 }

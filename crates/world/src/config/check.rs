@@ -9,6 +9,7 @@ use super::parts::{
     RoomConfig, StartConfig, Surfaces, ThingConfig,
 };
 use crate::SceneError;
+use crate::object::{ASSET_PLACES, Role};
 
 type Checked = Result<(), SceneError>;
 
@@ -30,7 +31,8 @@ pub(super) fn check(config: &SceneConfig) -> Checked {
     climb(&config.climb, &config.room)?;
     within("robot.pelvis_height", &[config.robot.pelvis_height], 0.1, 10.0)?;
     start(&config.start)?;
-    things(&config.things)
+    things(&config.things)?;
+    assets(config)
 }
 
 fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
@@ -304,6 +306,30 @@ fn things(things: &BTreeMap<String, ThingConfig>) -> Checked {
         }
         let rule = "it must have boxes or balls";
         ensure(!thing.boxes.is_empty() || !thing.balls.is_empty(), "things", name, rule)?;
+    }
+    Ok(())
+}
+
+fn assets(config: &SceneConfig) -> Checked {
+    for (place, asset) in &config.assets {
+        let role = ASSET_PLACES.into_iter().find(|(name, _)| name == place).map(|(_, role)| role);
+        let places = ASSET_PLACES.map(|(name, _)| name).join(", ");
+        ensure(role.is_some(), "assets", place, &format!("it must be one of {places}"))?;
+        let frictions = [asset.surface.friction, asset.surface.static_friction];
+        within("assets.PLACE.surface", &frictions, 0.0, 10.0)?;
+        ensure(
+            asset.hulls(1.0).is_ok_and(|hulls| !hulls.is_empty()),
+            "assets.PLACE.pieces",
+            place,
+            "they must be hulls",
+        )?;
+        let is_bulb = role == Some(Role::Bulb);
+        ensure(asset.bulb.is_some() == is_bulb, "assets.PLACE.bulb", place, "bulbs have it, other things do not")?;
+        if let Some(shape) = &asset.bulb {
+            bulb(&config.bulb.with_shape(shape))?;
+            let rule = "it must be bulb.seat_z; build the object for this scene";
+            ensure((shape.seat_z - config.bulb.seat_z).abs() < 1e-9, "assets.PLACE.bulb.seat_z", &shape.seat_z, rule)?;
+        }
     }
     Ok(())
 }

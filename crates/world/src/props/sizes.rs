@@ -1,4 +1,4 @@
-use fiatlux_rules::Bulb;
+use fiatlux_rules::{Bulb, manifest};
 
 use crate::config::{BulbConfig, FixtureConfig, LadderConfig, SceneConfig};
 use crate::{PropScale, SceneError};
@@ -27,9 +27,18 @@ impl PropSizes {
             ladder: ladder(&config.ladder, scale.ladder),
             fixture: fixture(&config.fixture, scale.socket),
             seat_z: config.bulb.seat_z * scale.socket,
-            bulbs: Bulb::ALL.map(|which| bulb(&config.bulb, scale.bulb(which))),
+            bulbs: Bulb::ALL.map(|which| {
+                let own = config.asset(place(which)).and_then(|asset| asset.bulb.as_ref());
+                let nominal = own.map_or_else(|| config.bulb.clone(), |shape| config.bulb.with_shape(shape));
+                bulb(&nominal, scale.bulb(which))
+            }),
         })
     }
+}
+
+/// The place of a bulb among those that take objects from files.
+pub(crate) fn place(bulb: Bulb) -> &'static str {
+    &manifest().things[bulb.thing()].name
 }
 
 fn ladder(config: &LadderConfig, [x, y, z]: [f64; 3]) -> LadderConfig {
