@@ -1,6 +1,7 @@
 //! The native part of the Python package `fiatlux`: batches and episodes that write into NumPy arrays. The public interface
 //! is in `fiatlux/*.py`; nothing here is meant for users.
 
+mod assets;
 mod bag;
 mod batch;
 mod build;
@@ -42,5 +43,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
     module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
+    module.add_function(wrap_pyfunction!(assets::asset_trials, module)?)?;
     Ok(())
 }
