@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The checks of the package that need its extras, each in a fresh environment with the wheel and that extra:
 #
-#     python/tests/extras.sh [train] [ray] [lerobot] [mujoco]     (all without names)
+#     python/tests/extras.sh [train] [ray] [lerobot] [mujoco] [assets]     (all without names)
 #
 # Each gets what today's pip resolves. PyTorch is downloaded twice, since the trainers and lerobot ask for versions that differ.
 # FIATLUX_WHEEL names a wheel that is built already, FIATLUX_TEST_PROGRAM the program fiatlux, without which lerobot's tests of
@@ -12,7 +12,7 @@ work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 extras=("$@")
 failed=()
-[ ${#extras[@]} -gt 0 ] || extras=(train ray lerobot mujoco)
+[ ${#extras[@]} -gt 0 ] || extras=(train ray lerobot mujoco assets)
 
 wheel="${FIATLUX_WHEEL:-}"
 if [ -z "$wheel" ]; then
@@ -32,8 +32,9 @@ for extra in "${extras[@]}"; do
         ray) tests=(extras/test_ray.py) ;;
         lerobot) tests=(extras/test_lerobot.py) ;;
         mujoco) tests=(test_benchmarks.py) ;;
+        assets) tests=(extras/test_assets.py) ;;
         *)
-            echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco" >&2
+            echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco, assets" >&2
             exit 2
             ;;
     esac

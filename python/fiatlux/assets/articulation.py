@@ -1,0 +1,265 @@
+"""Parts and joints of an object, from a TOML or from a URDF such as SimArt writes."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomllib
+
+from .error import AssetError
+
+KINDS = ("revolute", "prismatic", "fixed")
+#: Density of a part that names none, kg/m^3, and the range of densities; the published pipeline has the same.
+DENSITY = 1500.0
+DENSITIES = (20.0, 12000.0)
+#: Names of parts and joints become names of prims, bodies and files.
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
+
+
+@dataclass
+class Joint:
+    """A joint between two parts; ``lower`` and ``upper`` are in rad or m, infinite where the joint is free."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    #: A point of the axis and its direction, in the frame of the object's mesh.
+    anchor: np.ndarray
+    axis: np.ndarray
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass
+class PartSource:
+    name: str
+    mesh: Path
+    density: float | None = None
+    #: From the frame of the mesh file to that of the object, in its axes and units.
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class Articulation:
+    """Parts in the frame of the object's mesh; the first one is the root."""
+
+    parts: list[PartSource]
+    joints: list[Joint]
+
+
+def check_name(name: object, what: str) -> str:
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise AssetError(f"{what}: '{name}' cannot be a name; use letters, digits and _, not a digit first, at most 64")
+    return name
+
+
+def inside(folder: Path, name: object, what: str) -> Path:
+    """A file of a folder, by a relative path that does not leave it."""
+    path = folder / str(name)
+    if not isinstance(name, str) or not path.resolve().is_relative_to(folder.resolve()):
+        raise AssetError(f"{what}: '{name}' lies outside of {folder}; put it in there")
+    return path
+
+
+def read(path: Path) -> Articulation:
+    """Reads parts and joints from a TOML, or from a URDF and the JSON next to it.
+
+    Raises:
+        AssetError: A part or joint is missing, wrong, or part of a loop.
+    """
+    if path.suffix == ".urdf":
+        try:
+            return checked(_urdf(path), path)
+        except AssetError:
+            raise
+        except ValueError as error:
+            raise AssetError(f"{path}: a number cannot be read: {error}") from error
+    try:
+        document = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise AssetError(f"{path}: {error}") from error
+    _known(document, {"parts", "joints"}, str(path))
+    parts = [_part(table, path, index) for index, table in enumerate(document.get("parts", []))]
+    joints = [_joint(table, path, index) for index, table in enumerate(document.get("joints", []))]
+    return checked(Articulation(parts, joints), path)
+
+
+def checked(articulation: Articulation, path: Path) -> Articulation:
+    names = [part.name for part in articulation.parts]
+    if not names:
+        raise AssetError(f"{path}: it has no parts; give at least one with a mesh")
+    for word, listed in [("part", names), ("joint", [joint.name for joint in articulation.joints])]:
+        for name in listed:
+            if listed.count(name) > 1:
+                raise AssetError(f"{path}: two {word}s have the name '{name}'; rename one")
+    for joint in articulation.joints:
+        what = f"{path}: joint '{joint.name}'"
+        for side, part in [("parent", joint.parent), ("child", joint.child)]:
+            if part not in names:
+                raise AssetError(f"{what}: its {side} '{part}' is not a part; the parts are {', '.join(names)}")
+        if joint.kind not in KINDS:
+            raise AssetError(f"{what}: kind '{joint.kind}' is not known; use {', '.join(KINDS)}")
+        if joint.anchor.shape != (3,) or joint.axis.shape != (3,):
+            raise AssetError(f"{what}: its anchor and axis need three numbers each")
+        if not (np.isfinite(joint.anchor).all() and np.isfinite(joint.axis).all()):
+            raise AssetError(f"{what}: its anchor or axis has a NaN or infinite number")
+        length = np.linalg.norm(joint.axis)
+        if not length > 1e-6:
+            raise AssetError(f"{what}: its axis has no length; give a direction such as [0, 0, 1]")
+        joint.axis = joint.axis / length
+        limit = 2.0 * np.pi if joint.kind == "revolute" else 100.0
+        if np.isnan([joint.lower, joint.upper]).any() or not joint.lower <= joint.upper:
+            raise AssetError(f"{what}: lower {joint.lower} is not below upper {joint.upper}")
+        if np.isfinite([joint.lower, joint.upper]).all() and joint.upper - joint.lower > limit + 1e-6:
+            raise AssetError(
+                f"{what}: it spans {joint.upper - joint.lower:.4g}; at most 360 degrees or 100 m are allowed"
+            )
+    for name in names:
+        above = [joint.name for joint in articulation.joints if joint.child == name]
+        if len(above) != (0 if name == names[0] else 1):
+            raise AssetError(
+                f"{path}: part '{name}' is the child of {len(above)} joints; the first part is the root, each other one is"
+                " the child of one joint"
+            )
+        reached, at = {name}, name
+        while at != names[0]:
+            at = next(joint.parent for joint in articulation.joints if joint.child == at)
+            if at in reached:
+                raise AssetError(f"{path}: the joints around part '{at}' form a loop")
+            reached.add(at)
+    return articulation
+
+
+def check_density(value: object, what: str) -> float | None:
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or not DENSITIES[0] <= value <= DENSITIES[1]:
+        raise AssetError(f"{what}: density {value} is outside {DENSITIES[0]} to {DENSITIES[1]} kg/m^3")
+    return float(value)
+
+
+def _known(table: Any, keys: set[str], what: str) -> None:
+    if not isinstance(table, dict):
+        raise AssetError(f"{what}: it must be a table")
+    unknown = sorted(set(table) - keys)
+    if unknown:
+        raise AssetError(f"{what}: '{unknown[0]}' is not known; use {', '.join(sorted(keys))}")
+
+
+def _part(table: Any, path: Path, index: int) -> PartSource:
+    what = f"{path}: parts[{index}]"
+    _known(table, {"name", "mesh", "density"}, what)
+    mesh = inside(path.parent, table.get("mesh"), f"{what}.mesh")
+    return PartSource(check_name(table.get("name"), f"{what}.name"), mesh, check_density(table.get("density"), what))
+
+
+def _vector(value: Any, what: str) -> np.ndarray:
+    try:
+        vector = np.array(value, float)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    if vector.shape != (3,):
+        raise AssetError(f"{what}: {value} is not a list of three numbers")
+    return vector
+
+
+def _joint(table: Any, path: Path, index: int) -> Joint:
+    what = f"{path}: joints[{index}]"
+    _known(table, {"name", "kind", "parent", "child", "anchor", "axis", "lower", "upper"}, what)
+    limits = [table.get("lower", -np.inf), table.get("upper", np.inf)]
+    if not all(isinstance(limit, int | float) for limit in limits):
+        raise AssetError(f"{what}: lower and upper must be numbers, in rad or m")
+    return Joint(
+        check_name(table.get("name"), f"{what}.name"),
+        str(table.get("kind")),
+        str(table.get("parent")),
+        str(table.get("child")),
+        _vector(table.get("anchor"), f"{what}.anchor"),
+        _vector(table.get("axis"), f"{what}.axis"),
+        float(limits[0]),
+        float(limits[1]),
+    )
+
+
+def _urdf(path: Path) -> Articulation:
+    """Links with one visual mesh each, in frames that are not turned."""
+    try:
+        root = ElementTree.fromstring(path.read_text())
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise AssetError(f"{path}: {error}") from error
+    captions: dict[str, Any] = {}
+    beside = path.with_suffix(".json")
+    if beside.is_file():
+        try:
+            captions = json.loads(beside.read_text())["output"]["parts_captions"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise AssetError(f"{beside}: it has no output.parts_captions: {error!r}") from error
+
+    joints, origins = [], {}
+    for element in root.findall("joint"):
+        name = check_name(element.get("name"), f"{path}: joint")
+        kind = {"continuous": "revolute"}.get(str(element.get("type")), str(element.get("type")))
+        parent, child = (
+            _attribute(element.find(side), "link", f"{path}: joint '{name}' {side}") for side in ("parent", "child")
+        )
+        offset = _origin(element, f"{path}: joint '{name}'")
+        axis, limit = element.find("axis"), element.find("limit")
+        lower, upper = -np.inf, np.inf
+        if limit is not None and element.get("type") != "continuous":
+            lower, upper = (float(limit.get(side, "0")) for side in ("lower", "upper"))
+        direction = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+        joints.append(Joint(name, kind, parent, child, offset, np.array(direction.split(), float), lower, upper))
+        origins[child] = (parent, offset)
+
+    def anchor(link: str) -> np.ndarray:
+        at, total = link, np.zeros(3)
+        for _ in range(len(origins) + 1):
+            if at not in origins:
+                return total
+            at, offset = origins[at][0], origins[at][1]
+            total = total + offset
+        raise AssetError(f"{path}: the joints around link '{link}' form a loop")
+
+    for joint in joints:
+        joint.anchor = anchor(joint.child)
+    parts = []
+    for link in root.findall("link"):
+        name = check_name(link.get("name"), f"{path}: link")
+        visual = link.find("visual")
+        shape = None if visual is None else visual.find("geometry/mesh")
+        if visual is None or shape is None:
+            raise AssetError(f"{path}: link '{name}' has no visual mesh")
+        mesh = inside(path.parent, shape.get("filename"), f"{path}: link '{name}'")
+        caption = captions.get(name.removeprefix("l_"), {})
+        density = caption.get("density") if isinstance(caption, dict) else None
+        # Small numbers are g/cm^3.
+        if isinstance(density, int | float) and 0.05 <= density <= 25.0:
+            density = 1000.0 * density
+        offset = anchor(name) + _origin(visual, f"{path}: link '{name}'")
+        parts.append(PartSource(name, mesh, check_density(density, f"{beside}: {name}"), offset))
+    parts.sort(key=lambda part: part.name in origins)
+    return Articulation(parts, joints)
+
+
+def _attribute(element: ElementTree.Element | None, name: str, what: str) -> str:
+    value = None if element is None else element.get(name)
+    if value is None:
+        raise AssetError(f"{what}: it names no {name}")
+    return value
+
+
+def _origin(element: ElementTree.Element, what: str) -> np.ndarray:
+    origin = element.find("origin")
+    if origin is None:
+        return np.zeros(3)
+    turn, offset = (np.array(origin.get(key, "0 0 0").split(), float) for key in ("rpy", "xyz"))
+    if turn.shape != (3,) or offset.shape != (3,) or np.abs(turn).max() > 1e-9:
+        raise AssetError(f"{what}: its frame is turned; write the parts in one frame, with rpy 0 0 0")
+    return offset
