@@ -28,7 +28,7 @@ LEFT = {
 
 
 def is_allowed(expression, allowed):
-    """Whether an SPDX expression can be met with the allowed licences; `WITH` belongs to its licence, `/` is an old `OR`.
+    """True if an SPDX expression can be met with the allowed licences; `WITH` belongs to its licence, `/` is an old `OR`.
 
     Raises ValueError for what is not an expression.
     """
@@ -82,7 +82,7 @@ def unapplied(rules):
 
 
 def faults(rules, packages):
-    """What the packages of `cargo metadata` break of the rules, one line each."""
+    """Violations of the rules by the packages of `cargo metadata`, one line each."""
     licenses = rules["licenses"]
     exceptions = {entry["crate"]: entry["allow"] for entry in licenses.get("exceptions", [])}
     banned = {entry["crate"]: entry["reason"] for entry in rules["bans"]["deny"]}

@@ -1,4 +1,4 @@
-"""How busy a model server is in a run: a double of 145 ms a chunk, a server, and `policy-client evaluate` over 48 episodes.
+"""Measures the load of a model server in a run: a double of 145 ms a chunk, a server, and `policy-client evaluate` over 48 episodes.
 
     python busy.py TARGET/debug [--parallel 16] [--prefix 16] [--stand SECONDS] [--tasks S01,S04,S05,S07] [--seeds 0..11]
 
