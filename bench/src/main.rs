@@ -145,10 +145,7 @@ fn main() -> ExitCode {
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
+        Err(error) => fiatlux_cli::failure(error),
     }
 }
 

@@ -81,10 +81,7 @@ pub fn run(policies: Policies) -> ExitCode {
     };
     match done {
         Ok(code) => code,
-        Err(error) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
+        Err(error) => fiatlux_cli::failure(error),
     }
 }
 

@@ -69,10 +69,7 @@ fn exit(done: Result<bool, Failure>, short: ExitCode) -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => short,
         Err(Failure::Usage(message)) => Cli::command().error(clap::error::ErrorKind::ValueValidation, message).exit(),
-        Err(Failure::Failed(error)) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
+        Err(Failure::Failed(error)) => fiatlux_cli::failure(error),
     }
 }
 

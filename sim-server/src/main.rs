@@ -100,10 +100,7 @@ fn main() -> ExitCode {
     match done {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(LOSS),
-        Err(error) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
+        Err(error) => fiatlux_cli::failure(error),
     }
 }
 

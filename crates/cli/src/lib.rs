@@ -13,7 +13,7 @@ mod whole_file;
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};
 pub use parse::{check_whole_numbers, parse, whole};
-pub use print::{print, print_error, print_headed, report};
+pub use print::{failure, print, print_error, print_headed, report};
 pub use progress::ProgressLine;
 pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
 pub use signal::{INTERRUPTED, stop_on_signal, wait_for};

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::process::ExitCode;
 
 use fiatlux_proto::plain_lines;
 
@@ -24,6 +25,12 @@ pub fn print_headed(text: impl AsRef<str>) -> io::Result<()> {
 pub fn print_error(error: impl Display) {
     let label = if has_colour(&io::stderr()) { "\x1b[1;31merror:\x1b[0m" } else { "error:" };
     let _ = writeln!(io::stderr(), "{label} {}", plain_lines(&error.to_string()));
+}
+
+/// Writes the error that ended a program, with its sources; returns the exit code.
+pub fn failure(error: impl Display) -> ExitCode {
+    print_error(format!("{error:#}"));
+    ExitCode::FAILURE
 }
 
 /// Writes a line to stderr, control characters of strangers' texts escaped. A closed stderr does not stop the program.

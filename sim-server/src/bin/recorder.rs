@@ -57,10 +57,7 @@ fn main() -> ExitCode {
     match run(cli) {
         Ok(false) => ExitCode::SUCCESS,
         Ok(true) => ExitCode::from(CUT),
-        Err(error) => {
-            fiatlux_cli::print_error(format!("{error:#}"));
-            ExitCode::FAILURE
-        }
+        Err(error) => fiatlux_cli::failure(error),
     }
 }
 
