@@ -21,7 +21,7 @@ pub struct Keyframe {
     pub seconds: f64,
     /// Part of the weight that each foot may bear, left first; 1 sets no limit.
     pub bears: [f64; 2],
-    /// What bears of each sole: from its rear to its front, from the sole's middle, m.
+    /// Bearing part of each sole: from its rear to its front, from the sole's middle, m.
     pub ranges: [[f64; 2]; 2],
     /// Pelvis in the plan's frame.
     pub pelvis: Isometry3<f64>,
@@ -121,7 +121,7 @@ impl Plan {
     }
 }
 
-/// What bears is that of the posture ahead.
+/// The bearing parts are those of the posture ahead.
 fn between(before: &Keyframe, key: &Keyframe, part: f64) -> Keyframe {
     let mix = |a: f64, b: f64| a + part * (b - a);
     Keyframe {

@@ -32,7 +32,7 @@ const ABOVE: f64 = 0.02;
 pub struct Foothold {
     /// The sole, level.
     pub sole: Isometry3<f64>,
-    /// What bears of it: from its rear to its front, from its middle, m.
+    /// Its bearing part: from its rear to its front, from its middle, m.
     pub range: [f64; 2],
     /// Which surface it is on; 0 is the floor.
     pub surface: usize,
@@ -50,7 +50,7 @@ pub type Places = [Option<usize>; 2];
 /// Shapes that are to keep apart with the feet on these surfaces.
 pub type Apart<'a> = dyn Fn(Places) -> Vec<Clearance> + 'a;
 
-/// How a foot is held.
+/// Constraint of a foot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Hold {
     Flat,

@@ -19,7 +19,7 @@ use nalgebra::Vector3;
 const SENSORS: Sensors =
     Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
 
-/// How an episode differs from the benchmark's.
+/// Differences of an episode from the benchmark's.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
     /// Friction of the hands, in place of the drawn one.
@@ -32,7 +32,7 @@ pub struct Changes {
     pub push: Option<(f64, String)>,
 }
 
-/// How an episode ended.
+/// The end of an episode.
 #[allow(dead_code)]
 pub struct Played {
     pub cause: Cause,

@@ -30,7 +30,7 @@ pub(super) type Angles = BTreeMap<String, f64>;
 pub(super) struct Posture {
     /// Angles from the shoulder down, rad.
     pub angles: [f64; ARMS / 2],
-    /// How far the hand stays from where it is wanted, m, a turn counting as a way.
+    /// Distance of the hand from its goal, m; a turn counts as a distance.
     pub error: f64,
     /// Least room of a joint to its limits, and of the elbow until the arm is straight, rad.
     pub margin: f64,
@@ -265,7 +265,7 @@ impl RightArm {
     }
 }
 
-/// How a finger is closed.
+/// Closure of a finger.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Finger {
     /// From 0, open, to 1, closed.
@@ -294,7 +294,7 @@ const TRIES: usize = 12;
 /// Index of the elbow in the arm, and its angle where the arm is straight, rad.
 const ELBOW: usize = 3;
 const STRAIGHT: f64 = 1.57;
-/// How strongly joints are pulled to where they rest.
+/// Strength with which joints are pulled to their rest angles.
 const REST_PULL: f64 = 0.1;
 
 /// Turn about the vertical of a pose's x axis, rad.

@@ -16,7 +16,7 @@ use super::steps::{Steps, steps_to};
 const TURNS: u32 = 11;
 const LARGEST_TURN: f64 = 1.1;
 const REACHED: f64 = 0.003;
-/// What is left where the hand has come to the end of its way, m, and the arm to a posture, rad.
+/// Distance at which the hand has arrived, m, and angle at which the arm has reached a posture, rad.
 const ARRIVED: f64 = 0.002;
 const TURNED: f64 = 0.01;
 /// Least and largest size of a bulb that is believed: the published range is 0.9 to 1.1.

@@ -9,7 +9,7 @@ use super::arm::{FINGERS, RightArm};
 /// Bottom of the cap on a bulb's axis, m: `seat_z` of `[bulb]` in `crates/world/scene.toml`.
 pub(super) const CAP: f64 = 0.036259;
 
-/// What an expert sees in a control step.
+/// Inputs of an expert in a control step.
 pub(super) struct Seen {
     /// Since the episode began, s.
     pub time: f64,

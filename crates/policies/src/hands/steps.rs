@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
 
 use super::arm::heading;
 
-/// How fast the robot steps at least, m/s, how its speeds grow with what is left, 1/s, and how fast it turns at most, rad/s.
-const LEAST_SPEED: f64 = 0.1;
+/// Least speed of steps, m/s, gain of the speeds over the remaining distance, 1/s, and largest rate of turning, rad/s.
+const MIN_SPEED: f64 = 0.1;
 const GAIN: f64 = 1.5;
 const TURN_RATE: f64 = 0.4;
 
@@ -24,7 +24,7 @@ pub(super) fn steps_to(pelvis: &Isometry3<f64>, place: &Vector2<f64>, facing: f6
     let looks = heading(pelvis);
     let left = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -looks) * Vector3::new(away.x, away.y, 0.0);
     let distance = left.norm();
-    let speed = (GAIN * distance).clamp(LEAST_SPEED, fastest);
+    let speed = (GAIN * distance).clamp(MIN_SPEED, fastest);
     let velocity = left * (speed / distance.max(1e-6));
     let turn = (GAIN * angle(facing - looks)).clamp(-TURN_RATE, TURN_RATE);
     Steps { velocity: [velocity.x, velocity.y, turn], distance }
