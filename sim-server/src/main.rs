@@ -130,7 +130,8 @@ fn write_usd(mjcf: &str, folder: &Path) -> anyhow::Result<()> {
     let remedy = "install the wheel with its extra assets into the environment of python3 (docs/assets.md)";
     let mut python = std::process::Command::new("python3");
     let command = python.args(["-m", "fiatlux.assets", "scene", "--mjcf", "-", "--out"]).arg(folder);
-    let mut running = command.stdin(Stdio::piped()).spawn().with_context(|| format!("cannot start python3; {remedy}"))?;
+    let mut running =
+        command.stdin(Stdio::piped()).spawn().with_context(|| format!("cannot start python3; {remedy}"))?;
     // A package that is missing closes its end.
     let written = running.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(mjcf.as_bytes()));
     let status = running.wait()?;

@@ -25,7 +25,7 @@ pub(crate) struct Placed {
     pub bodies: Vec<BodyId>,
 }
 
-/// How the root of an object stands in a world.
+/// Support of an object's root in a world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Base {
     Free,

@@ -37,13 +37,13 @@ pub struct Trial {
     pub check: Check,
     /// Names of the objects.
     pub objects: Vec<String>,
-    /// What distinguishes it from other trials of these objects.
+    /// Its distinction from other trials of these objects.
     pub case: String,
-    /// Whether it passed.
+    /// It passed.
     pub passed: bool,
     /// Measured values by name, with their units.
     pub measures: Vec<(String, f64)>,
-    /// What failed; empty if it passed.
+    /// The failures; empty if it passed.
     pub reason: String,
 }
 

@@ -56,7 +56,7 @@ pub struct Conditions {
     pub assets: Vec<String>,
 }
 
-/// How the deviation of a scene with objects from files begins; it is followed by [`Conditions::assets`].
+/// Beginning of the deviation of a scene with objects from files; it is followed by [`Conditions::assets`].
 pub const OBJECTS: &str = "objects from files are ";
 
 fn is_named(asset: &v3::Asset) -> bool {

@@ -134,7 +134,7 @@ impl FromStr for AssetArg {
     }
 }
 
-/// What an object can be in the room.
+/// Role of an object in the room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -173,9 +173,9 @@ pub struct Object {
     format: u32,
     /// Its name.
     pub name: String,
-    /// What it can be in the room.
+    /// Its role in the room.
     pub role: Role,
-    /// Whether its root cannot move.
+    /// Its root cannot move.
     pub fixed: bool,
     /// Static friction; recorded, not used.
     pub static_friction: f64,
@@ -237,7 +237,7 @@ pub struct LinkJoint {
     pub name: String,
     /// The link above.
     pub parent: String,
-    /// How it moves.
+    /// Kind of its motion.
     pub kind: JointKind,
     /// A point of its axis, m.
     pub anchor: [f64; 3],
@@ -262,7 +262,7 @@ pub struct SceneNumbers {
     pub bulb: Option<BulbShape>,
 }
 
-/// What rules read of a crate, m.
+/// Sizes of a crate that rules read, m.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs)] // As in `CrateConfig`.
@@ -273,7 +273,7 @@ pub struct CrateNumbers {
     pub floor_height: f64,
 }
 
-/// What rules read of a bench, m.
+/// Sizes of a bench that rules read, m.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs)] // As in `BenchConfig`.
@@ -282,7 +282,7 @@ pub struct BenchNumbers {
     pub footprint_half: [f64; 2],
 }
 
-/// What a bulb from a file has of its own. Its plug and the balls around its cap are those of the scene's bulb, since the
+/// Shape of a bulb from a file. Its plug and the balls around its cap are those of the scene's bulb, since the
 /// socket fits no other ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -66,7 +66,7 @@ class Object:
 
 @dataclass
 class Settings:
-    """What `build` calibrates an object by."""
+    """Measures by which `build` calibrates an object."""
 
     name: str
     role: str = "none"

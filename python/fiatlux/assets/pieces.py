@@ -85,7 +85,7 @@ def thinned(points: np.ndarray) -> np.ndarray:
 
 
 def is_thick(corners: np.ndarray) -> bool:
-    """Whether the engine takes a piece: CoACD leaves slivers."""
+    """True if the engine takes a piece: CoACD leaves slivers."""
     hull = ConvexHull(corners, qhull_options="QJ")
     heights = corners @ hull.equations[:, :3].T
     thickness = np.ptp(heights, axis=0).min()

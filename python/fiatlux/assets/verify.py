@@ -22,7 +22,7 @@ MAX_BYTES = 1 << 30
 
 @dataclass
 class Expected:
-    """What is expected of a stage; None where nothing is known."""
+    """Expectations of a stage; None where nothing is known."""
 
     #: Of colliders: "convexHull", "convexDecomposition", or "none" for a stage without colliders.
     approximation: str | None = None
@@ -479,7 +479,7 @@ def row(number: int, assertion: Assertion, stage: Stage) -> Check:
 
 
 def validators(file: str | Path) -> list[str]:
-    """What usd-core's own validators find; empty for a clean stage."""
+    """Findings of usd-core's own validators; empty for a clean stage."""
     registry = UsdValidation.ValidationRegistry()
     every = [
         registry.GetOrLoadValidatorByName(data.name) for data in registry.GetAllValidatorMetadata() if not data.isSuite
@@ -499,7 +499,7 @@ def points_of(mesh: UsdGeom.Mesh) -> np.ndarray:
 
 
 def pieces_beside(prim: Usd.Prim) -> bool:
-    """Whether the body of a drawn mesh has colliders of purpose guide."""
+    """True if the body of a drawn mesh has colliders of purpose guide."""
     while prim and not prim.HasAPI(UsdPhysics.RigidBodyAPI):
         prim = prim.GetParent()
     if not prim:

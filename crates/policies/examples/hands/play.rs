@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy};
 use fiatlux_policies::Hands;
-use fiatlux_proto::v3::{Joint, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_render::Lighting;
-use fiatlux_robot::{GainSet, JointGains, Robot};
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, Verdict, errand};
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_wire::{hand_body_names, joint_messages};
 use fiatlux_world::{
     ACTION_SCALE, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
 };
@@ -90,18 +91,10 @@ pub fn play(
     let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
     suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
 
-    let joint = |((joint, q0), gains): ((&fiatlux_robot::Joint, &f64), &JointGains)| Joint {
-        name: joint.name.clone(),
-        q0: *q0,
-        stiffness: gains.stiffness,
-        damping: gains.damping,
-        effort_limit: gains.effort_limit,
-        ..Joint::default()
-    };
     let info = SessionInfo {
         task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
-        joints: robot.joints().iter().zip(robot.q0()).zip(&gains.0).map(joint).collect(),
-        hand_bodies: robot.hand_links().iter().map(|&link| robot.links()[link].name.clone()).collect(),
+        joints: joint_messages(&robot, &gains),
+        hand_bodies: hand_body_names(&robot),
         action_scale: ACTION_SCALE,
         control_dt: CONTROL_DT,
         ..SessionInfo::default()
