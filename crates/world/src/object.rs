@@ -34,82 +34,26 @@ pub const ASSET_PLACES: [(&str, Role); 5] = [
 
 /// Why an object is refused.
 #[derive(Debug, Error)]
+#[allow(missing_docs)] // The messages say it.
 pub enum ObjectError {
-    /// The file cannot be read.
     #[error("cannot read {path}; name a folder that `python -m fiatlux.assets build` wrote")]
-    Read {
-        /// The file.
-        path: String,
-        /// Why.
-        #[source]
-        source: std::io::Error,
-    },
-    /// The file is too large.
+    Read { path: String, source: std::io::Error },
     #[error("{path} has {bytes} bytes; the limit is {MAX_BYTES}; build the object with a higher --threshold")]
-    Size {
-        /// The file.
-        path: String,
-        /// Its size.
-        bytes: u64,
-    },
-    /// The text is not TOML, or a field is missing, unknown or of the wrong type.
+    Size { path: String, bytes: u64 },
     #[error("object: {reason}; build it anew")]
-    Toml {
-        /// Fault of the text.
-        reason: String,
-    },
-    /// A field has an invalid value.
+    Toml { reason: String },
     #[error("object '{name}': {field} {rule}; build it anew")]
-    Value {
-        /// The object.
-        name: String,
-        /// The field at fault.
-        field: String,
-        /// The rule that it breaks.
-        rule: String,
-    },
-    /// A piece makes no hull.
+    Value { name: String, field: String, rule: String },
     #[error("object '{name}'")]
-    Piece {
-        /// The object.
-        name: String,
-        /// Why.
-        #[source]
-        source: Box<ModelError>,
-    },
-    /// There is no such place.
+    Piece { name: String, source: Box<ModelError> },
     #[error("'{place}' takes no object; places are {}", ASSET_PLACES.map(|(name, _)| name).join(", "))]
-    Place {
-        /// The place that was asked for.
-        place: String,
-    },
-    /// Two objects for one place.
+    Place { place: String },
     #[error("two objects are to be the {place}; name one")]
-    Taken {
-        /// The place.
-        place: String,
-    },
-    /// The object does not fit the place.
+    Taken { place: String },
     #[error("object '{name}' cannot be the {place}: {reason}")]
-    Role {
-        /// The object.
-        name: String,
-        /// The place.
-        place: String,
-        /// Why not.
-        reason: String,
-    },
-    /// With the object the config makes no scene.
+    Role { name: String, place: String, reason: String },
     #[error("object '{name}' cannot be the {place}")]
-    Scene {
-        /// The object.
-        name: String,
-        /// The place.
-        place: String,
-        /// Why not.
-        #[source]
-        source: Box<SceneError>,
-    },
+    Scene { name: String, place: String, source: Box<SceneError> },
 }
 
 /// An object in place of a thing of the scene, as a command line gives it: `PLACE=DIR`.
