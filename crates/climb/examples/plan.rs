@@ -19,13 +19,15 @@ const PLATFORM: usize = 5;
 /// Half the depth of a tread, and of what bears on the platform inwards from its edge, m.
 const HALF_DEPTH: f64 = 0.045;
 const PLATFORM_DEPTH: f64 = 0.35;
-/// Distance of the soles' middles from the ladder's, m, and turn of the toes outwards, rad.
-const ASIDE: f64 = 0.12;
-const OUT: f64 = 0.1;
+/// Distance of the soles' middles from the ladder's, and ahead of a tread's middle, m, and turn of the toes outwards, rad: the
+/// soles lie along the treads, so that the ankles' pitch, which has more to give, balances across the robot.
+const ASIDE: f64 = 0.11;
+const OFFSET: f64 = -0.01;
+const OUT: f64 = 1.5;
 /// Where the feet stand on the floor, before the middle of the lowest tread, m.
 const BEFORE: f64 = 0.12;
 /// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air to the ladder.
-const GAPS: [f64; 3] = [0.001, 0.015, 0.015];
+const GAPS: [f64; 3] = [0.001, 0.010, 0.010];
 
 struct Ladder {
     scene: Scene,
@@ -46,7 +48,7 @@ impl Ladder {
         self.mechanics.world_from_site(&self.scene.site(name).unwrap())
     }
 
-    /// A foothold on a surface, facing away from the ladder, which is along x.
+    /// A foothold on a surface.
     fn foothold(&self, side: usize, surface: usize) -> Foothold {
         let mut at = self.site(SURFACES[surface.max(1)]).translation.vector;
         match surface {
@@ -54,13 +56,19 @@ impl Ladder {
             PLATFORM => at.x -= 0.2 - HALF_DEPTH,
             _ => {}
         }
+        at.x += OFFSET;
         let outwards = [1.0, -1.0][side];
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI + outwards * OUT);
         let sole = Isometry3::from_parts((at - Vector3::y() * outwards * ASIDE).into(), turn);
-        let corner = self.scene.robot.soles()[side].half_extents[1] * OUT.tan();
-        let inwards = if surface == PLATFORM { PLATFORM_DEPTH } else { HALF_DEPTH };
-        let range = if surface == 0 { [-0.1, 0.1] } else { [corner - inwards, HALF_DEPTH - corner] };
-        Foothold { sole, range: range.map(|x| x.clamp(-0.1, 0.1)), surface }
+        let half = self.scene.robot.soles()[side].half_extents;
+        // A corner of the turned sole gets to the tread's edge before its middle does.
+        let reach = |edge: f64| ((edge - half[1] * OUT.sin()) / OUT.cos()).clamp(0.0, half[0]);
+        let depth = if surface == PLATFORM { PLATFORM_DEPTH } else { HALF_DEPTH };
+        let range = match surface {
+            0 => [-half[0], half[0]],
+            _ => [-reach(depth - OFFSET), reach(HALF_DEPTH + OFFSET)],
+        };
+        Foothold { sole, range, surface }
     }
 
     fn clearances(&self, places: Places) -> Vec<Clearance> {
@@ -96,6 +104,7 @@ fn main() {
     let mut feet = [0, 1].map(|side| ladder.foothold(side, 0));
     let mut state = scene.model.reference_state();
     let middle = (feet[0].sole.translation.vector + feet[1].sole.translation.vector) / 2.0;
+    planner.out = OUT;
     let pelvis = Isometry3::new(middle + Vector3::z() * (scene.robot.standing_height() - 0.03), Vector3::z() * PI);
     state.set_pose(&scene.model, scene.robot_ids.root, &pelvis);
     let rest = planner.rest([0.3; 2]);

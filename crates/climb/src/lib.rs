@@ -4,11 +4,13 @@
 //! shapes apart. A [`Plan`] is a list of such postures, a [`Player`] balances the robot along it. The plan of the step
 //! ladder is made by `cargo run -p fiatlux-climb --example plan`.
 
+mod approach;
 mod body;
 mod plan;
 mod planner;
 mod player;
 
+pub use approach::{approach, stand};
 pub use body::Body;
 pub use plan::{JOINTS, Keyframe, Plan, PlanError};
 pub use planner::{Apart, Foothold, Places, Planner};

@@ -100,6 +100,15 @@ impl Plan {
         }
     }
 
+    /// The same postures from the last to the first.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let mut keyframes: Vec<Keyframe> = self.keyframes.iter().rev().cloned().collect();
+        let times = self.keyframes.iter().rev().map(|key| key.seconds);
+        keyframes.iter_mut().skip(1).zip(times).for_each(|(key, seconds)| key.seconds = seconds);
+        Self { keyframes }
+    }
+
     /// Time of the whole plan, s.
     pub fn seconds(&self) -> f64 {
         self.keyframes.iter().map(|key| key.seconds).sum()

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use fiatlux_dynamics::{Mechanics, Model, Site, State};
 use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions};
 use fiatlux_robot::{Robot, RobotIds};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
 use crate::body::pelvis;
 use crate::plan::{JOINTS, Keyframe};
@@ -15,14 +15,25 @@ const JUMP: f64 = 0.35;
 /// Ways of the centre of mass and of a foot between two postures, m, and turn of a foot, rad.
 const SHIFT: f64 = 0.01;
 const STRIDE: f64 = 0.02;
-const TURN: f64 = 0.06;
-/// Where the weight is, along x from the middle of what bears, m: tried in this order.
-const AHEAD: [f64; 3] = [-0.01, -0.02, 0.0];
-/// Bend of the knee that bears, rad, and how far a foot is pulled out from under the next tread, m: tried in this order.
-const BENDS: [f64; 3] = [0.9, 0.5, 1.3];
-const BACK: [f64; 3] = [0.1, 0.085, 0.07];
+const TURN: f64 = 0.1;
+/// Time of a shift of the weight by one such way, between treads and on the level, and of the shortest shift, s.
+const PACE: f64 = 0.3;
+const LEVEL_PACE: f64 = 0.22;
+const SHORTEST: f64 = 1.5;
 /// Part of the way of the weight after which a heel may rise.
-const HEEL_RISES: f64 = 0.6;
+const HEEL_RISES: f64 = 0.35;
+/// Where the weight is, along x from the point of the sole that it is brought over, m: tried in this order.
+const AHEAD: [f64; 3] = [0.0, -0.01, 0.01];
+/// Bend of the knee that bears, rad, and how far a foot is pulled out from under the next tread, m: tried in this order.
+const BENDS: [f64; 5] = [0.9, 1.3, 1.7, 2.1, 0.5];
+const BACK: [f64; 3] = [0.02, 0.03, 0.01];
+/// Point of a sole that the weight is brought over, ahead of its middle, m.
+const BEARING: f64 = -0.03;
+/// Distances that the rolls of the ankles keep from their limits, rad, tried in this order: what is left there is what balance
+/// has across a foot.
+const ROLLS: [f64; 3] = [0.1, 0.06, 0.0];
+/// Largest tilt of the pelvis, rad.
+const TILT: f64 = 0.4;
 /// Height of a foot above what it steps over, and above where it comes down, m.
 const OVER: f64 = 0.05;
 const ABOVE: f64 = 0.02;
@@ -39,9 +50,9 @@ pub struct Foothold {
 }
 
 impl Foothold {
-    /// Middle of what bears.
+    /// Where the weight is on this foot alone.
     fn bearing(&self) -> Vector3<f64> {
-        (self.sole * Point3::new((self.range[0] + self.range[1]) / 2.0, 0.0, 0.0)).coords
+        (self.sole * Point3::new(BEARING.clamp(self.range[0], self.range[1]), 0.0, 0.0)).coords
     }
 }
 
@@ -70,6 +81,12 @@ pub struct Planner<'a> {
     inverse: BTreeMap<Places, InverseKinematics>,
     /// Joints that move: legs and waist.
     moving: Vec<usize>,
+    /// Turn of the toes outwards, rad.
+    pub out: f64,
+    /// Pitch and roll of the shoulders, the roll outwards, and bend of the elbows at rest, rad: by default the arms are ahead.
+    pub arms: [f64; 3],
+    /// Distance that the rolls of the ankles keep from their limits, rad.
+    roll: f64,
 }
 
 /// The state that a plan has reached, and its postures so far.
@@ -87,7 +104,8 @@ impl<'a> Planner<'a> {
         let moves = |name: &str| ["hip", "knee", "ankle", "waist"].iter().any(|part| name.contains(part));
         let moving = robot.joints().iter().enumerate().filter(|(_, joint)| moves(&joint.name));
         let moving = moving.map(|(index, _)| index).collect();
-        Self { model, robot, ids, apart, mechanics: Mechanics::new(model), inverse: BTreeMap::new(), moving }
+        let (mechanics, inverse) = (Mechanics::new(model), BTreeMap::new());
+        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms: [-0.8, 0.3, 0.6], roll: ROLLS[0] }
     }
 
     /// Angles that all joints rest at, the knees bent by so much, rad.
@@ -96,13 +114,14 @@ impl<'a> Planner<'a> {
             let (side, joint) = name.split_once('_').unwrap_or_default();
             let (outwards, bend) = if side == "left" { (1.0, bends[0]) } else { (-1.0, bends[1]) };
             match joint {
-                "hip_pitch_joint" => -0.6 * bend,
-                "hip_yaw_joint" => outwards * 0.1,
+                "hip_pitch_joint" => -0.6 * bend * libm::cos(self.out),
+                "hip_roll_joint" => outwards * 0.6 * bend * libm::sin(self.out),
+                "hip_yaw_joint" => outwards * self.out,
                 "knee_joint" => bend,
                 "ankle_pitch_joint" => -0.4 * bend,
-                "shoulder_pitch_joint" => -0.3,
-                "shoulder_roll_joint" => outwards * 0.3,
-                "elbow_joint" => 0.6,
+                "shoulder_pitch_joint" => self.arms[0],
+                "shoulder_roll_joint" => outwards * self.arms[1],
+                "elbow_joint" => self.arms[2],
                 _ => 0.0,
             }
         };
@@ -127,7 +146,8 @@ impl<'a> Planner<'a> {
         side: usize,
         to: Foothold,
     ) -> Option<(State, Vec<Keyframe>)> {
-        for heel_rises in [false, true] {
+        for (roll, heel_rises) in ROLLS.into_iter().flat_map(|roll| [(roll, false), (roll, true)]) {
+            self.roll = roll;
             for ahead in AHEAD {
                 let over = feet[1 - side].bearing() + Vector3::x() * ahead;
                 for bend in BENDS {
@@ -174,7 +194,10 @@ impl<'a> Planner<'a> {
             }
             let com = com.lerp(&over, part);
             walked.state = self.solve(&walked.state, walked.holds, places, com, bends, false)?;
-            walked.keyframes.push(self.keyframe(&walked.state, 0.3, [1.0; 2], ranges));
+            let seconds = ease(part) - ease((shift - 1) as f64 / shifts as f64);
+            let pace = if feet[0].surface == feet[1].surface { LEVEL_PACE } else { PACE };
+            let seconds = seconds * (pace * shifts as f64).max(SHORTEST);
+            walked.keyframes.push(self.keyframe(&walked.state, seconds, [1.0; 2], ranges));
         }
         let mut bears = [1.0; 2];
         bears[side] = 0.0;
@@ -205,7 +228,7 @@ impl<'a> Planner<'a> {
         let site = self.ids.site(&self.robot.soles()[side].site);
         self.mechanics.update(self.model, &walked.state);
         let start = self.mechanics.world_from_site(&site);
-        let is_level = feet[side].surface == 0 && to.surface == 0;
+        let is_level = feet[side].surface == to.surface;
         let mut rotation = if is_level { start.rotation } else { to.sole.rotation };
         let mut at = start.translation.vector;
         let path = path(at, to.sole.translation.vector, if to.surface > 0 { back } else { 0.0 }, is_level);
@@ -224,7 +247,7 @@ impl<'a> Planner<'a> {
                 }
                 rotation = to.sole.rotation;
             }
-            let hold = if index == last { Hold::Flat } else { Hold::Free };
+            let hold = if index == last || is_level { Hold::Flat } else { Hold::Free };
             let strides = libm::ceil((via - at).norm() / STRIDE).max(1.0) as usize;
             for stride in 1..=strides {
                 let place = at.lerp(&via, stride as f64 / strides as f64);
@@ -243,7 +266,7 @@ impl<'a> Planner<'a> {
         Some(walked)
     }
 
-    fn keyframe(&self, state: &State, seconds: f64, bears: [f64; 2], ranges: [[f64; 2]; 2]) -> Keyframe {
+    pub(crate) fn keyframe(&self, state: &State, seconds: f64, bears: [f64; 2], ranges: [[f64; 2]; 2]) -> Keyframe {
         let angles = self.ids.joints.iter().take(JOINTS).map(|joint| state.qpos[joint.qpos]).collect();
         Keyframe { seconds, bears, ranges, pelvis: pelvis(self.ids, state), angles }
     }
@@ -268,7 +291,8 @@ impl<'a> Planner<'a> {
             }
             let mut goal = Goal::pose(site, pose);
             if hold != Hold::Flat {
-                goal.rotation[1] = 0.0;
+                // About the line across the sole.
+                goal.rotation[usize::from(self.out < std::f64::consts::FRAC_PI_4)] = 0.0;
             }
             goal
         };
@@ -282,10 +306,10 @@ impl<'a> Planner<'a> {
                 let mut inverse = InverseKinematics::new(self.model, self.ids.root, &joints, true).ok()?;
                 inverse.options = SearchOptions {
                     steps: 60,
-                    limit_margin: 0.02,
+                    limit_margin: 0.005,
                     spread: 0.4,
                     rest_pull: 0.1,
-                    position_tolerance: 1e-3,
+                    position_tolerance: 3e-3,
                     rotation_tolerance: 1e-2,
                     ..SearchOptions::default()
                 };
@@ -295,12 +319,33 @@ impl<'a> Planner<'a> {
         };
         inverse.options.tries = if is_first { 8 } else { 1 };
         inverse.set_rest(&rest).ok()?;
+        let joints = self.robot.joints();
+        let margin = |index: &usize| if joints[*index].name.ends_with("ankle_roll_joint") { self.roll } else { 0.0 };
+        inverse.set_margins(&self.moving.iter().map(margin).collect::<Vec<_>>()).ok()?;
         let mut state = from.clone();
-        let found = inverse.solve(self.model, &mut state, &goals).ok()?;
+        let mut found = inverse.solve(self.model, &mut state, &goals).ok()?;
+        let (rotation, most) = (pelvis(self.ids, &state).rotation, TILT);
+        let up = rotation * Vector3::z();
+        let tilt = up.angle(&Vector3::z());
+        if tilt > most {
+            // The same again, less tilted.
+            let axis = Unit::try_new(up.cross(&Vector3::z()), 1e-6)?;
+            let rotation = UnitQuaternion::from_axis_angle(&axis, tilt - most) * rotation;
+            let site = Site { body: self.ids.root, body_from_site: Isometry3::identity() };
+            let mut upright = Goal::pose(site, Isometry3::from_parts(Vector3::zeros().into(), rotation));
+            (upright.position, upright.rotation) = ([0.0; 3], [0.3, 0.3, 0.0]);
+            let goals = [goals[0], goals[1], goals[2], upright];
+            found = inverse.solve(self.model, &mut state, &goals).ok()?;
+        }
         let jump = self.ids.joints.iter().map(|joint| (from.qpos[joint.qpos] - state.qpos[joint.qpos]).abs());
         let is_near = is_first || jump.fold(0.0, f64::max) < JUMP;
         (found.outcome == Outcome::Reached && is_near).then_some(state)
     }
+}
+
+/// Part of the time of a way after which that part of it is done, if it begins and ends at rest.
+fn ease(part: f64) -> f64 {
+    0.5 - libm::sin(libm::asin(1.0 - 2.0 * part) / 3.0)
 }
 
 /// Where a foot passes: out from under the next tread by `back`, up, over and down; on the level, up, over and down.

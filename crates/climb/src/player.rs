@@ -1,19 +1,26 @@
 //! Plays a plan.
 
 use fiatlux_dynamics::State;
-use fiatlux_kinematics::{Stance, StanceController, Support, SupportError};
-use nalgebra::{Isometry3, Point3, Vector3};
+use fiatlux_kinematics::{Held, JointFilter, Mechanics, Site, Stance, StanceController, Support, SupportError};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::body::Body;
 use crate::plan::{JOINTS, Keyframe, Plan};
 
 /// Friction of soles that the controller counts on.
 const FRICTION: f64 = 0.6;
-/// Centre of mass and trunk are wanted where the plan has them so much later, s: their dampers lag.
-const LEAD: f64 = 0.2;
-/// Parts by which angles and speeds of the joints go to what is sensed in each control step: sensed speeds are noisy, and
-/// the squares of their noise would pass for centrifugal forces.
-const SHARES: (f64, f64) = (0.2, 0.1);
+/// A range shorter than this is a line, m.
+const LINE: f64 = 0.025;
+/// Distances of the centre of mass from where it is wanted at which the plan begins to wait, and at which it waits most, m, and
+/// the part of its speed that it then keeps: what holds the robot back may lie behind the next posture.
+const WAITS: [f64; 2] = [0.01, 0.025];
+const LEAST_RATE: f64 = 0.1;
+/// The same for a foot in the air.
+const FOOT_WAITS: [f64; 2] = [0.01, 0.03];
+/// Speeds are the plan's over the next of its time, s.
+const AHEAD: f64 = 0.1;
+/// A foot that may bear less than this part of the weight bears nothing.
+const LEAST_SHARE: f64 = 0.02;
 /// Control step, s.
 const DT: f64 = 0.02;
 
@@ -21,12 +28,18 @@ const DT: f64 = 0.02;
 #[derive(Debug, Clone)]
 pub struct Player {
     body: Body,
-    controller: StanceController,
+    /// Springs and dampers can be set.
+    pub controller: StanceController,
+    mechanics: Mechanics,
     world_from_plan: Isometry3<f64>,
     plan: Plan,
     /// Since the plan began, s.
     time: f64,
-    /// As averaged.
+    /// Speed of the plan's time.
+    pub rate: f64,
+    /// Part of that speed at which time runs.
+    goes: f64,
+    filter: JointFilter,
     state: State,
     pelvis: Option<Isometry3<f64>>,
     targets: Vec<f64>,
@@ -40,16 +53,41 @@ impl Player {
     pub fn new(body: Body, plan: Plan, world_from_plan: Isometry3<f64>) -> Result<Self, SupportError> {
         let controller = StanceController::new(&body.model, body.ids.root)?;
         let (state, targets) = (body.model.reference_state(), vec![0.0; body.ids.joints.len()]);
-        Ok(Self { body, controller, world_from_plan, plan, time: 0.0, state, pelvis: None, targets })
+        let mechanics = Mechanics::new(&body.model);
+        let filter = JointFilter::new(body.ids.joints.iter().map(|joint| (joint.qpos, joint.dof)));
+        Ok(Self {
+            body,
+            controller,
+            mechanics,
+            world_from_plan,
+            plan,
+            time: 0.0,
+            rate: 1.0,
+            goes: 1.0,
+            filter,
+            state,
+            pelvis: None,
+            targets,
+        })
     }
 
-    /// Joint targets of the next control step, rad, from the pose of the pelvis and the joints' angles and speeds.
+    /// Goes on with another plan, in the same frame.
+    pub fn play(&mut self, plan: Plan) {
+        (self.plan, self.time) = (plan, 0.0);
+    }
+
+    /// The robot alone.
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// Joint targets of the next control step, rad, from the pose of the pelvis and the joints' angles.
     ///
     /// # Errors
     /// A number that is not finite.
-    pub fn step(&mut self, pelvis: &Isometry3<f64>, angles: &[f64], speeds: &[f64]) -> Result<&[f64], SupportError> {
-        self.see(pelvis, angles, speeds);
-        let (Some(now), Some(ahead)) = (self.plan.at(self.time), self.plan.at(self.time + LEAD)) else {
+    pub fn step(&mut self, pelvis: &Isometry3<f64>, angles: &[f64]) -> Result<&[f64], SupportError> {
+        self.see(pelvis, angles);
+        let (Some(now), Some(ahead)) = (self.plan.at(self.time), self.plan.at(self.time + AHEAD)) else {
             return Ok(&self.targets);
         };
         let stance = self.stance(&now, &ahead, angles);
@@ -57,7 +95,10 @@ impl Player {
         for (target, joint) in self.targets.iter_mut().zip(&self.body.ids.joints) {
             *target = targets[joint.drive];
         }
-        self.time += DT;
+        let part = |error: f64, [begins, most]: [f64; 2]| (most - error) / (most - begins);
+        let (com, foot) = (self.controller.com_error(), self.controller.held_error());
+        self.goes = part(com, WAITS).min(part(foot, FOOT_WAITS)).clamp(LEAST_RATE, 1.0);
+        self.time += DT * self.rate * self.goes;
         Ok(&self.targets)
     }
 
@@ -71,34 +112,33 @@ impl Player {
         self.time
     }
 
+    /// Time of the whole plan, s.
+    pub fn seconds(&self) -> f64 {
+        self.plan.seconds()
+    }
+
     /// Where the plan has the robot now, in the player's own model.
     pub fn wanted(&self) -> Option<Keyframe> {
         self.plan.at(self.time)
     }
 
-    fn see(&mut self, pelvis: &Isometry3<f64>, angles: &[f64], speeds: &[f64]) {
+    /// The state as the player takes it to be.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    fn see(&mut self, pelvis: &Isometry3<f64>, angles: &[f64]) {
         let ids = &self.body.ids;
-        let last = self.pelvis.replace(*pelvis);
-        let is_first = last.is_none();
-        let last = last.unwrap_or(*pelvis);
+        let last = self.pelvis.replace(*pelvis).unwrap_or(*pelvis);
         self.state.set_pose(&self.body.model, ids.root, pelvis);
         let velocity = (pelvis.translation.vector - last.translation.vector) / DT;
         let turn = (pelvis.rotation * last.rotation.inverse()).scaled_axis() / DT;
         self.state.qvel[ids.root_dof..][..3].copy_from_slice(velocity.as_slice());
         self.state.qvel[ids.root_dof + 3..][..3].copy_from_slice(turn.as_slice());
-        for ((joint, angle), speed) in ids.joints.iter().zip(angles).zip(speeds) {
-            let (q, v) = (&mut self.state.qpos[joint.qpos], &mut self.state.qvel[joint.dof]);
-            if is_first {
-                (*q, *v) = (*angle, 0.0);
-            } else {
-                *v += SHARES.1 * (speed - *v);
-                *q += *v * DT;
-                *q += SHARES.0 * (angle - *q);
-            }
-        }
+        self.filter.step(angles, self.controller.acceleration(), &mut self.state);
     }
 
-    fn stance(&self, now: &Keyframe, ahead: &Keyframe, angles: &[f64]) -> Stance {
+    fn stance(&mut self, now: &Keyframe, ahead: &Keyframe, angles: &[f64]) -> Stance {
         let body = &self.body;
         let state = |key: &Keyframe| {
             // Fingers stay.
@@ -106,20 +146,50 @@ impl Player {
             let all: Vec<f64> = key.angles.iter().chain(fingers).copied().collect();
             body.state(&(self.world_from_plan * key.pelvis), &all)
         };
-        let mut supports = Vec::new();
+        let (due, later) = (state(now), state(ahead));
+        let sites: Vec<Site> = body.robot.soles().iter().map(|sole| body.ids.site(&sole.site)).collect();
+        let mut poses = |state: &State| {
+            self.mechanics.update(&body.model, state);
+            sites.iter().map(|site| self.mechanics.world_from_site(site)).collect::<Vec<_>>()
+        };
+        let soles = (poses(&due), poses(&later));
+        // From the plan's time to the robot's.
+        let speed = self.rate * self.goes / AHEAD;
+        let turn = |from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>| (to * from.inverse()).scaled_axis() * speed;
+        let (mut supports, mut held) = (Vec::new(), Vec::new());
         let weight = body.robot.total_mass() * 9.81;
-        for (side, sole) in body.robot.soles().iter().enumerate().filter(|(side, _)| now.bears[*side] > 0.0) {
+        for (side, sole) in body.robot.soles().iter().enumerate() {
+            if now.bears[side] < LEAST_SHARE {
+                let (here, there) = (soles.0[side], soles.1[side]);
+                held.push(Held {
+                    site: sites[side],
+                    world_from_site: here,
+                    linear: (there.translation.vector - here.translation.vector) * speed,
+                    angular: turn(&here.rotation, &there.rotation),
+                });
+                continue;
+            }
             let link = &body.ids.links[sole.site.link];
             let [rear, front] = now.ranges[side];
             let most = if now.bears[side] < 1.0 { now.bears[side] * weight } else { f64::INFINITY };
-            for [x, y] in [[front, 1.0], [front, -1.0], [rear, 1.0], [rear, -1.0]] {
+            // A foot on its toes turns about a line.
+            let middle = (front + rear) / 2.0;
+            let ends: &[f64] = if front - rear < LINE { &[middle] } else { &[front, rear] };
+            for [x, y] in ends.iter().flat_map(|x| [[*x, 1.0], [*x, -1.0]]) {
                 let corner = sole.site.link_from_site * Point3::new(x, y * sole.half_extents[1], 0.0);
                 let point = (link.body_from_link * corner).coords;
                 supports.push(Support { body: link.body, point, normal: Vector3::z_axis(), friction: FRICTION, most });
             }
         }
-        let later = Stance::new(&body.model, body.ids.root, &state(ahead), Vec::new());
-        let stance = Stance::new(&body.model, body.ids.root, &state(now), supports);
-        Stance { com: later.com, world_from_trunk: later.world_from_trunk, ..stance }
+        let later = Stance::new(&body.model, body.ids.root, &later, Vec::new());
+        let stance = Stance::new(&body.model, body.ids.root, &due, supports);
+        let pairs = stance.posture.iter().zip(&later.posture);
+        Stance {
+            com_velocity: (later.com - stance.com) * speed,
+            speeds: pairs.map(|(now, later)| (later - now) * speed).collect(),
+            trunk_velocity: turn(&stance.world_from_trunk, &later.world_from_trunk),
+            held,
+            ..stance
+        }
     }
 }

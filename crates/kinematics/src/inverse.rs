@@ -39,6 +39,8 @@ struct Variable {
     qpos: usize,
     lower: f64,
     upper: f64,
+    /// Distance that it keeps from its limits besides that of the options, rad.
+    margin: f64,
     /// Where it rests.
     rest: f64,
     /// Stride through its range from one try to the next.
@@ -127,6 +129,7 @@ impl InverseKinematics {
                 qpos: body.qpos_start,
                 lower,
                 upper,
+                margin: 0.0,
                 rest: (lower.max(-UNLIMITED) + upper.min(UNLIMITED)) / 2.0,
                 stride: libm::pow(golden, -(index as f64 + 1.0)),
             });
@@ -171,6 +174,21 @@ impl InverseKinematics {
         }
         check_finite("the rest posture", angles)?;
         self.variables.iter_mut().zip(angles).for_each(|(variable, angle)| variable.rest = *angle);
+        Ok(())
+    }
+
+    /// Sets the distances that joints keep from their limits besides [`SearchOptions::limit_margin`], rad, in the order of the
+    /// joints.
+    ///
+    /// # Errors
+    /// An array of another length than the joints, or a number that is not finite.
+    pub fn set_margins(&mut self, margins: &[f64]) -> Result<(), KinematicsError> {
+        let (expected, found) = (self.variables.len(), margins.len());
+        if expected != found {
+            return Err(KinematicsError::Length { field: "the margins", expected, found });
+        }
+        check_finite("the margins", margins)?;
+        self.variables.iter_mut().zip(margins).for_each(|(variable, margin)| variable.margin = *margin);
         Ok(())
     }
 
@@ -298,7 +316,8 @@ impl InverseKinematics {
 
     /// Range of a joint, rad; its middle where the margins leave nothing.
     fn range(&self, variable: &Variable) -> (f64, f64) {
-        let margin = self.options.limit_margin.max(0.0).min(0.5 * (variable.upper - variable.lower));
+        let margin =
+            (self.options.limit_margin + variable.margin).max(0.0).min(0.5 * (variable.upper - variable.lower));
         (variable.lower + margin, variable.upper - margin)
     }
 

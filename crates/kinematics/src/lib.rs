@@ -90,15 +90,17 @@
 //! A finished model and a state are all that is taken: those of a scene, whose `sites` name treads, rails, plugs and the seat,
 //! or of the robot alone, as here. There is no clock, no thread and no I/O, and no call depends on the one before.
 mod cholesky;
+mod estimate;
 mod goal;
 mod inverse;
 mod program;
 mod stance;
 mod supports;
 
+pub use estimate::JointFilter;
 pub use fiatlux_dynamics::{Mechanics, Nearest, Site};
 pub use goal::{Clearance, Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
 pub use inverse::InverseKinematics;
 pub use program::{Program, ProgramError, ProgramSolver};
-pub use stance::{Stance, StanceController, StanceGains};
+pub use stance::{Held, Pull, Stance, StanceController, StanceGains};
 pub use supports::{Acceleration, Support, SupportError, SupportSolver, driven_angles};

@@ -130,7 +130,7 @@ impl SupportSolver {
         supports: &[Support],
         wanted: &Acceleration,
     ) -> Result<(), SupportError> {
-        check(model, self.root, supports)?;
+        check_supports(model, self.root, supports)?;
         let (mass, com) = mechanics.center_of_mass(model, self.root);
         let arm = com - mechanics.world_point(self.root, &Vector3::zeros());
         let of_root = wanted.com - wanted.trunk.cross(&arm);
@@ -323,7 +323,7 @@ pub fn driven_angles(model: &Model, state: &State, angles: &mut [f64]) {
     }
 }
 
-fn check(model: &Model, root: BodyId, supports: &[Support]) -> Result<(), SupportError> {
+pub(crate) fn check_supports(model: &Model, root: BodyId, supports: &[Support]) -> Result<(), SupportError> {
     for (index, support) in supports.iter().enumerate() {
         let refuse = |reason| Err(SupportError::Support { index, reason });
         if model.bodies().get(support.body.0).is_none_or(|body| body.root != root) {

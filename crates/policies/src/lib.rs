@@ -1,6 +1,7 @@
 //! The built-in policies, one in each file, and the registry that makes policies by name.
 
 mod body;
+mod climb;
 mod entry;
 mod foreign;
 mod hands;
@@ -17,6 +18,7 @@ mod zero;
 
 use std::path::Path;
 
+pub use climb::Climb;
 pub use entry::Entry;
 pub use foreign::{Gear, Sonic};
 pub use hands::Hands;

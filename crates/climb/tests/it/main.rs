@@ -1,24 +1,21 @@
-//! The plan of the ladder, played on the free ladder with noise on angles and speeds of the joints. Targets go to the engine as
-//! they are; a session clamps them to the joints' limits, and with that the robot falls.
+//! The plan of the ladder, played on the free ladder as a session does it: noise on the joints' angles, targets clamped.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+#[path = "../../../kinematics/tests/it/room.rs"]
+mod room;
+
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_climb::{Body, Plan, Player};
-use fiatlux_dynamics::{Dynamics, Input, Mechanics, State};
+use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, stand};
+use fiatlux_dynamics::{Mechanics, ShapeId, State};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_world::{PHYSICS_DT, SUBSTEPS, Scene, SceneConfig, SceneKind, SceneSpec};
+use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use room::{Draws, Room};
 
-/// Noise, uniform within 1.
-struct Draws(u64);
-
-impl Draws {
-    fn one(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 * 2.0_f64.powi(-52) - 1.0
-    }
-}
+/// Control step, s.
+const DT: f64 = 0.02;
 
 /// The end of a play.
 #[derive(Debug)]
@@ -33,6 +30,8 @@ struct Played {
     effort: (f64, String),
     /// Largest force of the ladder on a part of the robot other than its feet, N.
     touch: f64,
+    /// Largest distance of the pelvis from where it is wanted, m.
+    off: f64,
 }
 
 fn pose(state: &State, at: usize) -> Isometry3<f64> {
@@ -41,9 +40,16 @@ fn pose(state: &State, at: usize) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(q[0], q[1], q[2]).into(), rotation)
 }
 
-fn play(plan: &Plan, room: u64) -> Played {
+fn body() -> Body {
+    let robot = Robot::by_name("g1_inspire").unwrap();
+    let gains = robot.gains(GainSet::default());
+    Body::new(robot, gains).unwrap()
+}
+
+/// Plays a plan from its first posture at this speed for some time, s.
+fn play(plan: &Plan, rate: f64, seconds: f64, seed: u64) -> Played {
     let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
-    let spec = SceneSpec::new(SceneKind::CoupledLadder, room, robot.gains(GainSet::default()));
+    let spec = SceneSpec::new(SceneKind::CoupledLadder, seed, robot.gains(GainSet::default()));
     let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec).unwrap();
     let (model, ids) = (&scene.model, &scene.robot_ids);
     let mut state = model.reference_state();
@@ -56,30 +62,19 @@ fn play(plan: &Plan, room: u64) -> Played {
     let first = &plan.keyframes[0];
     state.set_pose(model, ids.root, &(world_from_plan * first.pelvis));
     ids.joints.iter().zip(&first.angles).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
-    let body = Body::new(Robot::clone(&robot), robot.gains(GainSet::default())).unwrap();
-    let mut player = Player::new(body, plan.clone(), world_from_plan).unwrap();
-    let (mut dynamics, mut draws) = (Dynamics::new(model), Draws(7 + room));
-    let mut targets = vec![0.0; model.drives().len()];
-    let mut played = Played { fell: None, height: 0.0, ladder: (0.0, 0.0), effort: (0.0, String::new()), touch: 0.0 };
+    let mut player = Player::new(body(), plan.clone(), world_from_plan).unwrap();
+    player.rate = rate;
+    let mut room = Room::new(&scene, state, Some(Draws(7 + seed)));
+    let mut played =
+        Played { fell: None, height: 0.0, ladder: (0.0, 0.0), effort: (0.0, String::new()), touch: 0.0, off: 0.0 };
     let feet = [0, 1].map(|side| ids.site(&robot.soles()[side].site).body);
-    let is_ladder =
-        |shape: fiatlux_dynamics::ShapeId| model.bodies()[model.shapes()[shape.0].body.0].root == platform.body;
-    while player.time() < plan.seconds() + 2.0 {
-        let angles: Vec<f64> = ids.joints.iter().map(|joint| state.qpos[joint.qpos] + 0.01 * draws.one()).collect();
-        let speeds: Vec<f64> = ids.joints.iter().map(|joint| state.qvel[joint.dof] + 1.5 * draws.one()).collect();
-        let wanted = player.step(&pose(&state, ids.root_qpos), &angles, &speeds).unwrap();
-        wanted.iter().zip(&ids.joints).for_each(|(target, joint)| targets[joint.drive] = *target);
-        for _ in 0..SUBSTEPS {
-            dynamics.step(model, &mut state, &Input { targets: &targets, ..Input::default() }, PHYSICS_DT);
-        }
-        for (joint, there) in robot.joints().iter().zip(&ids.joints) {
-            let share = dynamics.efforts()[there.drive].abs() / joint.gains.effort_limit;
-            if share > played.effort.0 {
-                played.effort = (share, joint.name.clone());
-            }
-        }
-        for contact in dynamics.contacts() {
-            let body = |shape: fiatlux_dynamics::ShapeId| model.shapes()[shape.0].body;
+    let is_ladder = |shape: ShapeId| model.bodies()[model.shapes()[shape.0].body.0].root == platform.body;
+    for step in 0..(seconds / DT) as usize {
+        let angles = room.angles();
+        let targets = player.step(&pose(&room.state, ids.root_qpos), &angles).unwrap().to_vec();
+        room.step(targets);
+        for contact in room.dynamics.contacts() {
+            let body = |shape: ShapeId| model.shapes()[shape.0].body;
             let [a, b] = [contact.shape_a, contact.shape_b];
             let other = if is_ladder(a) { b } else { a };
             if is_ladder(a) != is_ladder(b)
@@ -89,34 +84,126 @@ fn play(plan: &Plan, room: u64) -> Played {
                 played.touch = played.touch.max(contact.force.norm());
             }
         }
-        mechanics.update(model, &state);
+        mechanics.update(model, &room.state);
         let now = mechanics.world_from_site(&platform);
         let moved = (now.translation.vector - ladder.translation.vector).norm();
-        let tilt = now.rotation.angle_to(&ladder.rotation);
-        played.ladder = (played.ladder.0.max(moved), played.ladder.1.max(tilt));
-        played.height = state.qpos[ids.root_qpos + 2];
+        played.ladder = (played.ladder.0.max(moved), played.ladder.1.max(now.rotation.angle_to(&ladder.rotation)));
+        played.height = room.state.qpos[ids.root_qpos + 2];
         let due = (world_from_plan * player.wanted().unwrap().pelvis).translation.vector;
-        if (pose(&state, ids.root_qpos).translation.vector - due).norm() > 0.2 {
-            played.fell = Some(player.time());
+        played.off = played.off.max((pose(&room.state, ids.root_qpos).translation.vector - due).norm());
+        if played.off > 0.2 {
+            played.fell = Some(step as f64 * DT);
             break;
         }
     }
-    played
+    Played { effort: room.effort, ..played }
+}
+
+/// Rooms 1000 to 1000 + `many`, or room 1000 alone where only a few minutes are given.
+fn rooms(many: u64) -> std::ops::Range<u64> {
+    1000..1000 + if std::env::var_os("FIATLUX_ALL_ROOMS").is_some() { many } else { 1 }
 }
 
 #[test]
 fn the_plan_climbs_to_the_platform() {
-    let is_slow = std::env::var_os("FIATLUX_ALL_ROOMS").is_some();
     let plan = fiatlux_climb::ladder().unwrap();
-    let rooms = if is_slow { 1000..1064 } else { 1000..1001 };
-    let (mut up, count) = (0, rooms.clone().count());
-    for room in rooms {
-        let played = play(&plan, room);
+    let (mut up, count) = (0, rooms(64).count());
+    for room in rooms(64) {
+        let played = play(&plan, 2.0, 1.2 * plan.seconds() / 2.0, room);
         println!("room {room}: {played:?}");
         up += usize::from(played.fell.is_none() && played.height > 1.82 && played.ladder.0 < 0.001);
     }
     println!("{up} of {count}");
-    assert!(up * 10 >= count * 8, "{up} of {count}");
+    assert!(up * 10 >= count * 9, "{up} of {count}");
+}
+
+#[test]
+fn the_plan_leads_down_to_the_floor() {
+    let plan = fiatlux_climb::ladder().unwrap().reversed();
+    let (mut down, count) = (0, rooms(64).count());
+    for room in rooms(64) {
+        let played = play(&plan, 2.0, 1.2 * plan.seconds() / 2.0, room);
+        println!("room {room}: {played:?}");
+        down += usize::from(played.fell.is_none() && played.height < 0.85 && played.ladder.0 < 0.001);
+    }
+    println!("{down} of {count}");
+    assert!(down * 10 >= count * 9, "{down} of {count}");
+}
+
+/// Where the feet are in a keyframe, by the height of the soles, and which of them bears.
+fn stance(body: &Body, key: &Keyframe) -> String {
+    let mut mechanics = Mechanics::new(&body.model);
+    mechanics.update(&body.model, &body.state(&key.pelvis, &key.angles));
+    let heights = [0, 1].map(|side| {
+        let sole = body.ids.site(&body.robot.soles()[side].site);
+        (key.bears[side] > 0.0).then(|| format!("{:.2}", mechanics.world_from_site(&sole).translation.z))
+    });
+    format!("left {}, right {}", heights[0].as_deref().unwrap_or("up"), heights[1].as_deref().unwrap_or("up"))
+}
+
+#[test]
+fn stances_of_the_plan_hold() {
+    // Where the weight begins to move, half way and at the end: with both feet down and with one.
+    let is_slow = std::env::var_os("FIATLUX_ALL_ROOMS").is_some();
+    let (plan, body) = (fiatlux_climb::ladder().unwrap(), body());
+    let bearing = |index: usize| plan.keyframes[index].bears.map(|part| part > 0.0);
+    let (mut picked, mut start) = (Vec::new(), 0);
+    for end in 1..=plan.keyframes.len() {
+        if end == plan.keyframes.len() || bearing(end) != bearing(start) {
+            let last = (end - 1 - start) as f64;
+            picked.extend([0.0, 0.5, 0.9].map(|part| start + (last * part) as usize));
+            start = end;
+        }
+    }
+    let mut table = BTreeMap::<String, (usize, usize, f64, f64)>::new();
+    for room in rooms(20) {
+        for &index in &picked {
+            let key = Keyframe { seconds: 1.0, ..plan.keyframes[index].clone() };
+            let name = stance(&body, &key);
+            let played = play(&Plan { keyframes: vec![key] }, 1.0, if is_slow { 30.0 } else { 2.0 }, room);
+            let holds = played.fell.is_none() && played.off < 0.05 && played.ladder.0 < 0.001;
+            let (held, count, effort, off) = table.entry(name).or_default();
+            (*held, *count) = (*held + usize::from(holds), *count + 1);
+            (*effort, *off) = (effort.max(played.effort.0), off.max(played.off));
+        }
+    }
+    for (name, (held, count, effort, off)) in &table {
+        println!("{name}: {held} of {count}, effort {:.0} %, pelvis off by {:.0} mm", 100.0 * effort, 1e3 * off);
+    }
+    let sum = |of: fn(&(usize, usize, f64, f64)) -> usize| table.values().map(of).sum::<usize>();
+    let (held, count) = (sum(|row| row.0), sum(|row| row.1));
+    println!("{held} of {count}");
+    assert!(count > 50 && held * 20 >= count * 19, "{held} of {count}");
+}
+
+#[test]
+fn a_way_to_the_first_posture_is_found() {
+    let (body, plan) = (body(), fiatlux_climb::ladder().unwrap());
+    let first = &plan.keyframes[0];
+    let angles = &body.robot.q0()[..fiatlux_climb::JOINTS];
+    let away = Isometry3::translation(-0.1, 0.02, 0.0) * first.pelvis;
+    let still = stand(&body, &away, angles, first).unwrap();
+    let last = still.keyframes.last().unwrap();
+    let way = approach(&body, &last.pelvis, &last.angles, first).unwrap();
+    let end = way.keyframes.last().unwrap();
+    assert_eq!((end.pelvis, &end.angles), (first.pelvis, &first.angles));
+    assert!(way.seconds() < 60.0, "{}", way.seconds());
+    for pair in way.keyframes.windows(2) {
+        let turn = |(a, b): (&f64, &f64)| (a - b).abs();
+        let most = pair[0].angles.iter().zip(&pair[1].angles).map(turn).fold(0.0, f64::max);
+        assert!(most / pair[1].seconds < 1.0, "{most} rad in {} s", pair[1].seconds);
+    }
+}
+
+#[test]
+fn a_reversed_plan_takes_as_long() {
+    let plan = fiatlux_climb::ladder().unwrap();
+    let (first, last) = (plan.keyframes[0].seconds, plan.keyframes.last().unwrap().seconds);
+    let reversed = plan.reversed();
+    assert!((reversed.seconds() - last - (plan.seconds() - first)).abs() < 1e-9);
+    let (early, late) = (plan.at(first + 7.3).unwrap(), reversed.at(reversed.seconds() - 7.3).unwrap());
+    assert!((early.pelvis.translation.vector - late.pelvis.translation.vector).norm() < 1e-9);
+    assert_eq!(Plan::default().reversed(), Plan::default());
 }
 
 #[test]
@@ -132,7 +219,7 @@ fn a_plan_is_read_as_it_was_written() {
     }
     let late = plan.at(1e3).unwrap();
     assert_eq!(late, *plan.keyframes.last().unwrap());
-    let half = plan.at(1.15).unwrap();
+    let half = plan.at(plan.keyframes[0].seconds + plan.keyframes[1].seconds / 2.0).unwrap();
     let middle = (plan.keyframes[0].angles[3] + plan.keyframes[1].angles[3]) / 2.0;
     assert!((half.angles[3] - middle).abs() < 1e-9, "{half:?}");
     assert_eq!(Plan::default().at(0.0), None);

@@ -6,24 +6,16 @@ mod inverse;
 mod ladder_stances;
 mod oracle;
 mod program;
+mod room;
 mod stances;
 
 use fiatlux_dynamics::{BodyId, Model, ModelBuilder, State};
 use fiatlux_kinematics::Site;
 use fiatlux_robot::{BuildOptions, Robot, RobotIds};
 
-/// SplitMix64, as in `tests/oracle/kinematics.py`: numbers in [-1, 1).
-struct Draws(u64);
+use room::Draws;
 
 impl Draws {
-    fn one(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 * 2.0_f64.powi(-52) - 1.0
-    }
-
     fn many(&mut self, count: usize, scale: f64) -> Vec<f64> {
         (0..count).map(|_| scale * self.one()).collect()
     }

@@ -1,0 +1,230 @@
+//! The policy `climb`: up the step ladder, backwards, by exact poses. The whole-body controller turns the robot's back to the
+//! ladder; then a plan is played with balance over each stance.
+
+use std::sync::Arc;
+
+use fiatlux_client::{Command, Policy, PolicyError};
+use fiatlux_climb::{Body, JOINTS, Plan, Player, approach, ladder, stand};
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
+use fiatlux_robot::{Gains, JointGains, Robot};
+use fiatlux_rules::Task;
+use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use crate::body;
+use crate::entry::Entry;
+use crate::whole_body::WholeBody;
+
+/// As a program makes it.
+pub(crate) const ENTRY: Entry = Entry {
+    name: "climb",
+    does: "climbs the step ladder with free hands (S02, climb) by exact poses",
+    make: |_| Ok(Box::new(Climb::new()?)),
+};
+
+/// Control steps for which the robot stands first, and before it begins to climb.
+const SETTLES: u64 = 25;
+/// How far before the plan's first posture the robot stops, m.
+const BEFORE: f64 = 0.10;
+/// Distance from there and turn at which it has arrived, m and rad.
+const ARRIVED: (f64, f64) = (0.04, 0.08);
+/// Turn from which it stays where it is while it turns, rad.
+const TURNS: f64 = 0.4;
+/// Largest speeds, m/s and rad/s, and their changes, m/s^2 and rad/s^2.
+const FASTEST: (f64, f64) = (0.25, 0.6);
+const GAIN: (f64, f64) = (0.6, 1.2);
+/// Time for which it stands still before it climbs, s.
+const STILL: f64 = 0.5;
+/// Speed of the plan's time.
+const RATE: f64 = 2.0;
+
+/// Climbs by a plan.
+pub struct Climb {
+    network: Arc<Network>,
+    episode: Option<Episode>,
+}
+
+/// State of an episode.
+struct Episode {
+    walker: WholeBody,
+    robot: Option<Body>,
+    q0: Vec<f64>,
+    /// Where it begins to walk, in the plan's frame.
+    start: Option<Isometry3<f64>>,
+    velocity: [f64; 3],
+    /// Control steps since it arrived.
+    stood: u64,
+    /// The climb, from where this task begins.
+    plan: Plan,
+    climbs: bool,
+    player: Option<Player>,
+}
+
+impl Climb {
+    /// With the whole-body controller that comes with this version.
+    ///
+    /// # Errors
+    /// Its weights cannot be read.
+    pub fn new() -> Result<Self, PolicyError> {
+        let (_, network) = body::network("climb", "", "")?;
+        Ok(Self { network, episode: None })
+    }
+
+    /// Time in the plan and of the whole plan, s; `None` before the climb begins.
+    pub fn progress(&self) -> Option<(f64, f64)> {
+        self.episode.as_ref()?.player.as_ref().map(|player| (player.time(), player.seconds()))
+    }
+}
+
+impl Policy for Climb {
+    fn name(&self) -> String {
+        "climb".into()
+    }
+
+    fn tasks(&self) -> &'static [Task] {
+        &[Task::S02, Task::Climb]
+    }
+
+    fn sensors(&self) -> Vec<Sensor> {
+        ["proprioception", "last_action", "privileged"].map(Sensor::from).into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        let unfit = |reason: String| PolicyError::Unfit { policy: "climb", reason };
+        let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        if !["S02", "climb"].contains(&task) {
+            return Err(unfit(format!("it plays S02 and climb, but this is {task}; use another policy")));
+        }
+        let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
+        let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
+        let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;
+        let own = robot.gains(Default::default());
+        let gains = info.joints.iter().zip(&own.0).map(|(joint, own)| JointGains {
+            stiffness: joint.stiffness,
+            damping: joint.damping,
+            effort_limit: joint.effort_limit,
+            ..*own
+        });
+        let gains = Gains(gains.collect());
+        let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
+        let plan = ladder().map_err(PolicyError::of("climb"))?;
+        self.episode = Some(Episode {
+            walker,
+            robot: Some(robot),
+            q0: info.joints.iter().map(|joint| joint.q0).collect(),
+            start: None,
+            velocity: [0.0; 3],
+            stood: 0,
+            plan,
+            climbs: false,
+            player: None,
+        });
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("climb"))?;
+        let seen = observation.privileged.as_ref();
+        let seen = seen.ok_or(PolicyError::Sensor { policy: "climb", sensor: "privileged" })?;
+        let (pelvis, world_from_ladder) = (pose(seen.robot.as_ref())?, pose(seen.ladder.as_ref())?);
+        let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
+        let angles = observation.proprioception.as_ref().map(|body| &body.joint_position);
+        let angles = angles.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
+        let angles: Vec<f64> = angles.iter().zip(&episode.q0).map(|(turned, q0)| f64::from(*turned) + q0).collect();
+        if episode.player.is_none() {
+            let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
+            let goes_on = episode.walker.step(observation, &command)?;
+            if episode.stood <= SETTLES {
+                return Ok(goes_on);
+            }
+            episode.stand(&world_from_plan, &pelvis, &angles)?;
+        }
+        let targets = episode.climb(&world_from_plan, &pelvis, &angles)?;
+        Ok(Command::JointTarget(targets))
+    }
+
+    fn source(&mut self) -> Option<Chunk> {
+        self.episode.as_ref()?.walker.record()
+    }
+}
+
+impl Episode {
+    /// The way to where the plan begins, in the plan's frame.
+    fn walk(&mut self, step: u64, here: &Isometry3<f64>) -> BodyCommand {
+        let start = *self.start.get_or_insert(*here);
+        let mut command = BodyCommand::default();
+        let Some(goal) = self.plan.keyframes.first().filter(|_| step >= SETTLES) else { return command };
+        let goal = goal.pelvis.translation.vector - Vector3::x() * BEFORE;
+        let heading = here.rotation * Vector3::x();
+        let heading = libm::atan2(heading.y, heading.x);
+        let error = std::f64::consts::PI - heading;
+        let error = libm::atan2(libm::sin(error), libm::cos(error));
+        let aim = if error.abs() > TURNS { start.translation.vector } else { goal };
+        let away = aim - here.translation.vector;
+        let is_there = error.abs() < ARRIVED.1 && (goal - here.translation.vector).xy().norm() < ARRIVED.0;
+        if is_there || self.stood > 0 {
+            self.stood += 1;
+            self.velocity = [0.0; 3];
+            return command;
+        }
+        let (sin, cos) = (libm::sin(heading), libm::cos(heading));
+        let wanted = [
+            (1.5 * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
+            (1.5 * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
+            (1.5 * error).clamp(-FASTEST.1, FASTEST.1),
+        ];
+        for (axis, gain) in [GAIN.0, GAIN.0, GAIN.1].into_iter().enumerate() {
+            let most = gain * CONTROL_DT;
+            self.velocity[axis] += (wanted[axis] - self.velocity[axis]).clamp(-most, most);
+        }
+        command.velocity = self.velocity;
+        command
+    }
+
+    /// Hands over to the player, which first stands still.
+    fn stand(
+        &mut self,
+        world_from_plan: &Isometry3<f64>,
+        pelvis: &Isometry3<f64>,
+        angles: &[f64],
+    ) -> Result<(), PolicyError> {
+        let lost = || PolicyError::Unfit { policy: "climb", reason: "the robot does not stand; start again".into() };
+        let (robot, first) = (self.robot.take().ok_or_else(lost)?, self.plan.keyframes.first().ok_or_else(lost)?);
+        let body_angles = angles.get(..JOINTS).ok_or_else(lost)?;
+        let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first).ok_or_else(lost)?;
+        self.player = Some(Player::new(robot, plan, *world_from_plan).map_err(PolicyError::of("climb"))?);
+        Ok(())
+    }
+
+    /// Plays on; once the robot stands still, the way to the ladder and the climb are planned.
+    fn climb(
+        &mut self,
+        world_from_plan: &Isometry3<f64>,
+        pelvis: &Isometry3<f64>,
+        angles: &[f64],
+    ) -> Result<Vec<f64>, PolicyError> {
+        let Some(player) = &mut self.player else { return Err(PolicyError::not_reset("climb")) };
+        if !self.climbs && player.time() > player.seconds() + STILL {
+            let (ids, first) = (&player.body().ids, self.plan.keyframes.first());
+            let now: Vec<f64> = ids.joints.iter().take(JOINTS).map(|joint| player.state().qpos[joint.qpos]).collect();
+            let here = world_from_plan.inverse() * pelvis;
+            if let Some(mut plan) = first.and_then(|first| approach(player.body(), &here, &now, first)) {
+                plan.extend(self.plan.keyframes.iter().skip(1).cloned());
+                player.play(plan);
+                player.rate = RATE;
+            }
+            self.climbs = true;
+        }
+        Ok(player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec())
+    }
+}
+
+fn pose(pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
+    let missing = || PolicyError::Unfit { policy: "climb", reason: "the privileged observation lacks a pose".into() };
+    let pose = pose.ok_or_else(missing)?;
+    let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
+        return Err(missing());
+    };
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation))
+}

@@ -1,0 +1,36 @@
+//! The policy `climb` in training rooms.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../examples/climb/play.rs"]
+mod play;
+
+use fiatlux_client::Policy;
+use fiatlux_policies::Climb;
+use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
+use fiatlux_rules::{Cause, Task};
+
+/// Strict, with both feet on treads from 0.47 m on; the ladder stays where it is.
+#[test]
+fn it_climbs_the_ladder() {
+    let tasks: &[Task] =
+        if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { &[Task::S02, Task::Climb] } else { &[Task::S02] };
+    for &task in tasks {
+        let mut highest = 0.0_f64;
+        let ended = play::play(task, 1000, |episode, _| {
+            highest = highest.max(play::ladder_from_pelvis(episode.row()).translation.z);
+        });
+        let play::Played { cause, seconds, progress, height, ladder, effort } = ended.unwrap();
+        assert_eq!(cause, Cause::Success, "{task:?} after {seconds} s, {progress:?}");
+        assert!(height > if task == Task::Climb { 1.82 } else { 1.03 } && height <= highest + 1e-9, "{height} m");
+        assert!(ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{ladder:?} {effort}");
+    }
+}
+
+#[test]
+fn other_tasks_are_refused() {
+    let task = Some(TaskInfo { task: "S12".into(), ..TaskInfo::default() });
+    let mut climb = Climb::new().unwrap();
+    let refused = climb.reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default()).unwrap_err();
+    assert!(refused.to_string().contains("plays S02 and climb, but this is S12"), "{refused}");
+    assert_eq!(climb.tasks(), [Task::S02, Task::Climb]);
+}
