@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _native
+from .articulation import check_name
 from .build import MANIFEST
 from .error import AssetError
 from .verify import ASSERTIONS, Expected, validators, verify
@@ -29,11 +30,20 @@ MAX_DRAWN = 4000
 
 
 def manifest_of(folder: Path) -> dict[str, Any]:
+    """The manifest of an object's folder.
+
+    Raises:
+        AssetError: It is missing, or is not that of an object.
+    """
+    remedy = "write one with `build`"
     try:
         manifest = json.loads((folder / MANIFEST).read_text())
-        assert {"name", "links", "joints", "digest"} <= manifest.keys()
-    except (OSError, ValueError, AssertionError, AttributeError) as error:
-        raise AssetError(f"{folder}: it is not an object's folder; write one with `build`") from error
+    except (OSError, ValueError) as error:
+        raise AssetError(f"{folder}: it is not an object's folder; {remedy}") from error
+    counts = [manifest.get(name) for name in ("links", "joints")] if isinstance(manifest, dict) else [None]
+    if not all(isinstance(count, int) for count in counts):
+        raise AssetError(f"{folder}: {MANIFEST} is not that of an object; {remedy}")
+    check_name(manifest.get("name"), f"{folder}: name")
     return manifest
 
 

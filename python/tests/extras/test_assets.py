@@ -243,6 +243,20 @@ def test_a_damaged_asset_has_an_exit_code(chest, tmp_path, capsys):
     assert "upAxis is Y" in capsys.readouterr().out
 
 
+def test_a_folder_without_a_manifest_of_an_object_is_refused(tmp_path):
+    for content in (
+        "",
+        "[]",
+        "{}",
+        '{"name": "../../chest", "links": 1, "joints": 0}',
+        '{"name": "a", "links": "x", "joints": 0}',
+    ):
+        (tmp_path / "manifest.json").write_text(content)
+        for check in (report.structure, lambda folder: report.try_objects([folder])):
+            with pytest.raises(AssetError, match="object|cannot be a name"):
+                check(tmp_path)
+
+
 @pytest.mark.filterwarnings("ignore:LoadUsdPhysicsFromRange is deprecated")
 def test_usd_physics_reads_what_was_meant(chest):
     """The parser of usd-core sees the bodies, shapes, limits and articulation that a simulator would."""
