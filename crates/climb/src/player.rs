@@ -14,13 +14,13 @@ const LINE: f64 = 0.025;
 /// Distances of the centre of mass from where it is wanted at which the plan begins to wait, and at which it waits most, m, and
 /// the part of its speed that it then keeps: what holds the robot back may lie behind the next posture.
 const WAITS: [f64; 2] = [0.01, 0.025];
-const LEAST_RATE: f64 = 0.1;
+const MIN_RATE: f64 = 0.1;
 /// The same for a foot in the air.
 const FOOT_WAITS: [f64; 2] = [0.01, 0.03];
 /// Speeds are the plan's over the next of its time, s.
 const AHEAD: f64 = 0.1;
 /// A foot that may bear less than this part of the weight bears nothing.
-const LEAST_SHARE: f64 = 0.02;
+const MIN_SHARE: f64 = 0.02;
 /// Control step, s.
 const DT: f64 = 0.02;
 
@@ -97,7 +97,7 @@ impl Player {
         }
         let part = |error: f64, [begins, most]: [f64; 2]| (most - error) / (most - begins);
         let (com, foot) = (self.controller.com_error(), self.controller.held_error());
-        self.goes = part(com, WAITS).min(part(foot, FOOT_WAITS)).clamp(LEAST_RATE, 1.0);
+        self.goes = part(com, WAITS).min(part(foot, FOOT_WAITS)).clamp(MIN_RATE, 1.0);
         self.time += DT * self.rate * self.goes;
         Ok(&self.targets)
     }
@@ -159,7 +159,7 @@ impl Player {
         let (mut supports, mut held) = (Vec::new(), Vec::new());
         let weight = body.robot.total_mass() * 9.81;
         for (side, sole) in body.robot.soles().iter().enumerate() {
-            if now.bears[side] < LEAST_SHARE {
+            if now.bears[side] < MIN_SHARE {
                 let (here, there) = (soles.0[side], soles.1[side]);
                 held.push(Held {
                     site: sites[side],

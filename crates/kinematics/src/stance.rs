@@ -42,7 +42,7 @@ pub struct Stance {
 /// A site at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Held {
-    /// What is held.
+    /// The held site.
     pub site: Site,
     /// Where, world.
     pub world_from_site: Isometry3<f64>,
@@ -85,7 +85,7 @@ pub struct Pull {
     pub weight: f64,
 }
 
-/// What pulls, and how much each pull counts.
+/// Pulls on a stance, and their weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StanceGains {
     /// Of the centre of mass, level.

@@ -24,7 +24,7 @@ pub(crate) const ENTRY: Entry = Entry {
 
 /// Control steps for which the robot stands first, and before it begins to climb.
 const SETTLES: u64 = 25;
-/// How far before the plan's first posture the robot stops, m.
+/// Distance before the plan's first posture at which the robot stops, m.
 const BEFORE: f64 = 0.10;
 /// Distance from there and turn at which it has arrived, m and rad.
 const ARRIVED: (f64, f64) = (0.04, 0.08);

@@ -17,7 +17,7 @@ use nalgebra::{Isometry3, Vector3};
 
 const SENSORS: Sensors = Sensors::of(&[Sensor::Proprioception, Sensor::LastAction, Sensor::Privileged]);
 
-/// How an episode ended.
+/// The end of an episode.
 #[derive(Debug)]
 pub struct Played {
     pub cause: Cause,
