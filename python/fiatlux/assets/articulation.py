@@ -121,6 +121,7 @@ def checked(articulation: Articulation, path: Path) -> Articulation:
             raise AssetError(
                 f"{what}: it spans {joint.upper - joint.lower:.4g}; at most 360 degrees or 100 m are allowed"
             )
+    depths: dict[str, int] = {}
     for name in names:
         above = [joint.name for joint in articulation.joints if joint.child == name]
         if len(above) != (0 if name == names[0] else 1):
@@ -134,6 +135,9 @@ def checked(articulation: Articulation, path: Path) -> Articulation:
             if at in reached:
                 raise AssetError(f"{path}: the joints around part '{at}' form a loop")
             reached.add(at)
+        depths[name] = len(reached)
+    # Every part comes after the one that it hangs on.
+    articulation.parts.sort(key=lambda part: depths[part.name])
     return articulation
 
 

@@ -545,6 +545,21 @@ def test_bad_joints_are_refused(tmp_path, old, new, message):
         articulation.read(tmp_path / "chest.toml")
 
 
+def test_parts_are_written_after_what_they_hang_on(tmp_path):
+    for name, low in [("a", 0.0), ("b", 0.11), ("c", 0.22)]:
+        objects.box((0.0, 0.0, low), (0.1, 0.1, low + 0.1)).export(tmp_path / f"{name}.obj")
+    parts = "".join(f'[[parts]]\nname = "{name}"\nmesh = "{name}.obj"\n' for name in ("a", "c", "b"))
+    joint = '[[joints]]\nname = "{0}{1}"\nkind = "revolute"\nparent = "{0}"\nchild = "{1}"\nanchor = [0, 0, {2}]\naxis = [0, 1, 0]\n'
+    (tmp_path / "arm.toml").write_text(parts + joint.format("b", "c", 0.215) + joint.format("a", "b", 0.105))
+    build(tmp_path / "arm.toml", tmp_path / "arm", Settings("arm"))
+    text = articulation.tomllib.loads((tmp_path / "arm/object.toml").read_text())
+    assert [link["name"] for link in text["links"]] == ["a", "b", "c"]
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "arm/arm.xml")).njnt == 3
+    # Free hinges have no limits, in every format.
+    assert report.structure(tmp_path / "arm")["passed"]
+    assert {trial["check"] for trial in report.try_objects([tmp_path / "arm"])} == {"basic_physics", "joint_motion"}
+
+
 def test_a_folder_that_is_no_object_is_kept(tmp_path):
     source = box_obj(tmp_path)
     (tmp_path / "mine").mkdir()
