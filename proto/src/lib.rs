@@ -58,6 +58,9 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descrip
 /// The cause in an [`EpisodeEnd`](v3::EpisodeEnd) of an episode that no row ended: its client or its server cut it short.
 pub const ABORTED: &str = "aborted";
 
+/// The cause in an [`EpisodeEnd`](v3::EpisodeEnd) of a take that its operator ended.
+pub const STOPPED: &str = "stopped";
+
 /// Number of an encoded [`StepRecord`](v3::StepRecord), without the rest being read. Its field comes first; 0 is left out.
 pub fn record_seq(mut record: &[u8]) -> u64 {
     match record.split_off_first() {

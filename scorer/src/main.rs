@@ -88,6 +88,9 @@ struct GradeArgs {
     /// Count criteria as the published numbers do: from row 1, including one row of the next episode
     #[arg(long)]
     published_counting: bool,
+    /// Grade takes of teleoperation, which are excluded otherwise, and nothing else
+    #[arg(long)]
+    takes: bool,
     /// Threads [default: one for each core]
     #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<usize>(1..=1024))]
     workers: Option<usize>,
@@ -151,6 +154,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         published_counting: args.published_counting,
         workers: args.workers.unwrap_or_default(),
         time_limit: None,
+        takes: args.takes,
         relative_to: args.out.as_deref().or(args.html.as_deref()).map(folder).unwrap_or_default(),
     };
     // The folders must exist: the names of bags are relative to them.

@@ -41,6 +41,8 @@ pub struct Conditions {
     pub action_delay_ms: u32,
     pub end_on_overridden: Vec<String>,
     #[serde(default)]
+    pub takes: bool,
+    #[serde(default)]
     pub ranked: bool,
     pub deviations: Vec<String>,
     /// Thresholds that this grading judged by, by name.
@@ -75,6 +77,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let end_on = if header.end_on_overridden { listed(&header.end_on) } else { "the task's own".into() };
     let mut fields: Vec<(String, String)> = [
         ("benchmark_version", header.benchmark_version.to_string()),
+        ("takes", is_take(header).to_string()),
         ("policy", quoted(&header.policy)),
         ("protocol", protocol(header).into()),
         ("seeds", seeds(header).into()),
@@ -107,6 +110,9 @@ impl Conditions {
         let thresholds_set: Vec<String> =
             set.iter().filter_map(|set| set.split_once('=')).map(|(k, _)| k.trim().into()).collect();
         let mut deviations = Vec::new();
+        if is_take(header) {
+            deviations.push("the episodes are takes, which a person drove".into());
+        }
         if header.benchmark_version != BENCHMARK_VERSION {
             let played = header.benchmark_version;
             deviations.push(format!(
@@ -188,6 +194,7 @@ impl Conditions {
             meshes: meshes(header).into(),
             action_delay_ms: action_delay_ms(header),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
+            takes: is_take(header),
             ranked: deviations.is_empty(),
             deviations,
             thresholds: thresholds.entries().map(|(key, value)| (key.into(), value)).collect(),
@@ -212,6 +219,11 @@ impl Conditions {
             ..Self::default()
         }
     }
+}
+
+/// True for a take, which a person drove.
+pub(crate) fn is_take(header: &v3::EpisodeHeader) -> bool {
+    header.request.as_ref().is_some_and(|request| request.take)
 }
 
 fn protocol(header: &v3::EpisodeHeader) -> &str {

@@ -1,7 +1,7 @@
 //! Grades one episode from its rows, without reading files.
 
 use fiatlux_access::{PublicKey, Signer, signer_of};
-use fiatlux_proto::{ABORTED, PROTOCOL, is_compatible, v3};
+use fiatlux_proto::{ABORTED, PROTOCOL, STOPPED, is_compatible, v3};
 use fiatlux_rules::{JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, ThresholdError, Thresholds};
 use fiatlux_wire::{
     WireError, end_message, header_digest, joint_groups_of, judgement_message, read_geometry, read_identity, reward_of,
@@ -9,6 +9,7 @@ use fiatlux_wire::{
 use thiserror::Error;
 
 use crate::Series;
+use crate::conditions::is_take;
 use crate::flaw::{Difference, Flaw, RowSums, first_difference};
 use crate::request::contradiction;
 use crate::series::SeriesBuilder;
@@ -67,6 +68,7 @@ pub struct Grader {
     contradiction: Option<Difference>,
     header_digest: String,
     is_lockstep: bool,
+    is_take: bool,
     sums: RowSums,
     row_flaw: Option<Flaw>,
     recorder: SeriesBuilder,
@@ -106,6 +108,7 @@ impl Grader {
             contradiction: contradiction(header),
             header_digest: header_digest(header),
             is_lockstep: header.mode() == v3::Mode::Lockstep,
+            is_take: is_take(header),
             sums: RowSums::default(),
             row_flaw: None,
             recorder: SeriesBuilder::default(),
@@ -204,7 +207,8 @@ impl Grader {
     fn flaw(&self, result: Option<&v3::EpisodeResult>, signer: Signer, digest: &str) -> Option<Flaw> {
         let recorded = result.and_then(|result| Some((result, result.end.as_ref()?)));
         let Some((result, end)) = recorded else { return self.row_flaw.clone().or(Some(Flaw::Unended)) };
-        if end.cause == ABORTED {
+        // Only the operator of a take ends an episode where its rows do not.
+        if end.cause == ABORTED || (end.cause == STOPPED && !self.is_take) {
             return Some(Flaw::Aborted);
         }
         if result.header_digest.is_empty() {
@@ -243,7 +247,7 @@ impl Grader {
         let judge = self.judges.in_force();
         let (cause, causes) = match judge.verdict().end {
             Some(end) => (end.cause().name(), end.causes.iter().map(|cause| cause.name().to_owned()).collect()),
-            None => (ABORTED, Vec::new()),
+            None => (if self.is_take { STOPPED } else { ABORTED }, Vec::new()),
         };
         let strict = (self.judges.protocol() == Protocol::Strict).then(|| self.judges.of(Protocol::Strict));
         let found = v3::EpisodeResult {

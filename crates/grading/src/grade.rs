@@ -9,6 +9,7 @@ use fiatlux_bag::Patience;
 use fiatlux_rules::Thresholds;
 
 use crate::assemble::{BagContent, GradedBag, assemble, assemble_run};
+use crate::conditions::is_take;
 use crate::find::{find_bags, relative, run_of};
 use crate::results::{Fault, Results};
 use crate::run::RunJournals;
@@ -79,6 +80,17 @@ fn grade_run(
     assemble_run(run, judged.collect(), options)
 }
 
+/// Refuses takes where episodes of policies are graded, and the other way round.
+fn of_kind(content: BagContent, options: &GradeOptions) -> BagResult {
+    match (is_take(&content.header), options.takes) {
+        (true, false) => {
+            Err((Fault::Kind, "it is a take, which a person drove; grade takes by themselves with --takes".into()))
+        }
+        (false, true) => Err((Fault::Kind, "it is not a take; grade it without --takes".into())),
+        _ => Ok(content),
+    }
+}
+
 type BagResult = Result<BagContent, (Fault, String)>;
 
 /// Grades the bags, and returns them in the order given. The largest are graded first, so that no thread starts one at
@@ -101,7 +113,8 @@ fn each_bag(
     let work = || {
         let mut contents = Vec::new();
         while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-            contents.push((i, bag::read(&bags[i], options, options.time_limit.map(patience))));
+            let content = bag::read(&bags[i], options, options.time_limit.map(patience));
+            contents.push((i, content.and_then(|content| of_kind(content, options))));
             if let Ok(mut done) = done.lock() {
                 done.bags_done += 1;
                 done.bytes_done += sizes[i];

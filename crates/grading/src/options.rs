@@ -11,6 +11,8 @@ pub struct GradeOptions {
     pub workers: usize,
     /// Time limit for reading one bag; `None` means no limit. A bag that takes longer counts as cut, and is excluded.
     pub time_limit: Option<Duration>,
+    /// Grade takes, which persons drove, and nothing else; otherwise takes are excluded.
+    pub takes: bool,
     /// The folder of the results, to which names of bags are relative; empty means the current one.
     pub relative_to: PathBuf,
 }

@@ -51,6 +51,8 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
     };
     if !request.end_on.is_empty() {
         let causes: Result<Causes, _> = request.end_on.iter().map(|name| name.parse::<Cause>()).collect();
+        // What is no longer physical ends every episode.
+        let causes = causes.map(|causes| causes.union(Causes::of(&[Cause::Diverged])));
         asked.end_on = causes.map_or(Vec::new(), |causes| causes.iter().map(|cause| cause.name().into()).collect());
     }
     if let Some(sample) = asked.domain_sample.as_mut().filter(|_| !randomization.prop_scale) {

@@ -210,6 +210,8 @@ pub enum Fault {
     Altered,
     Duplicate,
     Lost,
+    /// A take among episodes of policies, or the other way round.
+    Kind,
 }
 
 impl Fault {
@@ -223,6 +225,7 @@ impl Fault {
             Fault::Altered => "altered",
             Fault::Duplicate => "duplicate",
             Fault::Lost => "lost",
+            Fault::Kind => "kind",
         }
     }
 }

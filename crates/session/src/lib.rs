@@ -27,7 +27,7 @@
 //!     fn record(&mut self, _: Option<ActionRecord>, _: bool) -> Result<StepRecord, Refusal> {
 //!         Ok(StepRecord::default())
 //!     }
-//!     fn aborted(&self, _: &str) -> EpisodeResult {
+//!     fn cut_short(&self, _: &str, _: &str) -> EpisodeResult {
 //!         EpisodeResult::default()
 //!     }
 //! }

@@ -18,7 +18,7 @@ use fiatlux_proto::v3::{
     CloseReply, CloseRequest, Event, LookReply, LookRequest, Mode, Notice, Observation, Refusal, ResetReply,
     ResetRequest, SessionInfo, StepRecord, look_reply, reset_reply,
 };
-use fiatlux_proto::{ABORTED, Bytes, Message, decode, limits};
+use fiatlux_proto::{ABORTED, Bytes, Message, STOPPED, decode, limits};
 
 use crate::machine::Machine;
 use action::{Clock, ReceivedAction, Unrecorded};
@@ -294,7 +294,7 @@ impl<H: Host, R> ServerSession<H, R> {
 
     fn reset(&mut self, episode: u64, to: R, now: Duration) {
         self.client_silent = now;
-        self.abort("another episode was asked for", now);
+        self.cut_short(self.clients_end(), "another episode was asked for", now);
         let large = self.has_recorder();
         let staged = self.host.stage(episode).cloned();
         let staged = staged.and_then(|first| Ok((first, self.host.record(None, large)?)));
@@ -314,7 +314,7 @@ impl<H: Host, R> ServerSession<H, R> {
             Err(error) => Some(Refusal::from(&error)),
             Ok(_) if self.phase != Phase::Open => Some(closed()),
             Ok(_) => {
-                self.shut("the client closed the session", now);
+                self.shut(self.clients_end(), "the client closed the session", now);
                 if self.recorded {
                     self.closing = Some(to);
                     return;
@@ -329,15 +329,15 @@ impl<H: Host, R> ServerSession<H, R> {
     fn terminate(&mut self, why: &str, now: Duration) {
         if self.phase == Phase::Open {
             self.notify(NoticeCode::Lost, 1, "", format!("the session is closed: {why}"), "open another one", now);
-            self.shut(why, now);
+            self.shut(ABORTED, why, now);
         }
     }
 
-    fn shut(&mut self, why: &str, now: Duration) {
+    fn shut(&mut self, cause: &str, why: &str, now: Duration) {
         if let Some(Deferred::Reset(_, to)) = self.deferred.take() {
             self.reply_to_reset(to, Err(closed()));
         }
-        self.abort(why, now);
+        self.cut_short(cause, why, now);
         // Sent now, since nobody may be listening later.
         let held = self.notices.flush();
         self.send_notice(held);
@@ -345,18 +345,23 @@ impl<H: Host, R> ServerSession<H, R> {
         self.outputs.push_back(Output::Closed);
     }
 
+    /// The cause of an end that the client asks for while an episode runs.
+    fn clients_end(&self) -> &'static str {
+        if self.info.take { STOPPED } else { ABORTED }
+    }
+
     /// Ends the running episode without a last row.
-    fn abort(&mut self, why: &str, now: Duration) {
+    fn cut_short(&mut self, cause: &str, why: &str, now: Duration) {
         self.record_step();
         let Some(run) = self.run.take().filter(|run| !run.is_over) else { return };
-        let mut result = self.host.aborted(why);
+        let mut result = self.host.cut_short(cause, why);
         result.missed_steps = run.missed_steps;
         self.host.sign(&mut result);
         let ending = Event {
             step: run.step,
             kind: "end".into(),
-            subject: ABORTED.into(),
-            change: ABORTED.into(),
+            subject: cause.into(),
+            change: cause.into(),
             detail: why.into(),
         };
         let events = self.take_events(run.step).chain([ending]);

@@ -11,13 +11,15 @@ use std::sync::atomic::AtomicBool;
 use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Messages};
 use fiatlux_carrier::{Carrier, CarrierError};
-use fiatlux_client::{Access, Client, ClientError, PolicyError};
+use fiatlux_client::{Access, Client, ClientError, Command, Policy, PolicyError};
 use fiatlux_policies::Replay;
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, OpenRequest, State, StepRecord};
-use fiatlux_proto::{Message, decode, plain};
+use fiatlux_proto::v3::{
+    EpisodeEnd, EpisodeHeader, EpisodeResult, Mode, Observation, OpenRequest, SessionInfo, State, StepRecord,
+};
+use fiatlux_proto::{Message, STOPPED, decode, plain};
 use thiserror::Error;
 use tracing::warn;
 
@@ -134,6 +136,7 @@ struct Comparison<'a> {
     header_difference: Option<Difference>,
     row_difference: Option<(u64, Difference)>,
     result_difference: Option<Difference>,
+    simulated_end: Option<EpisodeEnd>,
     has_header: bool,
     has_result: bool,
     records: u64,
@@ -150,6 +153,7 @@ impl<'a> Comparison<'a> {
             header_difference: None,
             row_difference: None,
             result_difference: None,
+            simulated_end: None,
             has_header: false,
             has_result: false,
             records: 0,
@@ -170,6 +174,7 @@ impl<'a> Comparison<'a> {
         }
         if let Some(result) = record.result {
             self.has_result = true;
+            self.simulated_end.clone_from(&result.end);
             // The second run cannot reproduce these: the header's digest, steps missed in real time, and the server's
             // signature.
             let EpisodeResult { header_digest, missed_steps, signature, .. } = self.result.clone();
@@ -285,6 +290,23 @@ enum FetchedRecords {
     All,
 }
 
+/// Plays nothing: its episode begins, which ends the one before.
+struct Nobody;
+
+impl Policy for Nobody {
+    fn name(&self) -> String {
+        "nobody".into()
+    }
+
+    fn reset(&mut self, _: &SessionInfo, _: &Observation) -> Result<(), PolicyError> {
+        Err(PolicyError::not_reset("nobody"))
+    }
+
+    fn act(&mut self, _: &Observation) -> Result<Command, PolicyError> {
+        Err(PolicyError::not_reset("nobody"))
+    }
+}
+
 /// A recorded episode that is being played again.
 struct SecondRun<'a> {
     path: &'a Path,
@@ -323,13 +345,20 @@ impl SecondRun<'_> {
         };
         let run = client.run_episode(bag.header().episode, &mut replay, &mut on_step, stop);
         reread?;
+        let is_stopped = recorded.cause == STOPPED && matches!(run, Err(ClientError::Policy(PolicyError::Ended { .. })));
+        if is_stopped {
+            // As its operator did: another episode ends it.
+            let ended = client.run_episode(bag.header().episode.wrapping_add(1), &mut Nobody, &mut |_| (), stop);
+            debug_assert!(ended.is_err(), "nobody plays");
+        }
         let simulated = match run {
             Ok(end) => Some(end),
             // The second run did not end where the recorded one did.
             Err(ClientError::Policy(PolicyError::Ended { .. })) => None,
             Err(error) => return Err(error.into()),
         };
-        let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps);
+        // The end of a take that was stopped is a record after its last row.
+        let steps = simulated.as_ref().map_or(recorded.steps, |end| end.steps) + u64::from(is_stopped);
         match rows {
             FetchedRecords::FirstAndLast => {
                 let last = records.get(steps).ok_or(VerifyError::Lost { next_seq: steps })?;
@@ -342,6 +371,7 @@ impl SecondRun<'_> {
                 }
             }
         }
+        let simulated = if is_stopped { comparison.simulated_end.take() } else { simulated };
         if simulated.is_some() && !comparison.is_complete() {
             return Err(VerifyError::Lost { next_seq: comparison.records });
         }

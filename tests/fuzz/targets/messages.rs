@@ -46,7 +46,7 @@ impl Host for Counter {
     fn record(&mut self, _: Option<ActionRecord>, _: bool) -> Result<StepRecord, Refusal> {
         Ok(StepRecord { step: self.0.step, ..StepRecord::default() })
     }
-    fn aborted(&self, _: &str) -> EpisodeResult {
+    fn cut_short(&self, _: &str, _: &str) -> EpisodeResult {
         EpisodeResult::default()
     }
 }

@@ -3,7 +3,7 @@
 use crate::common::room::{OLD, take};
 use crate::common::{Folder, Story, begin, header, result, rows, sealed, write};
 use fiatlux_grading::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
-use fiatlux_proto::{PROTOCOL, v3};
+use fiatlux_proto::{PROTOCOL, STOPPED, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Task};
 
 fn grade_in(folder: &Folder, options: GradeOptions) -> Result<Results, ScoreError> {
@@ -266,4 +266,50 @@ fn the_table_fits() {
     let widest = text.lines().map(|line| line.chars().count()).max().unwrap_or(0);
     assert!(widest <= 80, "{widest}\n{text}");
     assert!(text.starts_with("zero: 9/24 published, S 0.333 over 12 of 12 subtasks\n"), "{text}");
+}
+
+/// Guards that a person's take never counts as a policy's episode, and that nothing but a take may be stopped.
+#[test]
+fn takes_are_graded_by_themselves() {
+    let stopped = |name: &str, folder: &Folder, take: bool| {
+        let all = rows(Task::S03, 1, Story::Waits(30));
+        let head = header(Task::S03, 1);
+        let request = v3::OpenRequest {
+            policy: head.policy.clone(),
+            task: head.task.clone(),
+            seed: head.seed,
+            episode_protocol: head.episode_protocol.clone(),
+            end_on: vec!["success".into()],
+            take,
+            ..v3::OpenRequest::default()
+        };
+        let head = sealed(v3::EpisodeHeader {
+            request: Some(request),
+            end_on: vec!["success".into(), "diverged".into()],
+            end_on_overridden: true,
+            image_width: 256,
+            image_height: 256,
+            ..head
+        });
+        let mut ended = result(&head, &all);
+        ended.end.as_mut().expect("an end").cause = STOPPED.into();
+        begin(&bag(folder, name), &head, &all).finish(&ended).expect("finished");
+    };
+    let folder = Folder::new("takes");
+    write(&bag(&folder, "policy"), Task::S03, 0, Story::Falls(30));
+    stopped("take", &folder, true);
+    let results = graded(&folder);
+    assert_eq!((results.episodes.len(), results.excluded.len(), results.has_data_loss()), (1, 1, true));
+    assert_eq!((results.excluded[0].bag.as_str(), results.excluded[0].reason), ("take.mcap", Fault::Kind));
+    assert!(results.excluded[0].detail.contains("--takes") && results.conditions.ranked && !results.conditions.takes);
+
+    let results = grade_in(&folder, GradeOptions { takes: true, ..GradeOptions::default() }).expect("graded");
+    let ends: Vec<_> = results.episodes.iter().map(|row| (row.bag.as_str(), row.end.as_str())).collect();
+    assert_eq!(ends, [("take.mcap", STOPPED)], "{:?}", results.excluded);
+    assert_eq!((results.excluded[0].bag.as_str(), results.excluded[0].reason), ("policy.mcap", Fault::Kind));
+    assert!(results.conditions.takes && !results.conditions.ranked, "{:?}", results.conditions.deviations);
+
+    let folder = Folder::new("no-takes");
+    stopped("stopped", &folder, false);
+    assert_eq!(graded(&folder).excluded[0].reason, Fault::Aborted);
 }

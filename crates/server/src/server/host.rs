@@ -180,11 +180,11 @@ impl Host for Simulation {
         Ok(first)
     }
 
-    fn aborted(&self, why: &str) -> EpisodeResult {
+    fn cut_short(&self, cause: &str, why: &str) -> EpisodeResult {
         if let Some(attempt) = &self.attempt {
             attempt.is_cut_short(why);
         }
-        self.run.as_ref().map(|run| record::aborted(&run.episode, run.record.as_ref())).unwrap_or_default()
+        self.run.as_ref().map(|run| record::cut_short(&run.episode, cause, run.record.as_ref())).unwrap_or_default()
     }
 
     fn sign(&self, result: &mut EpisodeResult) {

@@ -83,6 +83,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         reward: plan.reward_name().into(),
         terms: term_messages(plan.sensors.sensed(), &plan.setup(scene)),
         command_timeout_s: plan.command_timeout_s,
+        take: plan.request.take,
         ..SessionInfo::default()
     }
 }

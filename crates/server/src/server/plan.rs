@@ -131,6 +131,8 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
     let sensors = sensors::read(request, task)?;
     check_weights(request, &sensors)?;
+    let end_on = end_on(&request.end_on)?;
+    check_take(request, end_on)?;
     Ok(Plan {
         request: request.clone(),
         task,
@@ -144,7 +146,7 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         scale: prop_scale(request, &randomize)?,
         recorded: request.recorded,
         protocol: protocol(&request.episode_protocol)?,
-        end_on: end_on(&request.end_on)?,
+        end_on,
         thresholds: thresholds(request)?,
         reward: reward(&request.reward)?,
         action_delay: action_delay(request.action_delay_ms)?,
@@ -294,6 +296,17 @@ fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
     parsed.map(Some).map_err(|error| Refusal::new(Code::Unknown, "end_on", error.to_string()))
 }
 
+/// Refuses a take that something besides success would end.
+fn check_take(request: &OpenRequest, end_on: Option<Causes>) -> Result<(), Refusal> {
+    // What is no longer physical ends every episode, and stands in headers too.
+    let ends = end_on.map(|causes| causes.without(Cause::Diverged));
+    if request.take && ends != Some(Causes::of(&[Cause::Success])) {
+        let message = "a take goes on past mistakes and time-out: set end_on to success alone";
+        return Err(Refusal::new(Code::Value, "end_on", message));
+    }
+    Ok(())
+}
+
 fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
     let mut thresholds = Thresholds::default();
     for (key, value) in &request.thresholds {
@@ -358,6 +371,15 @@ mod tests {
         assert_eq!((plan.action_delay, plan.command_timeout_s), (3, 1.0));
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
+    }
+
+    /// Guards that a take can be opened again from its header, which names what ends every episode.
+    #[test]
+    fn a_take_ends_on_success_alone() {
+        for ends in [vec!["success".into()], vec!["success".into(), "diverged".into()]] {
+            let take = OpenRequest { take: true, end_on: ends, ..request() };
+            assert!(read(&take.encode_to_vec()).is_ok_and(|plan| plan.request.take));
+        }
     }
 
     /// Each refusal names the field and the remedy.
@@ -440,6 +462,13 @@ mod tests {
                 Code::Unknown,
                 "episode_protocol",
                 "known ones are published, strict",
+            ),
+            (OpenRequest { take: true, ..request() }, Code::Value, "end_on", "success alone"),
+            (
+                OpenRequest { take: true, end_on: list("fall"), ..request() },
+                Code::Value,
+                "end_on",
+                "past mistakes and time-out",
             ),
             (OpenRequest { end_on: list("falls"), ..request() }, Code::Unknown, "end_on", "known ones are success"),
             (

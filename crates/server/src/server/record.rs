@@ -1,9 +1,9 @@
 //! The records of an episode: its header, its rows with their events, and its result.
 
+use fiatlux_proto::Message;
 use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
-use fiatlux_proto::{ABORTED, Message};
 use fiatlux_rules::{Criteria, Protocol, manifest};
 use fiatlux_wire::{end_message, header_digest, judgement_message, state_message};
 use fiatlux_world::Episode;
@@ -108,9 +108,10 @@ impl Record {
     }
 }
 
-pub(super) fn aborted(episode: &Episode, record: Option<&Record>) -> EpisodeResult {
+/// The result of an episode that was cut short.
+pub(super) fn cut_short(episode: &Episode, cause: &str, record: Option<&Record>) -> EpisodeResult {
     let header_digest = record.map(|record| record.header_digest.clone()).unwrap_or_default();
-    result(episode, ended(episode, ABORTED, Vec::new()), header_digest)
+    result(episode, ended(episode, cause, Vec::new()), header_digest)
 }
 
 /// The end of an episode; `None` while it runs.

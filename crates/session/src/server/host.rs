@@ -28,9 +28,9 @@ pub trait Host {
     /// The session adds `seq`, its own events before the host's, and `missed_steps`.
     fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal>;
 
-    /// The result of the present episode if it is cut short here, with the cause [`fiatlux_proto::ABORTED`]; `why` is for
-    /// human readers.
-    fn aborted(&self, why: &str) -> EpisodeResult;
+    /// The result of the present episode if it is cut short here, with the cause [`fiatlux_proto::ABORTED`] or
+    /// [`fiatlux_proto::STOPPED`]; `why` is for human readers.
+    fn cut_short(&self, cause: &str, why: &str) -> EpisodeResult;
 
     /// Signs a final result. By default results are not signed.
     fn sign(&self, _result: &mut EpisodeResult) {}

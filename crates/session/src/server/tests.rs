@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
-use fiatlux_proto::v3::{Action, ActionRecord, EpisodeResult, Joint};
+use fiatlux_proto::v3::{Action, ActionRecord, EpisodeEnd, EpisodeResult, Joint};
 
 use super::*;
 use crate::command::{Command, CommandError};
@@ -51,8 +51,9 @@ impl Host for Counter {
         Ok(StepRecord { step: self.present.step, events: vec![b"the host's".into()], ..StepRecord::default() })
     }
 
-    fn aborted(&self, _: &str) -> EpisodeResult {
-        EpisodeResult { total_reward: 2.5, ..EpisodeResult::default() }
+    fn cut_short(&self, cause: &str, _: &str) -> EpisodeResult {
+        let end = Some(EpisodeEnd { cause: cause.into(), ..EpisodeEnd::default() });
+        EpisodeResult { total_reward: 2.5, end, ..EpisodeResult::default() }
     }
 }
 
@@ -173,4 +174,30 @@ fn commands_have_a_bound() {
     assert_eq!(Command::Action(vec![1e155]).check(&unbounded), Ok(()));
     let error = Command::JointTarget(vec![f64::MAX]).check(&unbounded);
     assert!(matches!(error, Err(CommandError::NotFinite { .. })));
+}
+
+/// Guards that a take is `stopped` where its client ends it, and `aborted` where the client is gone, as other episodes are.
+#[test]
+fn only_a_take_can_be_stopped() {
+    let cause = |take: bool, input: Input<()>, later: Duration| {
+        let mut session = running(Counter::default());
+        session.info.take = take;
+        while session.poll().is_some() {}
+        session.handle(input, NOW + later);
+        let mut found = None;
+        while let Some(output) = session.poll() {
+            if let Output::StepRecord(bytes) = output {
+                let record = StepRecord::decode(bytes).expect("a record");
+                found = found.or(record.result.and_then(|result| result.end).map(|end| end.cause));
+            }
+        }
+        found.expect("an end")
+    };
+    let reset = || Input::Reset(ResetRequest { episode: 1 }.encode_to_vec().into(), ());
+    let close = || Input::Close(CloseRequest {}.encode_to_vec().into(), ());
+    assert_eq!(cause(true, reset(), Duration::ZERO), STOPPED);
+    assert_eq!(cause(true, close(), Duration::ZERO), STOPPED);
+    assert_eq!(cause(false, close(), Duration::ZERO), ABORTED);
+    assert_eq!(cause(true, Input::Terminate("the server shuts down"), Duration::ZERO), ABORTED);
+    assert_eq!(cause(true, Input::Tick, Duration::from_secs(3600)), ABORTED);
 }

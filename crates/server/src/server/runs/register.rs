@@ -85,6 +85,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
         ("session.recorded", session.recorded),
         ("session.hello", session.hello.is_some()),
         ("session.replay", session.replay),
+        ("session.take", session.take),
     ] {
         if is_set {
             return Err(wrong(field, "the run sets it; leave it out".into()));
