@@ -12,6 +12,7 @@ mod part;
 #[allow(missing_docs)] // Used by this program and its tests.
 pub mod render;
 mod render_command;
+mod teleop_command;
 mod view_command;
 
 use std::process::ExitCode;
@@ -49,6 +50,12 @@ enum Command {
     /// Serves only this machine, on 127.0.0.1, until Ctrl-C; needs no account and no network.
     #[command(after_help = view_command::EXAMPLES)]
     View(view_command::ViewArgs),
+    /// Lets a person drive the robot from a browser, by keys, gamepad or headset, and records takes.
+    ///
+    /// Prints the page's address, with a token without which nobody can see or drive. A take goes on past mistakes and time-out until
+    /// its gate holds or its operator stops it. Ctrl-C keeps the take that is being recorded.
+    #[command(after_help = teleop_command::EXAMPLES)]
+    Teleop(teleop_command::TeleopArgs),
     /// Makes keys, certificates and Zenoh configs, so that each program can do its part on a network and nothing else.
     #[command(after_help = keys_command::EXAMPLES)]
     Keys(keys_command::KeysArgs),
@@ -76,6 +83,7 @@ pub fn run(policies: Policies) -> ExitCode {
         Command::Evaluate(args) => evaluate_command::run(&args, policies),
         Command::Render(args) => render_command::run(&args),
         Command::View(args) => view_command::run(&args),
+        Command::Teleop(args) => teleop_command::run(&args),
         Command::Keys(args) => keys_command::keys(args).map(|()| ExitCode::SUCCESS),
         Command::Router(args) => network::router(args).map(|()| ExitCode::SUCCESS),
     };

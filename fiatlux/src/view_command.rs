@@ -99,7 +99,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
 }
 
 /// Asks the system to open an address; false where there is no screen, or nothing that can open it.
-fn open_browser(address: &str) -> bool {
+pub(crate) fn open_browser(address: &str) -> bool {
     let has_screen = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
     let opener = match std::env::consts::OS {
         "macos" => "open",

@@ -40,10 +40,12 @@ export async function everywhere(test) {
 }
 
 // A page of which every message and every request is noted.
-// `address` is the only host that it may ask for anything. A page with a replay says itself when it is ready.
-export async function open(name, url, settings, address, isReplay = true) {
+// `address` is the only host that it may ask for anything. A page with a replay says itself when it is ready. `before` runs before the
+// page's own scripts.
+export async function open(name, url, settings, address, isReplay = true, ...before) {
   const context = await browser.newContext({ ...settings, bypassCSP: false });
   const page = await context.newPage();
+  for (const script of before) await page.addInitScript(script);
   const noted = { errors: [], strangers: [] };
   page.on("console", (message) => {
     // What a software renderer says of its speed is not about the page.

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Looks at replays and at the leaderboard with a real browser: desktop and telephone, light and dark, served and as a file.
+# Looks at replays and at the leaderboard with a real browser: desktop and telephone, light and dark, served and as a file. Drives the
+# robot from the page of teleoperation, and checks the takes.
 #
 #   tests/browser/run.sh [SCREENSHOTS]
 #
 # Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX, SCORER and
 # SIM_SERVER name the programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played
-# otherwise. ONLY=replay or ONLY=leaderboard leaves the other one out.
+# otherwise. ONLY=replay, ONLY=leaderboard or ONLY=teleop leaves the others out.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
@@ -74,11 +75,44 @@ leaderboard() {
     node "$work/leaderboard.mjs" "$address" "$shots"
 }
 
-case "${ONLY:-both}" in
+# Drives a task in a room by a test, and checks that its takes are kept, whole, of their own kind, and verified.
+drive() {
+    local test="$1" task="$2" seed="$3" count="$4" takes="$work/takes-$1" driven port bag
+    "$fiatlux" teleop --task "$task" --seed "$seed" --out "$takes" --no-open >"$takes.address" 2>"$takes.log" &
+    driven=$!
+    servers+=("$driven")
+    node "$work/teleop.mjs" "$test" "$(first_line "$takes.address")" "$shots"
+    kill -INT "$driven"
+    wait "$driven"
+    "$scorer" grade --takes "$takes" --json >"$takes.json"
+    node -e '
+        const { episodes, excluded, conditions } = JSON.parse(require("fs").readFileSync(process.argv[1]));
+        const succeeded = episodes.filter(({ strict_success: success, end }) => success && end === "success").length;
+        if (succeeded !== Number(process.argv[2]) || excluded.length > 0 || conditions.ranked) throw new Error(JSON.stringify({ episodes, excluded }));
+    ' "$takes.json" "$count"
+    if "$scorer" grade "$takes" --json >"$takes.excluded"; then
+        echo "FAILED takes are graded as episodes of a policy"
+        return 1
+    fi
+    grep -q '"reason": "kind"' "$takes.excluded"
+    port=$((20000 + RANDOM % 20000))
+    "$sim" -l "tcp/127.0.0.1:$port" >"$work/verifier.log" 2>&1 &
+    servers+=($!)
+    bag="$(find "$takes" -name '*.mcap' | sort | head -n 1)"
+    "$scorer" verify "$bag" -e "tcp/127.0.0.1:$port"
+}
+
+case "${ONLY:-all}" in
     replay) replays ;;
     leaderboard) leaderboard ;;
+    teleop)
+        drive walk S07 65 2
+        drive grab S08 65 1
+        ;;
     *)
         replays
         leaderboard
+        drive walk S07 65 2
+        drive grab S08 65 1
         ;;
 esac

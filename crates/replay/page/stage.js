@@ -86,6 +86,8 @@ export class Stage {
   }
 
   resize() {
+    // A headset has sizes of its own.
+    if (this.renderer.xr.isPresenting) return;
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return;
     const pixels = this.renderer.getSize(new THREE.Vector2());

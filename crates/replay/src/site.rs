@@ -60,6 +60,13 @@ fn of(module: &str, body: &'static str, class: &'static str) -> SitePage {
     SitePage { head, script, body, class }
 }
 
+/// The links of a page that starts with another module and uses these ones: its head, and a source for `script-src` that allows
+/// the inline script in it.
+pub fn head_of(module: &str) -> (String, String) {
+    let Head { html, script } = Head::of(module);
+    (html, script)
+}
+
 /// Media type and text of a file of the page, by its name; `None` if there is no such file.
 pub fn page_part(name: &str) -> Option<(&'static str, &'static str)> {
     if name == STYLE.name {

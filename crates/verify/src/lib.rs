@@ -345,7 +345,8 @@ impl SecondRun<'_> {
         };
         let run = client.run_episode(bag.header().episode, &mut replay, &mut on_step, stop);
         reread?;
-        let is_stopped = recorded.cause == STOPPED && matches!(run, Err(ClientError::Policy(PolicyError::Ended { .. })));
+        let is_stopped =
+            recorded.cause == STOPPED && matches!(run, Err(ClientError::Policy(PolicyError::Ended { .. })));
         if is_stopped {
             // As its operator did: another episode ends it.
             let ended = client.run_episode(bag.header().episode.wrapping_add(1), &mut Nobody, &mut |_| (), stop);

@@ -1,0 +1,261 @@
+// Puts the page of an operator together.
+
+import * as THREE from "three";
+
+import { showCard } from "./card.js";
+import { fail, find, loading } from "./controls.js";
+import { Gamepad } from "./gamepad.js";
+import { Keyboard } from "./keyboard.js";
+import { Live, loadRoom } from "./live.js";
+import { Socket } from "./socket.js";
+import { Stage } from "./stage.js";
+import { Headset } from "./webxr.js";
+import { element, seconds, words } from "./words.js";
+
+const INPUT_MS = 20;
+const WORDS = { opening: "Building the room", ready: "Ready", running: "Running", ended: "Ended" };
+const token = new URLSearchParams(location.search).get("token") ?? "";
+
+const keyboard = new Keyboard();
+const gamepad = new Gamepad();
+// What tests and the curious may read.
+const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, roundTrips: [] };
+// The newest state, which may come before its room.
+let newest = null;
+let [live, stage, headset, shownRoom, usesPad, usesEye, room] = [null, null, null, 0, false, false, Promise.resolve()];
+
+const socket = new Socket(token, {
+  open: (isOpen) => {
+    seen.isOpen = isOpen;
+    tell();
+  },
+  drives: (drives) => {
+    seen.drives = drives;
+    tell();
+  },
+  problem: (problem) => fail(problem),
+  status: (status) => {
+    seen.status = status;
+    if (status.problem) fail(status.problem);
+    if (status.room !== shownRoom && status.room > 0) {
+      shownRoom = status.room;
+      room = room.then(show).catch((error) => fail(`The room cannot be shown: ${error.message}`));
+    }
+    tell();
+  },
+  state: (buffer) => {
+    newest = buffer;
+    if (!live?.take(buffer)) return;
+    const { echo } = live.state;
+    if (echo >= 0) {
+      seen.roundTrips.push(performance.now() - echo);
+      if (seen.roundTrips.length > 50) seen.roundTrips.shift();
+    }
+    panel();
+    ask();
+  },
+});
+
+// Shows the room that the server has.
+async function show() {
+  loading(0);
+  const { doc, meshes } = await loadRoom(token);
+  live = new Live(doc);
+  if (stage) {
+    stage.renderer.dispose();
+    // A canvas keeps the context of its first renderer.
+    const canvas = stage.canvas.cloneNode();
+    stage.canvas.replaceWith(canvas);
+    await headset?.session?.end();
+  }
+  const canvas = find("view");
+  stage = new Stage(canvas, doc, meshes, live, ask);
+  new ResizeObserver(ask).observe(canvas);
+  addGhosts();
+  headset = new Headset(stage);
+  find("headset").hidden = !(await Headset.isThere());
+  find("title").textContent = `${doc.task} ${doc.name}`;
+  document.title = `${doc.task}, seed ${doc.seed}: Fiatlux teleoperation`;
+  find("said").textContent = `\u201c${doc.instruction}\u201d`;
+  find("lamps").replaceChildren(...doc.criteria.map((name) => element("div", { className: "lamp" }, element("i"), words(name))));
+  for (const side of ["left", "right"]) find(`force-${side}`).max = doc.fragility_n;
+  loading(1);
+  if (newest && live.take(newest)) panel();
+  ask();
+  seen.live = live;
+  seen.needsView = true;
+  tell();
+  document.documentElement.dataset.ready = "true";
+}
+
+// Where the hands are wanted, as frames of three axes.
+let ghosts = [];
+function addGhosts() {
+  ghosts = [0, 1].map(() => {
+    const axes = new THREE.AxesHelper(0.09);
+    axes.visible = false;
+    axes.material.depthTest = false;
+    axes.renderOrder = 11;
+    stage.scene.add(axes);
+    return axes;
+  });
+}
+
+let asked = false;
+function ask() {
+  if (asked || !stage || headset?.session) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    draw(null);
+  });
+}
+
+const position = [0, 0, 0];
+const quaternion = [0, 0, 0, 1];
+// The place of the robot's eye, and how it is turned: it looks along its x axis.
+function eyePose() {
+  const { eye } = live.doc;
+  live.poseAt(0, eye?.frame ?? 0, position, quaternion);
+  const turn = new THREE.Quaternion(...quaternion);
+  const at = new THREE.Vector3(...position);
+  if (eye) {
+    const [x, y, z, w, i, j, k] = eye.pose;
+    at.add(new THREE.Vector3(x, y, z).applyQuaternion(turn));
+    turn.multiply(new THREE.Quaternion(i, j, k, w));
+  }
+  return { at, turn };
+}
+
+function draw(frame) {
+  if (!stage || !live.state) return;
+  if (seen.needsView) {
+    seen.needsView = false;
+    stage.resetView();
+  }
+  ghosts.forEach((axes, side) => {
+    axes.visible = live.state.wanted[side] && !usesEye;
+    live.goalAt(side, position, quaternion);
+    axes.position.fromArray(position);
+    axes.quaternion.fromArray(quaternion);
+  });
+  if (headset?.session && !frame) return;
+  if (frame) {
+    live.poseAt(0, 0, position, quaternion);
+    const ahead = new THREE.Vector3(1, 0, 0).applyQuaternion(new THREE.Quaternion(...quaternion));
+    headset.place(frame, eyePose().at, Math.atan2(ahead.y, ahead.x));
+    headset.board.write(find("state").textContent, board());
+    socket.input("webxr", headset.read(frame, seen.status.phase === "running"));
+  } else if (usesEye) {
+    const { at, turn } = eyePose();
+    stage.resize();
+    stage.camera.position.copy(at).add(new THREE.Vector3(0.05, 0, 0).applyQuaternion(turn));
+    stage.camera.lookAt(at.clone().add(new THREE.Vector3(1, 0, 0).applyQuaternion(turn)));
+    const wide = live.doc.eye?.horizontal_fov ?? 1.2;
+    stage.camera.fov = (360 / Math.PI) * Math.atan(Math.tan(wide / 2) / Math.max(stage.camera.aspect, 1));
+    stage.camera.updateProjectionMatrix();
+  }
+  stage.draw(live.state.step, live.state, true);
+}
+
+// The lines of a headset's board.
+function board() {
+  const { doc, state } = live;
+  const gate = doc.criteria.map((name, index) => ({ text: words(name), holds: state.criteria[index] }));
+  const [left, right] = state.force.map((force) => force.toFixed(1));
+  return [...gate, { text: `Bulb: left ${left} N, right ${right} N` }, { text: `${doc.task}, ${seconds(state.step, doc.control_dt)}` }];
+}
+
+function panel() {
+  const { state, doc } = live;
+  document.querySelectorAll(".lamp").forEach((lamp, index) => lamp.classList.toggle("on", state.criteria[index] === true));
+  ["left", "right"].forEach((side, index) => {
+    find(`force-${side}`).value = state.force[index];
+    find(`newtons-${side}`).textContent = `${state.force[index].toFixed(1)} N`;
+  });
+  const [vx, vy, wz] = state.velocity.map((part) => part.toFixed(2));
+  find("velocity").textContent = `${vx}, ${vy} m/s, ${wz} rad/s`;
+  find("hands").textContent = state.follows.map((follows) => (follows ? "follows" : "rests")).join(", ");
+  find("clock").textContent = seconds(state.step, doc.control_dt);
+  const sorted = seen.roundTrips.toSorted((a, b) => a - b);
+  find("latency").textContent = sorted.length > 0 ? `${sorted[sorted.length >> 1].toFixed(0)} ms (answer ${state.answer.toFixed(1)} ms)` : "";
+  const frozen = seen.status.phase === "running" && state.frozen;
+  if (find("state").dataset.frozen !== String(frozen)) tell();
+}
+
+function tell() {
+  const { status, drives, isOpen } = seen;
+  const badge = find("state");
+  const frozen = isOpen && status.phase === "running" && live?.state?.frozen === true;
+  let text = WORDS[status.phase] ?? status.phase;
+  if (status.phase === "ended") text = `Ended: ${words(status.end)}`;
+  if (frozen) text = "No input: the robot stands";
+  if (isOpen && !drives) text = "Another page drives";
+  if (!isOpen) text = "No connection: the robot stands";
+  badge.textContent = text;
+  badge.dataset.phase = status.phase;
+  badge.dataset.frozen = String(frozen);
+  find("start").textContent = status.phase === "running" ? "Stop" : "Start";
+  find("start").disabled = !(isOpen && ["ready", "running"].includes(status.phase));
+  for (const id of ["save", "discard"]) find(id).disabled = !(isOpen && ["running", "ended"].includes(status.phase));
+  find("next").disabled = !(isOpen && status.phase !== "opening");
+  const facts = [`Seed ${live?.doc.seed ?? "?"}`, `take ${status.episode ?? "?"}`, `${status.kept ?? 0} kept`];
+  if (status.bag) facts.push(`last: ${status.bag}`);
+  find("facts").textContent = facts.join(", ");
+  find("input").textContent = headset?.session ? "headset" : usesPad ? "gamepad" : "keyboard";
+}
+
+const order = (name) => () => {
+  if (!seen.drives) socket.send({ drive: true });
+  socket.send({ order: name });
+  find("view").focus();
+};
+find("start").addEventListener("click", () => order(seen.status.phase === "running" ? "stop" : "start")());
+for (const id of ["save", "discard", "next"]) find(id).addEventListener("click", order(id));
+find("reset").addEventListener("click", () => {
+  stage?.resetView();
+  ask();
+});
+find("eye").addEventListener("click", () => {
+  usesEye = !usesEye;
+  find("eye").setAttribute("aria-pressed", String(usesEye));
+  if (!stage) return;
+  stage.follow(!usesEye);
+  stage.controls.enabled = !usesEye;
+  if (!usesEye) {
+    stage.camera.fov = 38;
+    stage.camera.updateProjectionMatrix();
+    stage.resetView();
+  }
+  ask();
+});
+find("headset").addEventListener("click", () => {
+  headset.enter(draw, () => {
+    tell();
+    ask();
+  }).then(tell, (error) => fail(`The headset cannot be entered: ${error.message}`));
+});
+addEventListener("keydown", () => {
+  usesPad = false;
+});
+// A page that is clicked drives again.
+find("view").addEventListener("pointerdown", () => {
+  if (!seen.drives) socket.send({ drive: true });
+});
+
+setInterval(() => {
+  if (headset?.session) return;
+  const was = usesPad;
+  usesPad = (usesPad && gamepad.pad() !== null) || gamepad.isMoved();
+  if (was !== usesPad) tell();
+  // The press by which a pad comes into use counts as one.
+  if (usesPad && !was) socket.input("gamepad", gamepad.atRest());
+  const running = seen.status.phase === "running";
+  if (usesPad || (was && !usesPad)) socket.input("gamepad", gamepad.read(running));
+  else socket.input("keyboard", keyboard.read(running));
+}, INPUT_MS);
+
+showCard(find("card"));
+tell();
+// For tests: what the page knows.
+globalThis.fiatlux = { seen, pose: (frame) => (live.poseAt(0, frame, position, quaternion), [...position, ...quaternion]) };

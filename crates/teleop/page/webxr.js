@@ -1,0 +1,129 @@
+// A headset: two eyes in the robot's place, and the poses of both controllers.
+
+import * as THREE from "three";
+
+import { Board } from "./board.js";
+
+// Axes of a headset (x right, y up, z backwards) in those of the room for a robot that looks along x.
+const ROOM_FROM_HEADSET = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().set(0, 0, -1, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1));
+// Share by which the view follows the robot's head in a picture: its sway makes people ill.
+const FOLLOWS = 0.08;
+const CLICK = 3;
+// Frames over which the rate is looked at, and the least one, frames/s: below it shadows are left out.
+const LOOKED_AT = 10;
+const MIN_RATE = 45;
+
+export class Headset {
+  constructor(stage) {
+    this.stage = stage;
+    this.renderer = stage.renderer;
+    this.rig = new THREE.Group();
+    this.board = new Board();
+    this.rig.add(this.board.mesh);
+    this.session = null;
+    this.space = 0;
+    this.heading = 0;
+    this.centred = null;
+    this.wasClicked = false;
+    this.eye = new THREE.Vector3();
+    this.turn = 0;
+    this.times = [];
+  }
+
+  // Inputs come with pictures, so a slow picture is a slow input.
+  hasTime(now) {
+    this.times.push(now);
+    if (this.times.length <= LOOKED_AT) return true;
+    const rate = (1000 * LOOKED_AT) / (now - this.times.shift());
+    return rate >= MIN_RATE;
+  }
+
+  static async isThere() {
+    return (await navigator.xr?.isSessionSupported("immersive-vr").catch(() => false)) === true;
+  }
+
+  // Must be called from a click. `picture` draws one; `ended` is called when the session is over.
+  async enter(picture, ended) {
+    const session = await navigator.xr.requestSession("immersive-vr", { optionalFeatures: ["local-floor", "hand-tracking"] });
+    const { stage, renderer } = this;
+    this.flat = { position: stage.camera.position.clone(), quaternion: stage.camera.quaternion.clone(), following: stage.following };
+    stage.following = false;
+    stage.controls.enabled = false;
+    stage.scene.add(this.rig);
+    this.rig.add(stage.camera);
+    renderer.xr.enabled = true;
+    renderer.xr.setReferenceSpaceType("local-floor");
+    await renderer.xr.setSession(session);
+    this.session = session;
+    this.centred = null;
+    this.eye.set(0, 0, 0);
+    renderer.xr.getReferenceSpace().addEventListener?.("reset", () => {
+      this.space += 1;
+      this.centred = null;
+    });
+    session.addEventListener("end", () => {
+      this.session = null;
+      renderer.setAnimationLoop(null);
+      renderer.xr.enabled = false;
+      this.rig.remove(stage.camera);
+      stage.scene.remove(this.rig);
+      stage.camera.position.copy(this.flat.position);
+      stage.camera.quaternion.copy(this.flat.quaternion);
+      stage.following = this.flat.following;
+      stage.controls.enabled = true;
+      stage.key.castShadow = true;
+      ended();
+    });
+    this.times = [];
+    renderer.setAnimationLoop((now, frame) => {
+      if (!this.hasTime(now)) stage.key.castShadow = false;
+      picture(frame);
+    });
+  }
+
+  // Puts the user's head where the robot's is. `eye` is the robot's, `turn` the bearing of its pelvis.
+  place(frame, eye, turn) {
+    const viewer = frame?.getViewerPose(this.renderer.xr.getReferenceSpace());
+    if (viewer && !this.centred) {
+      const { position, orientation } = viewer.transform;
+      const ahead = new THREE.Vector3(0, 0, -1).applyQuaternion(orientation);
+      this.heading = Math.atan2(-ahead.x, -ahead.z);
+      this.centred = new THREE.Vector3(position.x, position.y, position.z);
+      this.board.put(this.centred, this.heading);
+      this.eye.copy(eye);
+      this.turn = turn;
+    }
+    if (!this.centred) return;
+    this.eye.lerp(eye, FOLLOWS);
+    this.turn += FOLLOWS * Math.atan2(Math.sin(turn - this.turn), Math.cos(turn - this.turn));
+    const up = new THREE.Vector3(0, 0, 1);
+    this.rig.quaternion.setFromAxisAngle(up, this.turn - this.heading).multiply(ROOM_FROM_HEADSET);
+    this.rig.position.copy(this.eye).sub(this.centred.clone().applyQuaternion(this.rig.quaternion));
+    this.rig.updateMatrixWorld(true);
+  }
+
+  read(frame, running) {
+    const space = this.renderer.xr.getReferenceSpace();
+    const hands = { left: null, right: null };
+    for (const { handedness, gripSpace, gamepad } of this.session.inputSources) {
+      if (!(handedness in hands)) continue;
+      const grip = gripSpace && frame.getPose(gripSpace, space);
+      // A position that is only guessed is none.
+      const isTracked = grip && !grip.emulatedPosition;
+      const { position: p, orientation: q } = grip?.transform ?? {};
+      hands[handedness] = {
+        pose: isTracked ? [p.x, p.y, p.z, q.x, q.y, q.z, q.w] : null,
+        buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => button?.value ?? 0),
+        // What a controller does not have is 0.
+        axes: [...(gamepad?.axes ?? [])].slice(0, 4).map((axis) => axis ?? 0),
+      };
+    }
+    const isClicked = (hands.left?.buttons[CLICK] ?? 0) > 0.5;
+    if (isClicked && !this.wasClicked) {
+      this.space += 1;
+      this.centred = null;
+    }
+    this.wasClicked = isClicked;
+    return { space: this.space, visible: this.session.visibilityState === "visible", ...hands, heading: this.heading, running };
+  }
+}

@@ -1,0 +1,36 @@
+//! Teleoperation from a browser: a person drives the robot of a session, and records takes.
+//!
+//! ```text
+//! keys, gamepad, headset -> page -> WebSocket -> Input -> Frame -> Pilot -> Command -> session -> bag
+//!                           page <- WebSocket <- View  <- observation
+//! ```
+//!
+//! [`Cockpit`] serves the page in `page/` to whoever has its token. Each input is a file in `src/inputs` and one in `page/`. A
+//! [`Frame`] is what all inputs say; the pilot, which reads no clock, turns it into commands. [`takes::play`] opens a session for
+//! each take: one like any other, in real time, whose bag says that it is a take.
+#![allow(missing_docs)] // Used in this repository alone.
+mod arms;
+mod frame;
+mod grip;
+mod input;
+mod inputs;
+mod operator;
+mod page;
+mod pilot;
+mod serve;
+mod socket;
+mod station;
+pub mod takes;
+mod view;
+
+/// Name of the policy in errors and in the record.
+const NAME: &str = "teleop";
+
+pub use frame::{Frame, Hand, Motion, Order};
+pub use input::{Input, InputError, Reading};
+pub use inputs::Inputs;
+pub use pilot::{Driven, Pilot};
+pub use serve::{Cockpit, ServeError};
+pub use station::{MAX_AGE, Phase, Station, Status};
+pub use takes::{Kept, TakeError, TakeOptions};
+pub use view::{Document, Eye};

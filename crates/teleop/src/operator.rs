@@ -1,0 +1,122 @@
+//! The policy that a person is: it answers with what the operator asks for at that moment.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use fiatlux_client::{Policy, PolicyError};
+use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
+use fiatlux_robot::Robot;
+use fiatlux_session::Command;
+
+use crate::NAME;
+use crate::frame::Order;
+use crate::pilot::Pilot;
+use crate::station::{Phase, Station};
+use crate::view::{Timing, View};
+
+/// Time between two looks for an order.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Plays an episode as its operator asks.
+pub(crate) struct Operator {
+    station: Arc<Station>,
+    pilot: Option<(Pilot, View)>,
+    /// The program is to end.
+    quit: Arc<AtomicBool>,
+    /// Ends the episode.
+    stop: Arc<AtomicBool>,
+    has_started: bool,
+    order: Option<Order>,
+}
+
+impl Operator {
+    pub fn new(station: Arc<Station>, quit: Arc<AtomicBool>, stop: Arc<AtomicBool>) -> Self {
+        Self { station, pilot: None, quit, stop, has_started: false, order: None }
+    }
+
+    /// Whether the clock was started.
+    pub fn has_started(&self) -> bool {
+        self.has_started
+    }
+
+    /// The order that ended the episode.
+    pub fn order(&self) -> Option<Order> {
+        self.order
+    }
+
+    /// Waits until the clock is started. False if the room is left instead.
+    fn wait_for_start(&mut self) -> bool {
+        self.station.forget_orders();
+        self.station.status.send_modify(|status| status.phase = Phase::Ready);
+        while !self.quit.load(Ordering::Relaxed) {
+            match self.station.order() {
+                Some(Order::Start) => return true,
+                Some(Order::Next) => {
+                    self.order = Some(Order::Next);
+                    return false;
+                }
+                Some(_) => {}
+                None => std::thread::sleep(LOOK),
+            }
+        }
+        false
+    }
+}
+
+impl Policy for Operator {
+    fn name(&self) -> String {
+        NAME.into()
+    }
+
+    fn sensors(&self) -> Vec<Sensor> {
+        ["proprioception", "hand_contact", "last_action", "privileged", "verdict"].map(Sensor::from).into()
+    }
+
+    fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        let names = info.joints.iter().map(|joint| joint.name.as_str());
+        let robot = Robot::with_joints(names).map_err(PolicyError::of(NAME))?;
+        self.pilot = Some((Pilot::new(info, first)?, View::new(robot, info)));
+        Ok(())
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let began = Instant::now();
+        let Some((pilot, view)) = &mut self.pilot else { return Err(PolicyError::not_reset(NAME)) };
+        if !self.has_started {
+            if let Some(state) = view.state(observation, pilot.driven(), Timing { echo_ms: -1.0, ..Timing::default() })
+            {
+                self.station.live.send_replace(Arc::new(state));
+            }
+            self.has_started = self.wait_for_start();
+            if !self.has_started {
+                self.stop.store(true, Ordering::Relaxed);
+            } else {
+                self.station.status.send_modify(|status| {
+                    (status.phase, status.end, status.problem) = (Phase::Running, String::new(), String::new());
+                });
+            }
+        }
+        let Some((pilot, view)) = &mut self.pilot else { return Err(PolicyError::not_reset(NAME)) };
+        while let Some(order) = self.station.order() {
+            if order != Order::Start {
+                self.order = self.order.or(Some(order));
+                self.stop.store(true, Ordering::Relaxed);
+            }
+        }
+        if self.quit.load(Ordering::Relaxed) {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        let fresh = self.station.fresh();
+        let command = pilot.step(fresh.as_ref().map(|fresh| &fresh.frame), observation)?;
+        let timing = Timing {
+            echo_ms: fresh.as_ref().map_or(-1.0, |fresh| fresh.echo_ms),
+            age_ms: fresh.as_ref().map_or(0.0, |fresh| fresh.age.as_secs_f32() * 1e3),
+            answer_ms: began.elapsed().as_secs_f32() * 1e3,
+        };
+        if let Some(state) = view.state(observation, pilot.driven(), timing) {
+            self.station.live.send_replace(Arc::new(state));
+        }
+        Ok(command)
+    }
+}

@@ -1,0 +1,8 @@
+//! Tests over sessions of a server in this process, and over the page's server.
+
+mod attack;
+mod common;
+mod drive;
+mod grab;
+mod page;
+mod takes;

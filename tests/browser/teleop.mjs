@@ -1,0 +1,365 @@
+// Drives the robot from the page of `fiatlux teleop`, by keys, by a scripted gamepad, and by an emulated headset.
+//
+//   node teleop.mjs walk|grab ADDRESS SCREENSHOTS
+//
+// ADDRESS is what `fiatlux teleop --no-open` printed: of task S07 for `walk`, of S08 for `grab`. Exit code 0 when every check holds.
+
+import { readFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+
+import { KINDS, PATIENCE_MS, accessible, check, close, end, fits, open } from "./common.mjs";
+
+const [what, address, screenshots] = process.argv.slice(2);
+const { origin, host } = new URL(address);
+const POLL_MS = 40;
+
+const phase = (page) => page.evaluate(() => globalThis.fiatlux.seen.status.phase);
+const status = (page) => page.evaluate(() => globalThis.fiatlux.seen.status);
+const becomes = (page, phase, timeout = PATIENCE_MS) =>
+  page.waitForFunction((phase) => globalThis.fiatlux.seen.status.phase === phase, phase, { timeout });
+
+// How far the fresh bulb is from the pelvis, and its bearing from where the robot looks.
+const bulb = (page) =>
+  page.evaluate(() => {
+    const { seen, pose } = globalThis.fiatlux;
+    const frame = (name) => seen.live.doc.stage.frames.findIndex((frame) => frame.name === name);
+    const [x, y, , i, j, k, w] = pose(0);
+    const [bx, by] = pose(frame("fresh_bulb"));
+    const heading = Math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k));
+    const bearing = Math.atan2(by - y, bx - x) - heading;
+    return { away: Math.hypot(bx - x, by - y), bearing: Math.atan2(Math.sin(bearing), Math.cos(bearing)), state: seen.live.state };
+  });
+
+// Whoever does not have the token sees and drives nothing.
+async function strangers({ context }) {
+  for (const path of ["/", "/document.json", "/meshes.bin", "/drive", "/?token=", "/drive?token=0123456789abcdef0123456789abcdef"]) {
+    const { status } = await fetch(`${origin}${path}`);
+    check(status === 403, `a stranger gets nothing at ${path}`, status);
+  }
+  const page = await context.newPage();
+  for (const query of ["", "?token=", "?token=0123456789abcdef0123456789abcdef"]) {
+    const got = await page.evaluate(
+      (address) =>
+        new Promise((done) => {
+          const socket = new WebSocket(address);
+          socket.onopen = () => done("open");
+          socket.onerror = () => done("refused");
+        }),
+      `ws://${host}/drive${query}`,
+    );
+    check(got === "refused", `a stranger's WebSocket with '${query}' is refused`, got);
+  }
+  await page.close();
+}
+
+// Presses the keys that bring the robot to the bulb, until the take ends.
+async function byKeys(page) {
+  const held = new Set();
+  const hold = async (key, is) => {
+    if (is === held.has(key)) return;
+    await (is ? page.keyboard.down(key) : page.keyboard.up(key));
+    is ? held.add(key) : held.delete(key);
+  };
+  const until = Date.now() + 2 * PATIENCE_MS;
+  while ((await phase(page)) === "running" && Date.now() < until) {
+    const { away, bearing } = await bulb(page);
+    await hold("KeyW", away > 0.6);
+    await hold("KeyQ", bearing > (held.has("KeyQ") ? 0.03 : 0.12));
+    await hold("KeyE", bearing < (held.has("KeyE") ? -0.03 : -0.12));
+    await page.waitForTimeout(POLL_MS);
+  }
+  for (const key of [...held]) await hold(key, false);
+}
+
+// The same with sticks.
+async function byPad(page) {
+  const until = Date.now() + 2 * PATIENCE_MS;
+  while ((await phase(page)) === "running" && Date.now() < until) {
+    const { away, bearing } = await bulb(page);
+    const turn = Math.abs(bearing) > 0.05 ? -Math.max(-1, Math.min(1, bearing * 2)) : 0;
+    await page.evaluate(({ forwards, turn }) => globalThis.pad.set({ axes: [0, -forwards, turn, 0] }), { forwards: away > 0.6 ? 1 : 0, turn });
+    await page.waitForTimeout(POLL_MS);
+  }
+  await page.evaluate(() => globalThis.pad.set({ axes: [0, 0, 0, 0] }));
+}
+
+function scriptedPad() {
+  const button = (value) => ({ value, pressed: value > 0.5, touched: value > 0 });
+  let pad = null;
+  globalThis.pad = {
+    set({ axes = [0, 0, 0, 0], pressed = [] }) {
+      const buttons = Array.from({ length: 17 }, (_, index) => button(pressed.includes(index) ? 1 : 0));
+      pad = { id: "scripted", index: 0, mapping: "standard", connected: true, axes, buttons };
+    },
+  };
+  Object.defineProperty(navigator, "getGamepads", { value: () => [pad] });
+}
+
+async function walk() {
+  const opened = await open("walk", address, { ...KINDS.desktop, colorScheme: "light" }, origin, true, scriptedPad);
+  const { page } = opened;
+  await strangers(opened);
+  await becomes(page, "ready");
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state !== null);
+  await page.screenshot({ path: `${screenshots}/teleop-ready.png` });
+  await accessible(opened);
+  await fits(opened, true);
+
+  // A take that is discarded: it starts and stops by a key, and its robot stands without input.
+  await page.keyboard.press("Enter");
+  await becomes(page, "running");
+  await page.keyboard.down("KeyS");
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.velocity[0] < -0.3, null, { timeout: PATIENCE_MS });
+  const other = await opened.context.newPage();
+  await other.goto(address);
+  await other.waitForFunction(() => globalThis.fiatlux?.seen.drives === true);
+  await page.waitForFunction(() => document.getElementById("state").textContent === "Another page drives");
+  check(true, "the newest page drives, and the older one says so");
+  await other.close();
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.frozen, null, { timeout: PATIENCE_MS });
+  const frozen = await page.evaluate(() => globalThis.fiatlux.seen.live.state.velocity);
+  check(frozen.every((part) => part === 0), "without the page that drives the robot stands", frozen);
+  await page.keyboard.up("KeyS");
+  await page.locator("#view").click();
+  await page.waitForFunction(() => !globalThis.fiatlux.seen.live.state.frozen && globalThis.fiatlux.seen.drives);
+  check(true, "a click on the picture drives again");
+  await page.keyboard.press("Enter");
+  await becomes(page, "ended");
+  check((await status(page)).end === "stopped", "a key stops the take");
+  await page.locator("#discard").click();
+  await becomes(page, "ready");
+  check((await status(page)).kept === 0, "a take is discarded");
+
+  await page.keyboard.press("Enter");
+  await becomes(page, "running");
+  await byKeys(page);
+  await becomes(page, "ended");
+  check((await status(page)).end === "success", "keys walk S07 to its gate", JSON.stringify(await status(page)));
+  const trips = await page.evaluate(() => globalThis.fiatlux.seen.roundTrips.toSorted((a, b) => a - b));
+  console.log(`       from an input to the state that follows it ${trips[trips.length >> 1]?.toFixed(0)} ms, at most ${trips.at(-1)?.toFixed(0)} ms`);
+  await page.screenshot({ path: `${screenshots}/teleop-ended.png` });
+  await page.keyboard.press("KeyP");
+  await becomes(page, "ready");
+  check((await status(page)).kept === 1, "the take is kept");
+
+  await page.evaluate(() => globalThis.pad.set({ pressed: [0] }));
+  await becomes(page, "running");
+  await page.evaluate(() => globalThis.pad.set({}));
+  await byPad(page);
+  await becomes(page, "ended");
+  check((await status(page)).end === "success", "a gamepad walks S07 to its gate", JSON.stringify(await status(page)));
+  check((await page.locator("#input").textContent()) === "gamepad", "the page says that the gamepad drives");
+  const room = (await status(page)).room;
+  await page.evaluate(() => globalThis.pad.set({ pressed: [3] }));
+  await page.waitForFunction((room) => globalThis.fiatlux.seen.status.room > room, room, { timeout: PATIENCE_MS });
+  await becomes(page, "ready");
+  check((await status(page)).kept === 2, "Y keeps the take and shows the next room");
+  await page.evaluate(() => globalThis.pad.set({}));
+  await page.locator("#eye").click();
+  await page.waitForTimeout(500);
+  await page.screenshot({ path: `${screenshots}/teleop-eye.png` });
+  await close(opened);
+
+  const telephone = await open("telephone", address, { ...KINDS.telephone, colorScheme: "dark" }, origin);
+  await telephone.page.waitForFunction(() => globalThis.fiatlux.seen.live.state !== null);
+  await telephone.page.waitForTimeout(300);
+  await telephone.page.screenshot({ path: `${screenshots}/teleop-telephone.png` });
+  await fits(telephone);
+  await close(telephone);
+}
+
+// Installs an emulated headset whose grips are where its controllers are.
+async function emulator() {
+  const source = await readFile(createRequire(import.meta.url).resolve("iwer/build/iwer.min.js"), "utf8");
+  const install = () => {
+    const { XRDevice, metaQuest3 } = globalThis.IWER;
+    const { layout, ...controllers } = metaQuest3.controllerConfig;
+    const same = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+    const bare = (controller) => ({ ...controller, gripOffsetMatrix: same });
+    const controllerConfig = { ...controllers, layout: { left: bare(layout.left), right: bare(layout.right) } };
+    globalThis.headset = new XRDevice({ ...metaQuest3, controllerConfig }, { stereoEnabled: true });
+    globalThis.headset.installRuntime({ forceInstall: true });
+    // It calls all that it emulates a guess.
+    Object.defineProperty(globalThis.XRPose.prototype, "emulatedPosition", { get: () => false });
+  };
+  return `${source};(${install})();`;
+}
+
+// An operator in the page, who sees the room and moves the right controller so that the robot's hand goes where the expert's plan has
+// it (crates/policies/src/hands/grab.toml, as crates/teleop/tests/it/grab.rs plays it in lockstep).
+async function operate() {
+  const { Matrix4, Vector3, Quaternion, Euler } = await import("three");
+  const { seen, pose } = globalThis.fiatlux;
+  const { left: leftHand, right: rightHand } = globalThis.headset.controllers;
+  const frames = seen.live.doc.stage.frames;
+  const frame = (name) => frames.findIndex((frame) => frame.name === name);
+  const [HAND, PALM, BULB] = ["right_hand_base_link", "right_palm", "fresh_bulb"].map(frame);
+  // Where the right hand is wanted comes after the frames.
+  const GOAL = frames.length + 1;
+  const place = (at, turn) => ({ at, turn });
+  const get = (index) => {
+    const [x, y, z, i, j, k, w] = pose(index);
+    return place(new Vector3(x, y, z), new Quaternion(i, j, k, w));
+  };
+  const times = (a, b) => place(b.at.clone().applyQuaternion(a.turn).add(a.at), a.turn.clone().multiply(b.turn));
+  const inverse = ({ at, turn }) => {
+    const back = turn.clone().invert();
+    return place(at.clone().negate().applyQuaternion(back), back);
+  };
+  const shift = (x, y, z) => place(new Vector3(x, y, z), new Quaternion());
+  const matrix = new Matrix4().makeRotationZ(0).premultiply(new Matrix4().makeRotationY(-0.1539)).multiply(new Matrix4().makeRotationX(Math.PI + 0.2863));
+  const handFromGlass = place(new Vector3(-0.0596, -0.1225, -0.0339), new Quaternion().setFromRotationMatrix(matrix));
+  const heading = (pelvis) => {
+    const ahead = new Vector3(1, 0, 0).applyQuaternion(pelvis.turn);
+    return Math.atan2(ahead.y, ahead.x);
+  };
+  const graspOf = (bulb, heading) => {
+    const glass = times(bulb, shift(0, 0, 0.1531)).at;
+    const turn = new Quaternion().setFromEuler(new Euler(0, 0, heading + 0.6 - Math.PI / 2));
+    return times(place(glass, turn), inverse(handFromGlass));
+  };
+  const stick = (share) => (Math.abs(share) < 0.02 ? 0 : Math.sign(share) * (0.15 + 0.85 * Math.min(Math.abs(share), 1)));
+
+  const start = seen.live.state.step;
+  const first = heading(get(0));
+  let [phase, since, way, goal, taken, trigger, rests] = ["raise", start, null, null, null, 0, 0];
+  let device = place(new Vector3(0.2, -0.2, 1.2), new Quaternion());
+  rightHand.position.set(0.2, 1.2, -0.2); // as `device`, in the axes of a headset
+  rightHand.quaternion.set(0, 0, 0, 1);
+  const log = [];
+  rightHand.updateButtonValue("squeeze", 1);
+  let last = start;
+  while (seen.status.phase === "running") {
+    await new Promise((done) => setTimeout(done, 5));
+    const { step, force, follows } = seen.live.state;
+    if (step === last) continue;
+    const dt = 0.02 * Math.min(step - last, 5);
+    last = step;
+    const elapsed = 0.02 * (step - since);
+    const pelvis = get(0);
+    const hand = times(inverse(pelvis), get(HAND));
+    const bulb = get(BULB);
+    const grasp = graspOf(bulb, heading(pelvis));
+    const away = times(inverse(pelvis), bulb).at;
+    const left = new Vector3(away.x - 0.38, away.y + 0.08, 0);
+    const reached = (most) => goal.at.distanceTo(hand.at) < most;
+    let [walk, speed, next] = [[0, 0, 0], 0.12, null];
+    if (phase === "raise") {
+      if (!goal) {
+        const stood = place(grasp.at.clone().sub(left.clone().applyQuaternion(pelvis.turn)), grasp.turn);
+        goal = times(inverse(pelvis), times(stood, shift(0.16, 0.1, 0)));
+      }
+      speed = 0.2;
+      if ((elapsed > 1 && reached(0.035)) || elapsed > 6) next = "step up";
+    } else if (phase === "step up") {
+      const pace = Math.min(Math.max(1.5 * left.length(), 0.12), 0.2) / Math.max(left.length(), 1e-6);
+      const turn = first - heading(pelvis);
+      walk = [(pace * left.x) / 0.5, (pace * left.y) / 0.3, (1.5 * Math.atan2(Math.sin(turn), Math.cos(turn))) / 0.7];
+      if (left.length() < 0.04) next = "settle";
+    } else if (phase === "settle") {
+      if (elapsed > 2) next = left.length() < 0.06 ? "before" : "step up";
+    } else if (phase === "before" || phase === "around") {
+      if (phase === "before" || elapsed <= 0.1) goal = times(inverse(pelvis), phase === "before" ? times(grasp, shift(0.07, 0, 0)) : grasp);
+      speed = phase === "before" ? 0.12 : 0.06;
+      if ((elapsed > 2 && reached(0.012)) || elapsed > 6) next = phase === "before" ? "around" : "close";
+    } else if (phase === "close") {
+      trigger = 1;
+      if (elapsed > 2.2) {
+        goal = place(goal.at.clone().add(new Vector3(0, 0, 0.08)), goal.turn);
+        rests = bulb.at.z;
+        next = "lift";
+      }
+    } else if (phase === "lift") {
+      speed = 0.1;
+      // It did not follow: once more.
+      if (elapsed > 4 && bulb.at.z < rests + 0.03) next = "open";
+    } else if (phase === "open") {
+      trigger = 0;
+      if (elapsed > 1.5) next = "settle";
+    }
+    if (next) {
+      log.push(`${phase} ${elapsed.toFixed(1)} s, ${(1000 * goal.at.distanceTo(hand.at)).toFixed(0)} mm, ${force[1].toFixed(0)} N`);
+      [phase, since] = [next, step];
+    }
+    leftHand.updateAxes("thumbstick", stick(-walk[1]), stick(-walk[0]));
+    rightHand.updateAxes("thumbstick", stick(-walk[2]), 0);
+    rightHand.updateButtonValue("trigger", trigger);
+    // After a gap in the pictures the clutch is taken anew, with the controller held still.
+    if (!follows[1]) {
+      [taken, way] = [null, null];
+      continue;
+    }
+    const palmFromHand = times(inverse(get(PALM)), get(HAND));
+    if (!taken) {
+      const [x, y, z, i, j, k, w] = pose(GOAL);
+      const palm = times(inverse(pelvis), place(new Vector3(x, y, z), new Quaternion(i, j, k, w)));
+      taken = { palm, device };
+      way = times(palm, palmFromHand);
+    }
+    const from = way;
+    const rest = Math.max(goal.at.distanceTo(from.at), 0.3 * from.turn.angleTo(goal.turn));
+    const share = Math.min((speed * dt) / Math.max(rest, 1e-9), 1);
+    way = place(from.at.clone().lerp(goal.at, share), from.turn.clone().slerp(goal.turn, share));
+    // What happens to the controller from when it is taken is what happens to the palm.
+    const palm = times(way, inverse(palmFromHand));
+    const moved = palm.at.clone().sub(taken.palm.at).add(taken.device.at);
+    const turned = palm.turn.clone().multiply(taken.palm.turn.clone().invert()).multiply(taken.device.turn);
+    device = place(moved, turned);
+    rightHand.position.set(-moved.y, moved.z, -moved.x);
+    rightHand.quaternion.set(-turned.y, turned.z, -turned.x, turned.w);
+  }
+  return log;
+}
+
+async function grab() {
+  // Inputs come with pictures, and without a graphics card only small ones are quick.
+  const small = { viewport: { width: 480, height: 270 }, colorScheme: "light" };
+  const opened = await open("grab", address, small, origin, true, await emulator());
+  const { page } = opened;
+  await becomes(page, "ready");
+  await page.locator("#headset").click();
+  await page.waitForFunction(() => document.getElementById("input").textContent === "headset", null, { timeout: PATIENCE_MS });
+  check(true, "the page enters the headset");
+  await page.setViewportSize({ width: 240, height: 136 });
+  await page.evaluate(() => {
+    globalThis.headset.position.set(0, 1.6, 0);
+  });
+  await page.waitForTimeout(500);
+  const press = async (hand, button) => {
+    await page.evaluate(([hand, button]) => globalThis.headset.controllers[hand].updateButtonValue(button, 1), [hand, button]);
+    await page.waitForTimeout(400);
+    await page.evaluate(([hand, button]) => globalThis.headset.controllers[hand].updateButtonValue(button, 0), [hand, button]);
+  };
+  await press("right", "a-button");
+  await becomes(page, "running");
+  check(true, "A starts the take");
+  await page.screenshot({ path: `${screenshots}/teleop-eyes.png` });
+  const log = await page.evaluate(operate);
+  console.log(`       ${log.join("; ")}`);
+  await becomes(page, "ended");
+  check((await status(page)).end === "success", "a headset takes the bulb of S08", JSON.stringify(await status(page)));
+  await page.screenshot({ path: `${screenshots}/teleop-eyes-ended.png` });
+
+  // Taken off, the headset drives no more.
+  await press("left", "x-button");
+  await becomes(page, "ready");
+  await press("right", "a-button");
+  await becomes(page, "running");
+  await page.evaluate(() => globalThis.headset.controllers.left.updateAxes("thumbstick", 0, 1));
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.velocity[0] < -0.2, null, { timeout: PATIENCE_MS });
+  await page.evaluate(() => globalThis.headset.updateVisibilityState("hidden"));
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.frozen, null, { timeout: PATIENCE_MS });
+  const velocity = await page.evaluate(() => globalThis.fiatlux.seen.live.state.velocity);
+  check(velocity.every((part) => part === 0), "a headset that is taken off leaves the robot standing", velocity);
+  await page.evaluate(() => globalThis.headset.updateVisibilityState("visible"));
+  await page.evaluate(() => globalThis.headset.controllers.left.updateAxes("thumbstick", 0, 0));
+  await press("left", "y-button");
+  await becomes(page, "ready");
+  check((await status(page)).kept === 1, "X keeps a take, Y discards one");
+  await close(opened);
+}
+
+const tests = { walk, grab };
+if (!(what in tests)) throw new Error(`${what} is not a test; use one of ${Object.keys(tests).join(", ")}`);
+await tests[what]();
+await end();
