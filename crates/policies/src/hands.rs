@@ -1,22 +1,31 @@
-//! The policy `hands`: puts the spent bulb into the crate (S06) and takes the fresh one from the bench (S08). The whole-body controller moves legs and waist, an expert for
+//! The policy `hands`: takes the spent bulb out of the socket (S03) and puts it into the crate (S06), takes the fresh one from the
+//! bench (S08), and puts it into the socket (S11). The whole-body controller moves legs and waist, an expert for
 //! each task the right arm and its hand.
 
 mod arm;
 mod grab;
+mod insert;
 mod place;
+mod plan;
+mod remove;
+mod room;
 mod skill;
+mod socket;
+mod stance;
 mod steps;
 
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Bulb, Task};
 use fiatlux_wbc::{CONTROL_DT, Network};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use self::arm::{FINGERS, RightArm};
+use self::arm::{FINGERS, RightArm, Surroundings};
 use self::grab::Grab;
+use self::insert::Insert;
 use self::place::Place;
+use self::remove::Remove;
 use self::skill::{Seen, Skill};
 use super::body;
 use super::whole_body::WholeBody;
@@ -27,7 +36,7 @@ use crate::entry::Entry;
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "hands",
-    does: "puts the spent bulb into the crate (S06) and takes the fresh one from the bench (S08) by exact poses",
+    does: "changes the bulb by exact poses: S03, S06, S08 and S11",
     make: |_| Ok(Box::new(Hands::new()?)),
 };
 
@@ -77,7 +86,7 @@ impl Policy for Hands {
     }
 
     fn tasks(&self) -> &'static [Task] {
-        &[Task::S06, Task::S08]
+        &[Task::S03, Task::S06, Task::S08, Task::S11]
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -87,16 +96,25 @@ impl Policy for Hands {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let skill: Box<dyn Skill> = match task {
+            "S03" => Box::new(Remove::new(self.parameters.as_deref())?),
             "S06" => Box::new(Place::new(self.parameters.as_deref())?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref())?),
+            "S11" => Box::new(Insert::new(self.parameters.as_deref())?),
             _ => {
-                let reason = format!("it plays S06 and S08, but this is {task}; use another policy");
+                let reason = format!("it plays S03, S06, S08 and S11, but this is {task}; use another policy");
                 return Err(PolicyError::Unfit { policy: "hands", reason });
             }
         };
-        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?;
-        let body = body.holding_arms(info)?.bending_low();
-        let arm = RightArm::new(info, &body.targets, skill.rest())?;
+        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
+        let is_up = matches!(task, "S03" | "S11");
+        let body = if is_up { body.without_steps() } else { body.bending_low() };
+        let seen = seen(first, &info.hand_bodies, false)?;
+        let surroundings = match task {
+            "S03" => room::on_platform(info, first, &seen, Bulb::Old)?,
+            "S11" => room::on_platform(info, first, &seen, Bulb::Fresh)?,
+            _ => Surroundings::default(),
+        };
+        let arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
         self.episode = Some(Played { body, arm, skill, bodies: info.hand_bodies.clone() });
         Ok(())
     }
@@ -132,9 +150,12 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
         stands,
         time: observation.step as f64 * CONTROL_DT,
         pelvis: pose(poses.robot.as_ref())?,
+        ladder: pose(poses.ladder.as_ref())?,
+        socket: pose(poses.socket.as_ref())?,
         fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
         old_bulb: pose(poses.old_bulb.as_ref())?,
         crate_: pose(poses.crate_.as_ref())?,
+        seated: [0, 1].map(|bulb| poses.seated.get(bulb).copied().unwrap_or_default()),
         force,
     })
 }

@@ -105,6 +105,16 @@ impl WholeBody {
         Self { controller, ..self }
     }
 
+    /// Never steps; see [`Controller::without_steps`]. GEAR's controller does not change.
+    #[must_use]
+    pub fn without_steps(self) -> Self {
+        let controller = match self.controller {
+            Moves::Own(controller) => Moves::Own(Box::new(controller.without_steps())),
+            other => other,
+        };
+        Self { controller, ..self }
+    }
+
     /// The command for standing upright.
     pub fn upright(&self) -> BodyCommand {
         match self.controller {

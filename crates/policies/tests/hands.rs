@@ -39,6 +39,27 @@ fn it_puts_the_bulb_into_the_crate() {
     assert!(lowest < 0.5, "{lowest} m");
 }
 
+/// Below a ceiling and in front of a wall it puts the bulb into the socket, lets go, and does not press it hard.
+#[test]
+fn it_puts_the_bulb_into_the_socket() {
+    changes_the_bulb(Task::S11, [1000, 1003]);
+}
+
+/// It takes the spent bulb out, and keeps it in a grip that strict accepts.
+#[test]
+fn it_takes_the_bulb_out_of_the_socket() {
+    changes_the_bulb(Task::S03, [1015, 1016]);
+}
+
+fn changes_the_bulb(task: Task, rooms: [u64; 2]) {
+    for seed in rooms {
+        let ended = play::play(task, seed, Hands::new().unwrap(), &Changes::default(), |_| ()).unwrap();
+        assert!(ended.cause == Cause::Success && !ended.is_spoilt, "room {seed}: {:?}, {}", ended.cause, ended.phase);
+        assert!(ended.later_peak < 30.0 && ended.seconds < 30.0, "room {seed}: {} N", ended.later_peak);
+        assert!(ended.penetration < 0.005, "room {seed}: {} m", ended.penetration);
+    }
+}
+
 fn takes_the_bulb(seed: u64, changes: &Changes) {
     let ended = play::play(Task::S08, seed, Hands::new().unwrap(), changes, |_| ()).unwrap();
     let play::Played { cause, seconds, phase, peak, .. } = ended;
@@ -48,9 +69,9 @@ fn takes_the_bulb(seed: u64, changes: &Changes) {
 
 #[test]
 fn other_tasks_are_refused() {
-    let task = Some(TaskInfo { task: "S03".into(), ..TaskInfo::default() });
+    let task = Some(TaskInfo { task: "S02".into(), ..TaskInfo::default() });
     let mut hands = Hands::new().unwrap();
     let refused = hands.reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default()).unwrap_err();
-    assert!(refused.to_string().contains("plays S06 and S08, but this is S03"), "{refused}");
-    assert_eq!(hands.tasks(), [Task::S06, Task::S08]);
+    assert!(refused.to_string().contains("plays S03, S06, S08 and S11, but this is S02"), "{refused}");
+    assert_eq!(hands.tasks(), [Task::S03, Task::S06, Task::S08, Task::S11]);
 }

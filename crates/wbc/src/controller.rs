@@ -50,6 +50,13 @@ impl Controller {
         Self { bends_low: true, ..self }
     }
 
+    /// Never steps: it stands by balance from the first control step on, as on a platform that has no room for a step.
+    #[must_use]
+    pub fn without_steps(mut self) -> Self {
+        self.standing.stand_alone();
+        self
+    }
+
     /// Forgets the episode that was played, before another one begins.
     pub fn restart(&mut self) {
         self.history.clear();

@@ -60,6 +60,8 @@ pub(crate) struct Standing {
     /// Control steps for which the robot has been calm.
     calm: u32,
     stance: Option<Stance>,
+    /// It never gives the robot to the network.
+    is_alone: bool,
     posture: Vec<f64>,
 }
 
@@ -108,8 +110,14 @@ impl Standing {
             average: None,
             calm: 0,
             stance: None,
+            is_alone: false,
             posture: q0,
         })
+    }
+
+    /// Takes over at once, and never gives the robot to the network.
+    pub fn stand_alone(&mut self) {
+        self.is_alone = true;
     }
 
     /// Gives the robot back to the network.
@@ -135,11 +143,11 @@ impl Standing {
         let is_within = |reach: [f64; 2]| capture_point.x.abs() < reach[0] && capture_point.y.abs() < reach[1];
         if self.stance.is_none() {
             self.calm = if is_within(CALM) { self.calm + 1 } else { 0 };
-            if self.calm >= CALM_STEPS {
+            if self.calm >= CALM_STEPS || self.is_alone {
                 self.posture.copy_from_slice(average);
                 self.stance = Some(Stance::of(&self.robot, average, &pendulum, self.sole_thickness, self.foot_height)?);
             }
-        } else if !is_within(HELD) {
+        } else if !is_within(HELD) && !self.is_alone {
             (self.calm, self.stance) = (0, None);
         }
         let Some(stance) = &mut self.stance else {

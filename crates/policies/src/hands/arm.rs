@@ -3,27 +3,37 @@
 use std::collections::BTreeMap;
 
 use fiatlux_client::PolicyError;
-use fiatlux_dynamics::{Mechanics, Model, ModelBuilder, Site, State};
-use fiatlux_kinematics::{Goal, InverseKinematics};
+use fiatlux_dynamics::{BodyId, Mechanics, Model, ModelBuilder, ShapeId, Site, State};
+use fiatlux_kinematics::{Clearance, Goal, InverseKinematics};
 use fiatlux_proto::v3::SessionInfo;
-use fiatlux_robot::{BuildOptions, Robot, RobotSite};
+use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use super::plan::ToolGoal;
+use super::room::{BULB_NAME, Shape};
 
 /// The hand's frame: its x axis comes out of the back of the hand, the fingers point along -y, the thumb is on the side of -z.
-const HAND: &str = "right_hand_base_link";
+pub(super) const HAND: &str = "right_hand_base_link";
 /// Joints of the right arm in the session's order.
-const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
+pub(super) const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 /// Share of the difference by which the averages of the waist's and the arm's sensed angles follow in each control step.
 const AVERAGE_GAIN: f64 = 0.15;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
-const TURN_M: f64 = 0.3;
+pub(super) const TURN_M: f64 = 0.3;
 
 /// Fingers of a hand, as the names of its bodies and joints have them.
 pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 
 /// Angles or targets of joints by name, rad.
 pub(super) type Angles = BTreeMap<String, f64>;
+
+/// What the arm keeps clear of: shapes with the pose of their frame, in the world and in the hand.
+#[derive(Default)]
+pub(super) struct Surroundings {
+    pub in_world: Vec<(Shape, Isometry3<f64>)>,
+    pub in_hand: Vec<(Shape, Isometry3<f64>)>,
+}
 
 /// A posture of the arm.
 #[derive(Debug, Clone, Copy)]
@@ -46,16 +56,27 @@ pub(super) struct Torso {
 
 /// The right arm of an episode.
 pub(super) struct RightArm {
-    model: Model,
-    /// The robot as the arm is commanded: base and waist as sensed, averaged.
-    state: State,
-    mechanics: Mechanics,
-    inverse: InverseKinematics,
-    hand: Site,
+    pub model: Model,
+    /// The robot as the arm is commanded: the pelvis as it is, other joints as sensed, averaged.
+    pub state: State,
+    pub mechanics: Mechanics,
+    pub inverse: InverseKinematics,
+    /// Keeps the arm clear of what surrounds it, too.
+    pub careful: InverseKinematics,
+    pub hand: Site,
+    root: BodyId,
+    soles: Vec<Site>,
     /// `qpos` entry of each of the session's joints that the model has.
-    qpos: Vec<usize>,
+    pub qpos: Vec<usize>,
     q0: Vec<f64>,
-    limits: Vec<[f64; 2]>,
+    pub limits: Vec<[f64; 2]>,
+    /// Shapes that are kept apart, all of them, and those without what touches while the hand holds the bulb, or the socket does.
+    pub pairs: [Vec<(ShapeId, ShapeId)>; 2],
+    /// Pairs of trunk, head and other arm with what surrounds the robot.
+    pub body_pairs: Vec<(ShapeId, ShapeId)>,
+    /// Height of what the robot stands on, and the middle between its feet, m.
+    pub floor: f64,
+    pub middle: Vector3<f64>,
     /// Sensed angles, averaged, rad.
     sensed: Option<Vec<f64>>,
     /// The arm's angles as they are commanded, rad.
@@ -70,8 +91,14 @@ pub(super) struct RightArm {
 }
 
 impl RightArm {
-    /// An arm whose joints rest at these angles, from the shoulder down, where the hand's pose leaves them free, rad.
-    pub fn new(info: &SessionInfo, staged: &[f64], rest: [f64; ARMS / 2]) -> Result<Self, PolicyError> {
+    /// An arm whose joints rest at these angles, from the shoulder down, where the hand's pose leaves them free, rad, and that can
+    /// be kept clear of what surrounds it.
+    pub fn new(
+        info: &SessionInfo,
+        staged: &[f64],
+        rest: [f64; ARMS / 2],
+        surroundings: Surroundings,
+    ) -> Result<Self, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names: Vec<String> = info.joints.iter().map(|joint| joint.name.clone()).collect();
         let robot = Robot::with_joints(names.iter().map(String::as_str)).map_err(|error| unfit(error.to_string()))?;
@@ -79,20 +106,48 @@ impl RightArm {
         let failed = PolicyError::of("hands");
         let mut builder = ModelBuilder::new();
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;
+        let LinkIds { body, body_from_link } = placed.links[link];
+        let surrounded = !surroundings.in_world.is_empty();
+        let group = placed.next_cull_group;
+        let in_world = surroundings.in_world.into_iter().map(|(shape, pose)| shape.on(BodyId::WORLD, &pose, group));
+        let in_hand =
+            surroundings.in_hand.into_iter().map(|(shape, pose)| shape.on(body, &(body_from_link * pose), group + 1));
+        for shape in in_world.chain(in_hand) {
+            builder.add_shape(shape).map_err(PolicyError::of("hands"))?;
+        }
         let model = builder.build().map_err(PolicyError::of("hands"))?;
         let ids = placed.ids(&model).map_err(PolicyError::of("hands"))?;
         let site = RobotSite { name: HAND.into(), link, link_from_site: Isometry3::identity() };
         let bodies: Vec<_> = ids.joints[ARM].iter().map(|ids| ids.body).collect();
+        let [all, apart, body_pairs] = pairs(
+            &model,
+            [0, LEGS / 2].map(|joint| ids.joints[joint].body),
+            ids.joints[ARM.start].body,
+            ids.joints[ARM.end - 1].body,
+        );
         let mut inverse = InverseKinematics::new(&model, ids.root, &bodies, false).map_err(PolicyError::of("hands"))?;
         inverse.options.limit_margin = 0.03;
         inverse.options.rest_pull = REST_PULL;
         inverse.set_rest(&rest).map_err(PolicyError::of("hands"))?;
+        let mut careful = inverse.clone();
+        if surrounded {
+            let apart = apart.iter().map(|&shapes| Clearance { shapes, margin: GAP });
+            careful.set_clearances(&model, &apart.collect::<Vec<_>>()).map_err(PolicyError::of("hands"))?;
+        }
         let mut angles = [0.0; ARMS / 2];
         angles.copy_from_slice(&staged[ARM]);
+        let soles = robot.soles().iter().map(|sole| ids.site(&sole.site)).collect();
         Ok(Self {
             state: model.reference_state(),
             mechanics: Mechanics::new(&model),
+            root: ids.root,
+            soles,
+            pairs: [all, apart],
+            body_pairs,
+            floor: 0.0,
+            middle: Vector3::zeros(),
             inverse,
+            careful,
             hand: ids.site(&site),
             qpos: ids.joints.iter().map(|joint| joint.qpos).collect(),
             q0: info.joints.iter().map(|joint| joint.q0).collect(),
@@ -116,19 +171,30 @@ impl RightArm {
                 average.iter_mut().zip(now()).for_each(|(average, now)| *average += AVERAGE_GAIN * (now - *average));
             }
         }
-        self.place_base(pelvis);
+        self.set_pelvis(pelvis);
         if let Some(sensed) = &self.sensed {
-            for joint in LEGS..MOVED {
-                self.state.qpos[self.qpos[joint]] = sensed[joint];
+            for (joint, angle) in sensed.iter().enumerate().filter(|(joint, _)| !ARM.contains(joint)) {
+                self.state.qpos[self.qpos[joint]] = *angle;
             }
         }
+        self.mechanics.update(&self.model, &self.state);
+        let soles = self.soles.iter().map(|sole| self.mechanics.world_from_site(sole).translation.vector);
+        self.middle = soles.sum::<Vector3<f64>>() / self.soles.len() as f64;
+        self.floor = self.middle.z;
     }
 
-    fn place_base(&mut self, pelvis: &Isometry3<f64>) {
-        let base = &mut self.state.qpos[..7];
-        base[..3].copy_from_slice(pelvis.translation.vector.as_slice());
-        let turned = pelvis.rotation;
-        base[3..].copy_from_slice(&[turned.w, turned.i, turned.j, turned.k]);
+    pub fn set_pelvis(&mut self, pelvis: &Isometry3<f64>) {
+        self.state.set_pose(&self.model, self.root, pelvis);
+    }
+
+    pub fn pelvis(&self) -> Isometry3<f64> {
+        pose_of(&self.state.qpos[..7])
+    }
+
+    /// Of the robot in its present state, m.
+    pub fn center_of_mass(&mut self) -> Vector3<f64> {
+        self.mechanics.update(&self.model, &self.state);
+        self.mechanics.center_of_mass(&self.model, self.root).1
     }
 
     /// Pose of the hand, as commanded.
@@ -152,13 +218,14 @@ impl RightArm {
         off.translation.vector.norm().max(TURN_M * off.rotation.angle())
     }
 
-    fn place(&mut self, angles: &[f64; ARMS / 2]) -> Isometry3<f64> {
+    /// Pose of the hand at some angles.
+    pub fn place(&mut self, angles: &[f64; ARMS / 2]) -> Isometry3<f64> {
         self.set(angles);
         self.mechanics.update(&self.model, &self.state);
         self.mechanics.world_from_site(&self.hand)
     }
 
-    fn set(&mut self, angles: &[f64; ARMS / 2]) {
+    pub fn set(&mut self, angles: &[f64; ARMS / 2]) {
         for (joint, angle) in ARM.zip(angles) {
             self.state.qpos[self.qpos[joint]] = *angle;
         }
@@ -196,6 +263,15 @@ impl RightArm {
         self.follow(angles, rate)
     }
 
+    /// Turns all joints towards angles so that they arrive together, the fastest at a rate, rad/s; true where they are there.
+    pub fn go_to(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> bool {
+        self.way = None;
+        let left = self.angles.iter().zip(angles).map(|(now, wanted)| (wanted - now).abs()).fold(0.0, f64::max);
+        let share = (rate * CONTROL_DT / left.max(1e-9)).min(1.0);
+        self.angles.iter_mut().zip(angles).for_each(|(now, wanted)| *now += share * (wanted - *now));
+        share >= 1.0
+    }
+
     fn follow(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> f64 {
         let mut left = 0.0_f64;
         for (now, wanted) in self.angles.iter_mut().zip(angles) {
@@ -227,12 +303,52 @@ impl RightArm {
         goal: &Isometry3<f64>,
         near: Option<[f64; ARMS / 2]>,
     ) -> Result<([f64; ARMS / 2], f64), PolicyError> {
-        self.place_base(&torso.world_from_pelvis);
+        self.set_pelvis(&torso.world_from_pelvis);
         for (joint, angle) in (LEGS..MOVED).zip(torso.waist) {
             self.state.qpos[self.qpos[joint]] = angle;
         }
         let rest = self.rest;
         self.solve(goal, &near.unwrap_or(rest), if near.is_some() { 1 } else { TRIES })
+    }
+
+    /// Angles as they are commanded, rad.
+    pub fn angles(&self) -> [f64; ARMS / 2] {
+        self.angles
+    }
+
+    /// Sets where the joints go to where the hand's pose leaves them free, rad.
+    pub fn rest_at(&mut self, angles: &[f64; ARMS / 2]) -> Result<(), PolicyError> {
+        self.careful.set_rest(angles).map_err(PolicyError::of("hands"))?;
+        self.inverse.set_rest(angles).map_err(PolicyError::of("hands"))
+    }
+
+    /// Moves what the hand holds, commanded, by a change of poses in the world, its turn about `free` left to the joints. It is not
+    /// commanded farther from where it is felt than `lead`, m.
+    pub fn nudge(
+        &mut self,
+        change: &Isometry3<f64>,
+        hand_from_tool: Isometry3<f64>,
+        free: Vector3<f64>,
+        lead: f64,
+    ) -> Result<(), PolicyError> {
+        let way = match self.way {
+            Some(way) => way,
+            None => self.world_from_hand(),
+        };
+        let sensed = (self.sensed_hand() * hand_from_tool).translation.vector;
+        let mut wanted = change * way * hand_from_tool;
+        let ahead = wanted.translation.vector - sensed;
+        if ahead.norm() > lead {
+            wanted.translation.vector = sensed + ahead * (lead / ahead.norm());
+        }
+        let from = self.angles;
+        let goal = ToolGoal { hand_from_tool, world_from_tool: wanted, free: Some(free) };
+        let (angles, _) = self.find(false, &goal, &from, 1)?;
+        // Where its turn was left free, it has another one.
+        wanted.rotation = (self.place(&angles) * hand_from_tool).rotation;
+        self.way = Some(wanted * hand_from_tool.inverse());
+        self.follow(&angles, MAX_TURN_RATE);
+        Ok(())
     }
 
     /// Writes the arm's angles into the targets of the session.
@@ -265,6 +381,13 @@ impl RightArm {
     }
 }
 
+/// A pose from seven entries of `qpos`.
+fn pose_of(qpos: &[f64]) -> Isometry3<f64> {
+    let &[x, y, z, w, i, j, k] = qpos else { return Isometry3::identity() };
+    let turned = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
+    Isometry3::from_parts(Vector3::new(x, y, z).into(), turned)
+}
+
 /// Closure of a finger.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Finger {
@@ -289,13 +412,46 @@ fn next_on_way(from: &Isometry3<f64>, goal: &Isometry3<f64>, speed: f64) -> (Iso
 
 /// Fastest turn of a joint on a straight way of the hand, rad/s.
 const MAX_TURN_RATE: f64 = 1.0;
+/// Smallest gap between the arm and what surrounds it, m.
+const GAP: f64 = 0.005;
 /// Postures from which a search starts at most.
 const TRIES: usize = 12;
 /// Index of the elbow in the arm, and its angle where the arm is straight, rad.
-const ELBOW: usize = 3;
-const STRAIGHT: f64 = 1.57;
+pub(super) const ELBOW: usize = 3;
+pub(super) const STRAIGHT: f64 = 1.57;
 /// Strength with which joints are pulled to their rest angles.
 const REST_PULL: f64 = 0.1;
+
+/// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand; then those without
+/// a bulb that touches the hand or the socket; then those of the world and of neither this arm nor the legs.
+fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 3] {
+    let is_below = |mut body: BodyId, above: BodyId| {
+        while body != above && body != BodyId::WORLD {
+            body = model.bodies()[body.0].spec.parent;
+        }
+        body == above
+    };
+    let body = |shape: ShapeId| model.shapes()[shape.0].body;
+    let is_bulb = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(BULB_NAME);
+    let moves = |shape: ShapeId| is_below(body(shape), shoulder);
+    let is_hand = |shape: ShapeId| is_below(body(shape), hand);
+    let own = |&(a, b): &(ShapeId, ShapeId)| {
+        let is_own = moves(a) && moves(b) && (is_hand(a) == is_hand(b));
+        (moves(a) || moves(b)) && !is_own
+    };
+    let all: Vec<_> = model.shape_pairs().filter(own).collect();
+    let touches = |&(a, b): &(ShapeId, ShapeId)| {
+        let meets = |bulb: ShapeId, other: ShapeId| is_bulb(bulb) && (is_hand(other) || body(other) == BodyId::WORLD);
+        meets(a, b) || meets(b, a)
+    };
+    let apart = all.iter().copied().filter(|pair| !touches(pair)).collect();
+    let is_body = |shape: ShapeId| {
+        body(shape) != BodyId::WORLD && !moves(shape) && legs.iter().all(|leg| !is_below(body(shape), *leg))
+    };
+    let of_body =
+        |&(a, b): &(ShapeId, ShapeId)| body(a) == BodyId::WORLD && is_body(b) || body(b) == BodyId::WORLD && is_body(a);
+    [all, apart, model.shape_pairs().filter(of_body).collect()]
+}
 
 /// Turn about the vertical of a pose's x axis, rad.
 pub(super) fn heading(pose: &Isometry3<f64>) -> f64 {

@@ -17,9 +17,13 @@ pub(super) struct Seen {
     pub stands: bool,
     /// Poses in the room.
     pub pelvis: Isometry3<f64>,
+    pub ladder: Isometry3<f64>,
+    pub socket: Isometry3<f64>,
     pub fresh_bulb: Isometry3<f64>,
     pub old_bulb: Isometry3<f64>,
     pub crate_: Isometry3<f64>,
+    /// The socket holds the old bulb, the fresh bulb.
+    pub seated: [bool; 2],
     /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
     pub force: [f64; FINGERS.len()],
 }

@@ -1,0 +1,302 @@
+//! S11: puts the fresh bulb, which the hand holds, into the socket.
+//!
+//! The robot leans so that its right arm reaches the socket with room to spare, brings the bulb before the mouth, and moves the
+//! plug, not the hand, along the socket's axis. Once the socket holds it, the hand opens and leaves.
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::{BodyCommand, CONTROL_DT};
+use nalgebra::{Isometry3, Translation3, Vector3};
+use serde::Deserialize;
+
+use super::arm::{Angles, FINGERS, Finger, RightArm};
+use super::plan::{ArmAngles, ToolGoal};
+use super::room::{MOUTH, STOP};
+use super::skill::{CAP, Seen, Skill};
+use super::socket::Plug;
+use super::stance::{Lean, REST, Stance, Taking};
+
+/// Length of a step along the way in that is checked beforehand, m.
+const CHECKED: f64 = 0.01;
+/// What is left where the hand has come to the end of its way, m.
+const ARRIVED: f64 = 0.002;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Params {
+    lean: Lean,
+    align: Align,
+    insert: Inserting,
+    open: Opening,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Align {
+    before: f64,
+    gain: f64,
+    lead: f64,
+    aside: f64,
+    tilt: f64,
+    stray: f64,
+    back: f64,
+    back_time: f64,
+    calm: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Inserting {
+    speed: f64,
+    ahead: f64,
+    press: f64,
+    lead: f64,
+    stuck: f64,
+    circle: f64,
+    turn_rate: f64,
+    turns: f64,
+    stray: f64,
+    patience: f64,
+    seated: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Opening {
+    relax: f64,
+    time: f64,
+    hold: f64,
+    back: [f64; 3],
+    speed: f64,
+    wait: f64,
+    open: Angles,
+    grip: Angles,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Leans and brings the bulb before the mouth.
+    Take,
+    /// Brings the plug onto the socket's axis. Ends where it is there and straight.
+    Align,
+    /// Takes it back from the mouth along the axis, by time; then the way there is looked for again.
+    Back,
+    /// Moves it in; in circles where it catches. Ends where the socket has held it for a while; else goes back to align.
+    Insert,
+    /// Lets go of what the arm presses with, by time.
+    Relax,
+    /// Opens the hand, which stays where it is, by time.
+    Open,
+    /// Takes the hand away.
+    Retreat,
+    /// Waits; then stands up.
+    Done,
+}
+
+/// State of an episode.
+pub(super) struct Insert {
+    params: Params,
+    phase: Phase,
+    since: f64,
+    taking: Taking,
+    /// How the hand holds the bulb.
+    hand_from_plug: Isometry3<f64>,
+    /// Where the plug is wanted on the axis, from the seat, m.
+    gap: f64,
+    /// Since when what ends the phase has held, s.
+    held_since: Option<f64>,
+    /// Least gap of this phase, m, and when, s.
+    deepest: (f64, f64),
+    /// Where the hand is wanted once the bulb is seated.
+    goal: Isometry3<f64>,
+    fingers: [Finger; FINGERS.len()],
+}
+
+impl Insert {
+    /// With parameters of the form of `insert.toml`, which are also the default.
+    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
+        let params: Params =
+            toml::from_str(parameters.unwrap_or(include_str!("insert.toml"))).map_err(PolicyError::of("hands"))?;
+        Ok(Self {
+            phase: Phase::Take,
+            since: 0.0,
+            taking: Taking::new(params.lean.clone(), true),
+            hand_from_plug: Isometry3::identity(),
+            gap: 0.0,
+            held_since: None,
+            deepest: (0.0, 0.0),
+            goal: Isometry3::identity(),
+            fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
+            params,
+        })
+    }
+
+    /// Leans and brings the bulb before the mouth; true where it is there.
+    fn take(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let world_from_plug = seen.fresh_bulb * Translation3::new(0.0, 0.0, CAP);
+        self.hand_from_plug = arm.sensed_hand().inv_mul(&world_from_plug);
+        let (hand_from_plug, before) = (self.hand_from_plug, self.params.align.before);
+        let judge = |arm: &mut RightArm, command: &BodyCommand, from: &ArmAngles, tries: usize| {
+            way_in(seen, arm, &hand_from_plug, before, command, from, tries)
+        };
+        self.taking.step(seen, arm, &judge)
+    }
+
+    /// Whether something has held for a time, s.
+    fn has_held(&mut self, holds: bool, seen: &Seen, time: f64) -> bool {
+        let since = self.held_since.filter(|_| holds);
+        self.held_since = holds.then(|| since.unwrap_or(seen.time));
+        since.is_some_and(|since| seen.time - since > time)
+    }
+
+    /// Where the plug is wanted beside the axis: on it, or, where it has caught, on circles that grow.
+    fn search(&self, seen: &Seen, plug: &Plug) -> Vector3<f64> {
+        let insert = &self.params.insert;
+        let stuck = seen.time - self.deepest.1 - insert.stuck;
+        if stuck < 0.0 || seen.seated[1] {
+            return Vector3::zeros();
+        }
+        let across = plug.axis.cross(&if plug.axis.z.abs() > 0.5 { Vector3::x() } else { Vector3::z() });
+        let turn = insert.turn_rate * stuck;
+        let radius = insert.circle * (turn / (insert.turns * std::f64::consts::TAU)).min(1.0);
+        radius * (libm::cos(turn) * across + libm::sin(turn) * plug.axis.cross(&across))
+    }
+}
+
+/// Postures from before the mouth to the seat in a stance. The turn about the socket's axis is the arm's choice.
+fn way_in(
+    seen: &Seen,
+    arm: &mut RightArm,
+    hand_from_plug: &Isometry3<f64>,
+    before: f64,
+    command: &BodyCommand,
+    from: &ArmAngles,
+    tries: usize,
+) -> Result<Stance, PolicyError> {
+    let free = Some(seen.socket.rotation * Vector3::z());
+    let goal = |gap: f64| ToolGoal {
+        hand_from_tool: *hand_from_plug,
+        world_from_tool: seen.socket * Translation3::new(0.0, 0.0, CAP + gap),
+        free,
+    };
+    arm.assume(command, from);
+    let (mut angles, _) = arm.reach(&goal(STOP), from, tries)?;
+    arm.assume(command, &angles);
+    let mut stance = Stance {
+        command: *command,
+        postures: Vec::new(),
+        world_from_hand: arm.place(&angles),
+        room: f64::INFINITY,
+        gap: arm.body_gap(),
+        error: 0.0,
+    };
+    let steps = libm::ceil((before - STOP) / CHECKED);
+    for step in 0..=steps as usize {
+        angles = stance.go_on(arm, &goal(STOP + (before - STOP) * step as f64 / steps), &angles)?;
+        stance.postures.push(angles);
+    }
+    stance.postures.reverse();
+    Ok(stance)
+}
+
+impl Skill for Insert {
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+        let params = self.params.clone();
+        let (align, insert, open) = (&params.align, &params.insert, &params.open);
+        let elapsed = seen.time - self.since;
+        let plug = Plug::measure(&seen.socket, &seen.fresh_bulb);
+        let next = match self.phase {
+            Phase::Take => self.take(seen, arm)?.then(|| {
+                self.gap = align.before;
+                Phase::Align
+            }),
+            Phase::Align => {
+                arm.nudge(
+                    &plug.change(self.gap, &Vector3::zeros(), align.gain),
+                    self.hand_from_plug,
+                    plug.axis,
+                    align.lead,
+                )?;
+                let is_there = plug.aside.norm() < align.aside && plug.turn.angle() < align.tilt;
+                if self.has_held(is_there, seen, align.calm) {
+                    self.deepest = (plug.gap, seen.time);
+                    Some(Phase::Insert)
+                } else if elapsed > align.patience || elapsed > 1.0 && plug.aside.norm() > align.stray {
+                    Some(Phase::Back)
+                } else {
+                    None
+                }
+            }
+            Phase::Back => {
+                self.gap = align.back;
+                arm.nudge(
+                    &plug.change(self.gap, &Vector3::zeros(), align.gain),
+                    self.hand_from_plug,
+                    plug.axis,
+                    align.lead,
+                )?;
+                (plug.gap > self.gap - 0.01 || elapsed > align.back_time).then(|| {
+                    self.taking.again();
+                    Phase::Take
+                })
+            }
+            Phase::Insert => {
+                if plug.gap < self.deepest.0 - 1e-3 {
+                    self.deepest = (plug.gap, seen.time);
+                }
+                if plug.gap - self.gap < insert.ahead {
+                    self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
+                }
+                let aside = self.search(seen, &plug);
+                arm.nudge(&plug.change(self.gap, &aside, align.gain), self.hand_from_plug, plug.axis, insert.lead)?;
+                let is_outside = plug.gap > MOUTH / 2.0;
+                if self.has_held(seen.seated[1], seen, insert.seated) {
+                    self.goal = arm.sensed_hand();
+                    Some(Phase::Relax)
+                } else if is_outside && (elapsed > insert.patience || plug.aside.norm() > insert.stray) {
+                    self.gap = align.before;
+                    Some(Phase::Align)
+                } else {
+                    None
+                }
+            }
+            Phase::Relax | Phase::Open => {
+                let goal = self.goal;
+                arm.move_to(&goal, open.speed)?;
+                if self.phase == Phase::Relax {
+                    (elapsed > open.relax).then_some(Phase::Open)
+                } else {
+                    let opening = CONTROL_DT / open.time;
+                    self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
+                    (elapsed > open.time + open.hold).then(|| {
+                        self.goal *= Translation3::from(open.back);
+                        Phase::Retreat
+                    })
+                }
+            }
+            Phase::Retreat => {
+                let goal = self.goal;
+                (arm.move_to(&goal, open.speed)? < ARRIVED).then_some(Phase::Done)
+            }
+            Phase::Done => None,
+        };
+        arm.write(targets);
+        RightArm::put_left_arm(targets, self.phase != Phase::Done);
+        if matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done) {
+            arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
+        }
+        if let Some(next) = next {
+            (self.phase, self.since, self.held_since) = (next, seen.time, None);
+        }
+        let stands_up = self.phase == Phase::Done && seen.time - self.since > open.wait;
+        Ok(if stands_up { self.taking.upright } else { self.taking.command() })
+    }
+
+    fn rest(&self) -> ArmAngles {
+        REST
+    }
+
+    fn phase(&self) -> String {
+        if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
+    }
+}

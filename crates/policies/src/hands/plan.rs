@@ -1,0 +1,291 @@
+//! Postures of the right arm that reach a pose from a stance, and ways between postures that strike neither robot nor room.
+
+use fiatlux_client::PolicyError;
+use fiatlux_dynamics::Site;
+use fiatlux_kinematics::Goal;
+use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT, LEGS, MOVED};
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
+use rand_pcg::Pcg64Mcg;
+use rand_pcg::rand_core::Rng as _;
+
+use super::arm::{ARM, ELBOW, RightArm, STRAIGHT, TURN_M, heading};
+
+/// Angles of the arm from the shoulder down, rad.
+pub(super) type ArmAngles = [f64; ARMS / 2];
+
+/// Gaps from here on count as this, m.
+const WIDE: f64 = 0.03;
+/// Turn of the joints between two checks of a way, and length of a step of the search, rad.
+const CHECK: f64 = 0.04;
+const STEP: f64 = 0.25;
+/// Most steps of the search for a way, and tries to shorten it.
+const STEPS: usize = 4000;
+const SHORTCUTS: usize = 120;
+/// Left arm beside the guard rail and at rest, rad, and how fast it gets there, rad/s.
+const LEFT_AWAY: ArmAngles = [0.0, 0.9, 0.0, 0.6, 0.0, 0.0, 0.0];
+const LEFT_DOWN: ArmAngles = [0.3, 0.3, 0.0, 1.3, 0.0, 0.0, 0.0];
+const LEFT_RATE: f64 = 0.7;
+/// Postures that are tried as a haven, and how far beyond the way between two others, rad.
+const HAVENS: usize = 1500;
+const SPREAD: f64 = 1.2;
+/// Share that the pelvis has in the torso's roll and pitch where the robot stands, as in `fiatlux_wbc`.
+const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
+
+/// Where something that the hand holds, or is to hold, is wanted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ToolGoal {
+    pub hand_from_tool: Isometry3<f64>,
+    pub world_from_tool: Isometry3<f64>,
+    /// Axis of the world through the tool's origin about which its turn does not matter.
+    pub free: Option<Vector3<f64>>,
+}
+
+impl RightArm {
+    /// Sets pelvis and waist to where a command brings them, the feet staying and the centre of mass over them, while the arm has
+    /// these angles. It holds until the next [`RightArm::sense`].
+    pub fn assume(&mut self, command: &BodyCommand, angles: &ArmAngles) {
+        self.set(angles);
+        for (joint, angle) in (MOVED..).zip(LEFT_AWAY) {
+            self.state.qpos[self.qpos[joint]] = angle;
+        }
+        let pelvis = self.pelvis();
+        let yaw = heading(&pelvis);
+        let [roll, pitch, turn] = command.torso;
+        let [pelvis_roll, pelvis_pitch] = [PELVIS_SHARE[0] * roll, PELVIS_SHARE[1] * pitch];
+        let upright = Rotation3::from_euler_angles(pelvis_roll, pelvis_pitch, 0.0);
+        let waist = upright.inverse() * Rotation3::from_euler_angles(roll, pitch, turn);
+        let waist = waist.matrix();
+        // The waist turns about z, then x, then y.
+        let bent = [
+            libm::atan2(-waist[(0, 1)], waist[(1, 1)]),
+            libm::asin(waist[(2, 1)].clamp(-1.0, 1.0)),
+            libm::atan2(-waist[(2, 0)], waist[(2, 2)]),
+        ];
+        for (joint, angle) in (LEGS..).zip(bent) {
+            let [lower, upper] = self.limits[joint];
+            self.state.qpos[self.qpos[joint]] = angle.clamp(lower, upper);
+        }
+        let rotation = UnitQuaternion::from_euler_angles(pelvis_roll, pelvis_pitch, yaw);
+        let mut place = pelvis.translation.vector;
+        place.z = self.floor + command.height;
+        self.set_pelvis(&Isometry3::from_parts(place.into(), rotation));
+        let shift = self.middle - self.center_of_mass();
+        place += Vector3::new(shift.x, shift.y, 0.0);
+        self.set_pelvis(&Isometry3::from_parts(place.into(), rotation));
+    }
+
+    /// Brings the left arm's targets a step nearer to where it is clear of the guard rail while the robot leans, or down again.
+    pub fn put_left_arm(targets: &mut [f64], is_away: bool) {
+        let goal = if is_away { LEFT_AWAY } else { LEFT_DOWN };
+        for (target, wanted) in targets[MOVED..].iter_mut().zip(goal) {
+            *target += (wanted - *target).clamp(-LEFT_RATE * CONTROL_DT, LEFT_RATE * CONTROL_DT);
+        }
+    }
+
+    /// Angles at which a tool is where it is wanted, searched from some on with gaps to all around, and how far it
+    /// stays from there, m.
+    pub fn reach(&mut self, goal: &ToolGoal, from: &ArmAngles, tries: usize) -> Result<(ArmAngles, f64), PolicyError> {
+        self.find(true, goal, from, tries)
+    }
+
+    /// The same, on request careful of gaps.
+    pub fn find(
+        &mut self,
+        is_careful: bool,
+        goal: &ToolGoal,
+        from: &ArmAngles,
+        tries: usize,
+    ) -> Result<(ArmAngles, f64), PolicyError> {
+        let Site { body, body_from_site } = self.hand;
+        let tool = Site { body, body_from_site: body_from_site * goal.hand_from_tool };
+        let mut wanted = Goal::pose(tool, goal.world_from_tool);
+        if let Some(free) = goal.free {
+            wanted.rotation = [0, 1, 2].map(|axis| TURN_M * (1.0 - free[axis].abs()).max(0.0));
+        }
+        self.set(from);
+        let inverse = if is_careful { &mut self.careful } else { &mut self.inverse };
+        inverse.options.tries = tries;
+        let found = inverse.solve(&self.model, &mut self.state, &[wanted]).map_err(PolicyError::of("hands"))?;
+        let mut solved = *from;
+        for (joint, angle) in ARM.zip(&mut solved) {
+            *angle = self.state.qpos[self.qpos[joint]];
+        }
+        Ok((solved, found.position_error.max(TURN_M * found.rotation_error).max(found.clearance_error)))
+    }
+
+    /// Least room of the joints to their limits, and of the elbow until the arm is straight, rad.
+    pub fn room(&self, angles: &ArmAngles) -> f64 {
+        let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
+        let bent = (STRAIGHT - angles[ELBOW]).abs();
+        angles.iter().zip(&self.limits[ARM]).map(room).fold(bent, f64::min)
+    }
+
+    /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`]. With `touching`, the bulb may touch the hand
+    /// and the socket.
+    pub fn gap(&mut self, angles: &ArmAngles, touching: bool) -> f64 {
+        self.set(angles);
+        self.mechanics.update(&self.model, &self.state);
+        let pairs = &self.pairs[usize::from(touching)];
+        self.mechanics.nearest_pair(&self.model, pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
+    }
+
+    /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
+    pub fn body_gap(&mut self) -> f64 {
+        self.mechanics.update(&self.model, &self.state);
+        let nearest = self.mechanics.nearest_pair(&self.model, &self.body_pairs, WIDE);
+        nearest.map_or(WIDE, |(_, nearest)| nearest.distance)
+    }
+
+    /// A posture that keeps a margin, m, in several stances, near to two others.
+    pub fn haven(
+        &mut self,
+        commands: &[BodyCommand],
+        [from, to]: [&ArmAngles; 2],
+        margin: f64,
+        touching: bool,
+    ) -> Option<ArmAngles> {
+        let mut random = Pcg64Mcg::new(2);
+        let far = |a: &ArmAngles, b: &ArmAngles| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>();
+        let mut best: Option<(f64, ArmAngles)> = None;
+        for sample in 0..HAVENS {
+            let angles: ArmAngles = match sample {
+                0 => *from,
+                1 => *to,
+                _ => {
+                    let share = unit(&mut random);
+                    std::array::from_fn(|joint| {
+                        let [lower, upper] = self.limits[ARM.start + joint];
+                        let between = from[joint] + share * (to[joint] - from[joint]);
+                        (between + SPREAD * (2.0 * unit(&mut random) - 1.0)).clamp(lower, upper)
+                    })
+                }
+            };
+            let distance = far(from, &angles) + far(&angles, to);
+            if best.as_ref().is_some_and(|(least, _)| distance >= *least) {
+                continue;
+            }
+            let is_clear = commands.iter().all(|command| {
+                self.assume(command, &angles);
+                self.gap(&angles, touching) > margin
+            });
+            if is_clear {
+                best = Some((distance, angles));
+            }
+        }
+        best.map(|(_, angles)| angles)
+    }
+
+    /// A way between two postures on which the gaps stay above `margin`, m, where they are at its ends; as corners, the ends
+    /// included. None is found where the search ends before.
+    pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> Option<Vec<ArmAngles>> {
+        let ends = self.gap(from, touching).min(self.gap(to, touching));
+        let margin = margin.min(ends - 1e-3);
+        if self.is_clear(from, to, margin, touching) {
+            return Some(vec![*from, *to]);
+        }
+        let mut random = Pcg64Mcg::new(1);
+        let mut trees = [vec![(*from, 0)], vec![(*to, 0)]];
+        for step in 0..STEPS {
+            let [grows, other] = [step % 2, 1 - step % 2];
+            let sample: ArmAngles = std::array::from_fn(|joint| {
+                let [lower, upper] = self.limits[ARM.start + joint];
+                lower + (upper - lower) * unit(&mut random)
+            });
+            let (node, _) = nearest(&trees[grows], &sample);
+            let grown = towards(&trees[grows][node].0, &sample, STEP);
+            if !self.is_clear(&trees[grows][node].0, &grown, margin, touching) {
+                continue;
+            }
+            trees[grows].push((grown, node));
+            let (mut node, _) = nearest(&trees[other], &grown);
+            loop {
+                let last = trees[other][node].0;
+                let next = towards(&last, &grown, STEP);
+                if !self.is_clear(&last, &next, margin, touching) {
+                    break;
+                }
+                trees[other].push((next, node));
+                node = trees[other].len() - 1;
+                if next == grown {
+                    let mut halves = [branch(&trees[0], 0), branch(&trees[1], 0)];
+                    halves[grows] = branch(&trees[grows], trees[grows].len() - 1);
+                    halves[other] = branch(&trees[other], node);
+                    let [mut way, back] = halves;
+                    way.reverse();
+                    way.extend(back.into_iter().skip(1));
+                    return Some(self.shorten(way, margin, touching, &mut random));
+                }
+            }
+        }
+        None
+    }
+
+    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> bool {
+        let length = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let count = libm::ceil(length / CHECK).max(1.0);
+        (1..=count as usize).all(|index| {
+            let share = index as f64 / count;
+            let angles = std::array::from_fn(|joint| from[joint] + share * (to[joint] - from[joint]));
+            self.gap(&angles, touching) > margin
+        })
+    }
+
+    fn shorten(
+        &mut self,
+        mut way: Vec<ArmAngles>,
+        margin: f64,
+        touching: bool,
+        random: &mut Pcg64Mcg,
+    ) -> Vec<ArmAngles> {
+        for _ in 0..SHORTCUTS {
+            let legs = way.len() - 1;
+            if legs < 2 {
+                break;
+            }
+            let mut ends = [0, 1].map(|_| legs as f64 * unit(random));
+            ends.sort_by(f64::total_cmp);
+            let [low, high] = ends;
+            let at = |place: f64| -> ArmAngles {
+                let (leg, share) = (place as usize, place - libm::floor(place));
+                std::array::from_fn(|joint| way[leg][joint] + share * (way[leg + 1][joint] - way[leg][joint]))
+            };
+            let (first, last) = (at(low), at(high));
+            if low as usize == high as usize || !self.is_clear(&first, &last, margin, touching) {
+                continue;
+            }
+            let mut shorter = way[..=low as usize].to_vec();
+            shorter.extend([first, last]);
+            shorter.extend_from_slice(&way[high as usize + 1..]);
+            way = shorter;
+        }
+        way
+    }
+}
+
+fn unit(random: &mut Pcg64Mcg) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+fn nearest(tree: &[(ArmAngles, usize)], to: &ArmAngles) -> (usize, f64) {
+    let distance = |angles: &ArmAngles| angles.iter().zip(to).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+    let distances = tree.iter().map(|(angles, _)| distance(angles)).enumerate();
+    distances.fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
+}
+
+fn towards(from: &ArmAngles, to: &ArmAngles, step: f64) -> ArmAngles {
+    let length = from.iter().zip(to).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+    if length <= step {
+        return *to;
+    }
+    std::array::from_fn(|joint| from[joint] + step / length * (to[joint] - from[joint]))
+}
+
+/// From a node to its root.
+fn branch(tree: &[(ArmAngles, usize)], mut node: usize) -> Vec<ArmAngles> {
+    let mut nodes = vec![tree[node].0];
+    while node != 0 {
+        node = tree[node].1;
+        nodes.push(tree[node].0);
+    }
+    nodes
+}

@@ -1,0 +1,295 @@
+//! S03: takes the spent bulb out of the socket, and keeps it.
+//!
+//! The robot leans so that its right arm reaches the glass and can pull, brings the open hand beside it, moves it around the glass,
+//! closes the thumb and the fingers, and pulls along the socket's axis. If the bulb stays, it opens the hand and tries again.
+
+use fiatlux_client::PolicyError;
+use fiatlux_wbc::{BodyCommand, CONTROL_DT};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::arm::{Angles, FINGERS, Finger, RightArm};
+use super::plan::{ArmAngles, ToolGoal};
+use super::room::GLASS;
+use super::skill::{Seen, Skill};
+use super::socket::Plug;
+use super::stance::{Lean, REST, Stance, Taking};
+
+/// Length of a step along a way that is checked beforehand, m.
+const CHECKED: f64 = 0.015;
+/// What is left where the hand has come to the end of its way, m.
+const ARRIVED: f64 = 0.002;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Params {
+    lean: Lean,
+    grasp: Grasp,
+    close: Close,
+    pull: Pull,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grasp {
+    hand_from_glass: [f64; 3],
+    tilts: Vec<[f64; 2]>,
+    back: [f64; 3],
+    speed: f64,
+    error: f64,
+    gain: f64,
+    lead: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Close {
+    thumb_delay: f64,
+    finger_delay: f64,
+    time: f64,
+    touch: f64,
+    torque: f64,
+    hold: f64,
+    lead: f64,
+    open: Angles,
+    grip: Angles,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pull {
+    speed: f64,
+    lead: f64,
+    out: f64,
+    stays: f64,
+    patience: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// Leans and brings the open hand beside the glass.
+    Take,
+    /// Waits until the hand is felt to be there.
+    PreGrasp,
+    /// Moves it around the glass. Ends where it is felt to be there; else it goes back.
+    Approach,
+    /// Closes the thumb and the fingers, by time. A finger that feels the bulb presses no harder than it must.
+    Close,
+    /// Pulls along the axis. Ends where the bulb is out; where it stays behind, the hand opens.
+    Pull,
+    /// Keeps the bulb where it is.
+    Hold,
+    /// Opens the hand, by time.
+    Open,
+    /// Takes it back from the glass, and tries again.
+    Retreat,
+}
+
+/// State of an episode.
+pub(super) struct Remove {
+    params: Params,
+    phase: Phase,
+    since: f64,
+    taking: Taking,
+    glass_from_hand: Isometry3<f64>,
+    /// The hand's target is at the end of its way.
+    has_arrived: bool,
+    fingers: [Finger; FINGERS.len()],
+}
+
+impl Remove {
+    /// With parameters of the form of `remove.toml`, which are also the default.
+    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
+        let params: Params =
+            toml::from_str(parameters.unwrap_or(include_str!("remove.toml"))).map_err(PolicyError::of("hands"))?;
+        Ok(Self {
+            phase: Phase::Take,
+            since: 0.0,
+            taking: Taking::new(params.lean.clone(), false),
+            glass_from_hand: Isometry3::identity(),
+            has_arrived: false,
+            fingers: Default::default(),
+            params,
+        })
+    }
+
+    /// Leans and brings the hand beside the glass; true where it is there.
+    fn take(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let (grasp, out) = (&self.params.grasp, self.params.pull.out);
+        let judge = |arm: &mut RightArm, command: &BodyCommand, from: &ArmAngles, tries: usize| {
+            ways(seen, arm, grasp, out, command, from, tries)
+        };
+        let is_there = self.taking.step(seen, arm, &judge)?;
+        if is_there && let Some(stance) = self.taking.stance() {
+            self.glass_from_hand = glass(seen).inv_mul(&stance.world_from_hand);
+        }
+        Ok(is_there)
+    }
+}
+
+/// A share of a change of poses in the world, about the world's origin.
+fn share_of(change: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(share * change.rotation.scaled_axis());
+    Isometry3::from_parts(Translation3::from(share * change.translation.vector), turn)
+}
+
+/// The glass's frame: its centre, with the bulb's axes.
+fn glass(seen: &Seen) -> Isometry3<f64> {
+    seen.old_bulb * Translation3::new(0.0, 0.0, GLASS)
+}
+
+/// Postures from beside the glass to around it, by the grasp that the arm reaches best in a stance. Its turn about the socket's
+/// axis is the arm's choice. What the arm needs to pull counts, too.
+fn ways(
+    seen: &Seen,
+    arm: &mut RightArm,
+    grasp: &Grasp,
+    out: f64,
+    command: &BodyCommand,
+    from: &ArmAngles,
+    tries: usize,
+) -> Result<Stance, PolicyError> {
+    let mut best: Option<Stance> = None;
+    for tilt in &grasp.tilts {
+        let stance = way(seen, arm, grasp, *tilt, out, command, from, tries)?;
+        if best.as_ref().is_none_or(|best| stance.score() > best.score()) {
+            best = Some(stance);
+        }
+    }
+    best.ok_or_else(|| PolicyError::Unfit { policy: "hands", reason: "grasp.tilts is empty; name one at least".into() })
+}
+
+#[allow(clippy::too_many_arguments)]
+fn way(
+    seen: &Seen,
+    arm: &mut RightArm,
+    grasp: &Grasp,
+    [about_x, about_y]: [f64; 2],
+    out: f64,
+    command: &BodyCommand,
+    from: &ArmAngles,
+    tries: usize,
+) -> Result<Stance, PolicyError> {
+    let hand_from_glass = Isometry3::from_parts(
+        Translation3::from(grasp.hand_from_glass),
+        UnitQuaternion::from_euler_angles(about_x, about_y, 0.0),
+    );
+    let axis = seen.socket.rotation * Vector3::z();
+    let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
+    arm.assume(command, from);
+    let (angles, _) = arm.reach(&around, from, tries)?;
+    arm.assume(command, &angles);
+    let (angles, error) = arm.reach(&around, &angles, 1)?;
+    let around = arm.place(&angles);
+    let mut stance = Stance {
+        command: *command,
+        postures: vec![angles],
+        world_from_hand: around,
+        room: arm.room(&angles),
+        gap: arm.body_gap().min(arm.gap(&angles, true)),
+        error,
+    };
+    let back = Vector3::from(grasp.back);
+    let mut now = angles;
+    let steps = libm::ceil(back.norm() / CHECKED);
+    for step in 1..=steps as usize {
+        let world_from_tool = around * Translation3::from(back * (step as f64 / steps));
+        let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool, free: None };
+        now = stance.go_on(arm, &goal, &now)?;
+        stance.postures.push(now);
+    }
+    stance.gap = stance.gap.min(arm.gap(&now, false));
+    stance.postures.reverse();
+    let mut now = angles;
+    let steps = libm::ceil(out / CHECKED);
+    for step in 1..=steps as usize {
+        let world_from_tool = Translation3::from(axis * (out * step as f64 / steps)) * glass(seen);
+        let goal = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool, free: Some(axis) };
+        now = stance.go_on(arm, &goal, &now)?;
+    }
+    Ok(stance)
+}
+
+impl Skill for Remove {
+    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+        let params = self.params.clone();
+        let (grasp, close, pull) = (&params.grasp, &params.close, &params.pull);
+        let elapsed = seen.time - self.since;
+        let closing = CONTROL_DT / close.time;
+        let plug = Plug::measure(&seen.socket, &seen.old_bulb);
+        let around = glass(seen) * self.glass_from_hand;
+        let hand_from_glass = self.glass_from_hand.inverse();
+        let beside = around * Translation3::from(grasp.back);
+        let next = match self.phase {
+            Phase::Take => self.take(seen, arm)?.then_some(Phase::PreGrasp),
+            Phase::PreGrasp | Phase::Approach => {
+                let is_near = self.phase == Phase::Approach;
+                let (goal, next) = if is_near { (around, Phase::Close) } else { (beside, Phase::Approach) };
+                if self.has_arrived {
+                    let off = goal * arm.sensed_hand().inverse();
+                    arm.nudge(&share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
+                } else {
+                    self.has_arrived = arm.move_to(&goal, grasp.speed)? < ARRIVED;
+                }
+                if self.has_arrived && arm.distance_to(&goal) < grasp.error {
+                    Some(next)
+                } else {
+                    (elapsed > grasp.patience).then_some(Phase::Retreat)
+                }
+            }
+            Phase::Close => {
+                arm.nudge(&Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
+                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
+                    let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
+                    finger.share += if elapsed > delay { closing } else { 0.0 };
+                    finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
+                }
+                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then_some(Phase::Pull)
+            }
+            Phase::Pull => {
+                let step = Translation3::from(plug.axis * (pull.speed * CONTROL_DT));
+                arm.nudge(&Isometry3::from(step), hand_from_glass, plug.axis, pull.lead)?;
+                let pulled = pull.speed * elapsed;
+                if plug.gap > pull.out {
+                    Some(Phase::Hold)
+                } else {
+                    (pulled > plug.gap + pull.stays && seen.seated[0] || elapsed > pull.patience).then_some(Phase::Open)
+                }
+            }
+            Phase::Hold => {
+                arm.nudge(&Isometry3::identity(), hand_from_glass, plug.axis, pull.lead)?;
+                None
+            }
+            Phase::Open => {
+                self.fingers.iter_mut().for_each(|finger| {
+                    *finger = Finger { share: finger.share - closing, torque: None };
+                });
+                (elapsed > close.time).then_some(Phase::Retreat)
+            }
+            Phase::Retreat => {
+                let left = arm.move_to(&beside, grasp.speed)?;
+                (left < ARRIVED || elapsed > grasp.patience).then(|| {
+                    self.taking.again();
+                    Phase::Take
+                })
+            }
+        };
+        self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
+        arm.write(targets);
+        RightArm::put_left_arm(targets, true);
+        arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
+        if let Some(next) = next {
+            (self.phase, self.since, self.has_arrived) = (next, seen.time, false);
+        }
+        Ok(self.taking.command())
+    }
+
+    fn rest(&self) -> ArmAngles {
+        REST
+    }
+
+    fn phase(&self) -> String {
+        if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
+    }
+}
