@@ -5,7 +5,7 @@ export class Gamepad {
     return [...(navigator.getGamepads?.() ?? [])].find((pad) => pad?.mapping === "standard") ?? null;
   }
 
-  // Whether it is moved now.
+  // True while it is moved.
   isMoved() {
     const pad = this.pad();
     return pad !== null && (pad.buttons.some(({ value }) => value > 0.1) || pad.axes.some((axis) => Math.abs(axis) > 0.2));

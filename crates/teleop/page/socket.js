@@ -26,7 +26,7 @@ export class Socket {
     this.socket = socket;
   }
 
-  // What cannot be sent at once is not sent: an old input is worse than none.
+  // An input that cannot be sent at once is dropped: an old input is worse than none.
   send(message) {
     if (this.socket.readyState === WebSocket.OPEN && this.socket.bufferedAmount < 4096) this.socket.send(JSON.stringify(message));
   }

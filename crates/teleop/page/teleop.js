@@ -18,7 +18,7 @@ const token = new URLSearchParams(location.search).get("token") ?? "";
 
 const keyboard = new Keyboard();
 const gamepad = new Gamepad();
-// What tests and the curious may read.
+// For tests and the curious.
 const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, roundTrips: [] };
 // The newest state, which may come before its room.
 let newest = null;

@@ -114,7 +114,7 @@ export class Headset {
       hands[handedness] = {
         pose: isTracked ? [p.x, p.y, p.z, q.x, q.y, q.z, q.w] : null,
         buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => button?.value ?? 0),
-        // What a controller does not have is 0.
+        // Inputs that a controller lacks are 0.
         axes: [...(gamepad?.axes ?? [])].slice(0, 4).map((axis) => axis ?? 0),
       };
     }

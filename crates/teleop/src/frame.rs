@@ -1,8 +1,8 @@
-//! What an operator asks for, whatever the input is.
+//! An operator's command, whatever the input is.
 
 use nalgebra::Isometry3;
 
-/// What an operator asks for at a moment. All shares are from -1 to 1.
+/// An operator's command at a moment. All shares are from -1 to 1.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Frame {
     /// Shares of the largest velocity: forwards, to the left, and turning to the left.
@@ -17,15 +17,15 @@ pub struct Frame {
     pub space: u64,
 }
 
-/// What is asked of a hand.
+/// Command to a hand.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Hand {
     pub motion: Motion,
-    /// How far the fingers are closed, from 0 to 1; `None` leaves them as they are.
+    /// Closure of the fingers, from 0 to 1; `None` leaves them as they are.
     pub close: Option<f64>,
 }
 
-/// How a hand is moved.
+/// Motion of a hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Motion {
     /// It stays where it is on the robot.
@@ -37,7 +37,7 @@ pub enum Motion {
     Follow(Isometry3<f64>),
 }
 
-/// What an operator asks of the take.
+/// An operator's order for the take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
@@ -54,7 +54,7 @@ pub enum Order {
 }
 
 impl Frame {
-    /// Whether anything is asked for.
+    /// True if nothing is asked for.
     pub fn is_idle(&self) -> bool {
         let still = |hand: &Hand| matches!(hand.motion, Motion::Still);
         self.walk == [0.0; 3] && self.rise == 0.0 && self.torso == [0.0; 2] && self.hands.iter().all(still)

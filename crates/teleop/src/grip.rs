@@ -120,7 +120,7 @@ impl Grips {
     }
 }
 
-/// How far the fingers of a hand are closed by their targets.
+/// Closure of a hand's fingers by their targets.
 fn staged<'a>(joints: impl Iterator<Item = &'a Joint>, targets: &[f64]) -> [Finger; 5] {
     let mut sums = [[0.0_f64; 2]; 5];
     for joint in joints {

@@ -16,7 +16,7 @@ pub trait Input: Send {
     fn read(&mut self, message: &serde_json::Value) -> Result<Reading, InputError>;
 }
 
-/// What a message says.
+/// Content of a message.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Reading {
     /// `None` where the device is lost, or its user is not looking: the robot stands.

@@ -35,7 +35,7 @@ impl Operator {
         Self { station, pilot: None, quit, stop, has_started: false, order: None }
     }
 
-    /// Whether the clock was started.
+    /// True if the clock was started.
     pub fn has_started(&self) -> bool {
         self.has_started
     }

@@ -18,10 +18,10 @@ use crate::grip::Grips;
 /// Largest velocities: forwards and to the left, m/s, about the vertical, rad/s; and how fast they grow, per s.
 const WALK: [f64; 3] = [0.5, 0.3, 0.7];
 const GAIN: [f64; 3] = [0.6, 0.6, 1.2];
-/// How fast the pelvis rises, m/s, and the torso turns, rad/s.
+/// Speed at which the pelvis rises, m/s, and rate at which the torso turns, rad/s.
 const RISE: f64 = 0.1;
 const TORSO: f64 = 0.3;
-/// How fast a hand moves by keys and sticks, m/s and rad/s, and how far its goal may be ahead of it, m.
+/// Speed of a hand by keys and sticks, m/s and rad/s, and the lead that its goal may have, m.
 const HAND: [f64; 2] = [0.2, 0.8];
 const AHEAD_M: f64 = 0.08;
 /// A device that moves farther between two control steps has lost its tracking, m.
@@ -95,7 +95,7 @@ impl Pilot {
         })
     }
 
-    /// What is driven, after the last step.
+    /// Driven state after the last step.
     pub fn driven(&self) -> &Driven {
         &self.driven
     }

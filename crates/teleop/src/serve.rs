@@ -41,7 +41,7 @@ pub enum ServeError {
     Serve(#[source] std::io::Error),
 }
 
-/// What all requests share.
+/// Shared by all requests.
 struct Site {
     station: Arc<Station>,
     token: String,

@@ -16,7 +16,7 @@ const MAX_MESSAGE: usize = 32 * 1024;
 /// A page that reads nothing for this long is dropped.
 const MAX_WRITE: Duration = Duration::from_secs(5);
 
-/// What has arrived and what is to be sent, between the WebSocket and the connection.
+/// Bytes that have arrived and bytes to send, between the WebSocket and the connection.
 #[derive(Debug, Default)]
 struct Pipe {
     arrived: VecDeque<u8>,

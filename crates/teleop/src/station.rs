@@ -1,4 +1,4 @@
-//! What pages and the robot's side share: the newest input, orders, and what pages are shown.
+//! Shared by pages and the robot's side: the newest input, orders, and what pages are shown.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,7 +17,7 @@ pub const MAX_AGE: Duration = Duration::from_millis(200);
 /// Most orders that wait.
 const MAX_ORDERS: usize = 8;
 
-/// What the pages are told of a take.
+/// State of a take, as pages get it.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Status {
     /// Counts the rooms that were shown: a page loads the document again when it changes.
@@ -25,13 +25,13 @@ pub struct Status {
     pub phase: Phase,
     /// Index of the episode in its room.
     pub episode: String,
-    /// How the last take ended, such as `success` or `stopped`; empty while one runs.
+    /// End of the last take, such as `success` or `stopped`; empty while one runs.
     pub end: String,
     /// File of the last take.
     pub bag: String,
     /// Takes that were kept since the start.
     pub kept: u32,
-    /// What went wrong; empty where nothing did.
+    /// Problem; empty where there is none.
     pub problem: String,
 }
 
@@ -134,7 +134,7 @@ impl Station {
     fn hand_over(&self, inner: &mut Inner, id: u64) {
         inner.driver = id;
         inner.newest = None;
-        // What was held or pulled before is not known of another page.
+        // Keys held and sticks pulled before are those of another page.
         inner.inputs = Inputs::default();
         self.driver.send_replace(id);
     }
@@ -142,7 +142,7 @@ impl Station {
     /// Takes a message of a page.
     ///
     /// # Errors
-    /// What is wrong with it, in words for its user.
+    /// Its fault, in words for its user.
     pub(crate) fn take(&self, id: u64, text: &str) -> Result<(), String> {
         let message: Message = serde_json::from_str(text)
             .map_err(|error| format!("a message of the page cannot be read: {error}; reload the page"))?;

@@ -34,10 +34,10 @@ const CLOSING_TIME: Duration = Duration::from_secs(15);
 const PATIENCE: Duration = Duration::from_secs(24 * 3600);
 /// Time between two looks for an order.
 const LOOK: Duration = Duration::from_millis(20);
-/// What follows the name of a bag that was put aside, so that nobody grades it.
+/// Suffix of the name of a bag that was put aside, so that nobody grades it.
 const ASIDE: &str = "discarded";
 
-/// What to drive, and where takes go.
+/// The robot to drive, and the folder of takes.
 #[derive(Debug, Clone)]
 pub struct TakeOptions {
     pub task: Task,
@@ -247,7 +247,7 @@ fn play_in(
     Ok(kept)
 }
 
-/// What becomes of a take that has ended. It is kept if the program ends first.
+/// Decides on a take that has ended. It is kept if the program ends first.
 fn decision(station: &Station, quit: &AtomicBool) -> Order {
     station.forget_orders();
     while !quit.load(Ordering::Relaxed) {

@@ -1,4 +1,4 @@
-//! What the page shows: the room as a document, and its state after each control step as bytes.
+//! Content of the page: the room as a document, and its state after each control step as bytes.
 
 use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
 use fiatlux_render::Lighting;
@@ -20,7 +20,7 @@ const FOLLOWS: f64 = 0.5;
 /// Where things are shown that the task does not have.
 const NOWHERE: f64 = -100.0;
 
-/// What the page needs to draw a room. The numbers of its surfaces are apart, see [`Stage::bytes`].
+/// Document by which the page draws a room. The numbers of its surfaces are apart, see [`Stage::bytes`].
 #[derive(Debug, Clone, Serialize)]
 pub struct Document {
     pub stage: Stage,
@@ -79,7 +79,7 @@ fn numbers(pose: &Isometry3<f64>) -> [f64; 7] {
     [at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]
 }
 
-/// What a state says besides the observation.
+/// Content of a state besides the observation.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Timing {
     /// The page's own time of the input that was used, ms; negative if none was.

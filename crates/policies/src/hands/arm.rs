@@ -28,7 +28,7 @@ pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pink
 /// Angles or targets of joints by name, rad.
 pub(super) type Angles = BTreeMap<String, f64>;
 
-/// What the arm keeps clear of: shapes with the pose of their frame, in the world and in the hand.
+/// Obstacles of the arm: shapes with the pose of their frame, in the world and in the hand.
 #[derive(Default)]
 pub(super) struct Surroundings {
     pub in_world: Vec<(Shape, Isometry3<f64>)>,

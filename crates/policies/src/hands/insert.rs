@@ -17,7 +17,7 @@ use super::stance::{Lean, REST, Stance, Taking};
 
 /// Length of a step along the way in that is checked beforehand, m.
 const CHECKED: f64 = 0.01;
-/// What is left where the hand has come to the end of its way, m.
+/// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
 #[derive(Debug, Clone, Deserialize)]
@@ -99,7 +99,7 @@ pub(super) struct Insert {
     phase: Phase,
     since: f64,
     taking: Taking,
-    /// How the hand holds the bulb.
+    /// Pose of the bulb in the hand.
     hand_from_plug: Isometry3<f64>,
     /// Where the plug is wanted on the axis, from the seat, m.
     gap: f64,
@@ -142,7 +142,7 @@ impl Insert {
         self.taking.step(seen, arm, &judge)
     }
 
-    /// Whether something has held for a time, s.
+    /// True if something has held for a time, s.
     fn has_held(&mut self, holds: bool, seen: &Seen, time: f64) -> bool {
         let since = self.held_since.filter(|_| holds);
         self.held_since = holds.then(|| since.unwrap_or(seen.time));

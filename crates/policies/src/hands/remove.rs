@@ -17,7 +17,7 @@ use super::stance::{Lean, REST, Stance, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
-/// What is left where the hand has come to the end of its way, m.
+/// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
 #[derive(Debug, Clone, Deserialize)]

@@ -1,4 +1,4 @@
-//! What the arm keeps clear of on the platform: guard rail, fixture, the wall that it stands out of, and the bulb in the socket
+//! Obstacles of the arm on the platform: guard rail, fixture, the wall that it stands out of, and the bulb in the socket
 //! or in the hand.
 
 use fiatlux_client::PolicyError;
@@ -118,7 +118,7 @@ pub(super) fn fixture(hangs: bool) -> Vec<Shape> {
     shapes
 }
 
-/// What surrounds a robot on the platform that has the fresh bulb in its hand, or the old one before it in the socket.
+/// Surroundings of a robot on the platform that has the fresh bulb in its hand, or the old one before it in the socket.
 pub(super) fn on_platform(
     info: &SessionInfo,
     first: &Observation,

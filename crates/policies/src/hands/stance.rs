@@ -51,7 +51,7 @@ pub(super) struct Stance {
     pub error: f64,
 }
 
-/// How well the arm works in a stance: given the command, a posture from which it is searched, and how often it is tried.
+/// Judges the arm in a stance: given the command, a posture from which it is searched, and how often it is tried.
 pub(super) type Judge<'a> = dyn Fn(&mut RightArm, &BodyCommand, &ArmAngles, usize) -> Result<Stance, PolicyError> + 'a;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +73,7 @@ pub(super) struct Taking {
     stance: Option<Stance>,
     /// The command from which the robot goes on to lean.
     before: BodyCommand,
-    /// How often the whole search was made.
+    /// Number of times that the whole search was made.
     searches: u32,
     /// Corners of the way that are left, the last first.
     way: Vec<ArmAngles>,
@@ -143,7 +143,7 @@ impl Lean {
 }
 
 impl Stance {
-    /// How much it is preferred: being there counts most, then room to the limits and to what is around, then a small lean.
+    /// Preference among stances: being there counts most, then room to the limits and to what is around, then a small lean.
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);

@@ -12,7 +12,7 @@ use fiatlux_session::Command;
 use fiatlux_teleop::{Frame, Pilot};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-/// What a script sees of a step.
+/// View of a step for a script.
 pub struct Seen<'a> {
     pub step: u64,
     pub pelvis: Isometry3<f64>,

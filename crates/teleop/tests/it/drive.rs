@@ -1,4 +1,4 @@
-//! What a driven robot does: it walks, stops, moves its hands, and never jumps.
+//! A driven robot: it walks, stops, moves its hands, and never jumps.
 
 use fiatlux_rules::Task;
 use fiatlux_teleop::{Frame, Hand, Motion};

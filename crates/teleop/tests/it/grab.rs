@@ -120,7 +120,7 @@ impl Grabber {
             from.rotation.slerp(&goal.rotation, share),
         );
         self.way = Some(way);
-        // What happens to the device from when it is taken is what happens to the palm.
+        // From when the device is taken, the palm moves as the device does.
         let palm_from_hand = seen.link("right_palm").inv_mul(&seen.link("right_hand_base_link"));
         let palm = way * palm_from_hand.inverse();
         let (device, start) = *self.taken.get_or_insert((Isometry3::translation(0.2, -0.2, 1.2), palm));
