@@ -1,6 +1,8 @@
-//! Plans the climb of the step ladder, from the floor to the platform, backwards.
+//! Plans ways up the step ladder, from the floor to the platform: backwards, and with the face to it, which reversed is the way
+//! down.
 //!
-//!     cargo run -p fiatlux-climb --example plan -- crates/climb/src/ladder.txt
+//!     cargo run -p fiatlux-climb --example plan -- ladder crates/climb/src/ladder.txt
+//!     cargo run -p fiatlux-climb --example plan -- descent crates/climb/src/descent.txt
 #![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
 
 use std::f64::consts::PI;
@@ -19,29 +21,50 @@ const PLATFORM: usize = 5;
 /// Half the depth of a tread, and of what bears on the platform inwards from its edge, m.
 const HALF_DEPTH: f64 = 0.045;
 const PLATFORM_DEPTH: f64 = 0.35;
-/// Distance of the soles' middles from the ladder's, and ahead of a tread's middle, m, and turn of the toes outwards, rad: the
-/// soles lie along the treads, so that the ankles' pitch, which has more to give, balances across the robot.
+/// Distance of the soles' middles from the ladder's, and ahead of a tread's middle, m.
 const ASIDE: f64 = 0.11;
 const OFFSET: f64 = -0.01;
-const OUT: f64 = 1.5;
-/// Where the feet stand on the floor, before the middle of the lowest tread, m.
-const BEFORE: f64 = 0.12;
-/// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air to the ladder.
-const GAPS: [f64; 3] = [0.001, 0.010, 0.010];
+
+/// How the robot goes up.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    /// 1 with the face to the ladder, -1 with the back to it.
+    face: f64,
+    /// Turn of the toes outwards, rad: the soles lie along the treads, so that the ankles' pitch, which has more to give,
+    /// balances across the robot.
+    out: f64,
+    /// Where the feet stand on the floor, before the middle of the lowest tread, m.
+    before: f64,
+    /// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air to the ladder.
+    gaps: [f64; 3],
+    /// As of [`Planner::arms`], if not its own.
+    arms: Option<[f64; 3]>,
+}
+
+const LADDER: Way = Way { face: -1.0, out: 1.5, before: 0.12, gaps: [0.001, 0.010, 0.010], arms: None };
+const DESCENT: Way =
+    Way { face: 1.0, out: 1.57, before: 0.14, gaps: [0.001, 0.003, 0.010], arms: Some([0.6, 0.3, -0.9]) };
+
+impl Way {
+    fn heading(&self) -> f64 {
+        if self.face > 0.0 { 0.0 } else { PI }
+    }
+}
 
 struct Ladder {
+    way: Way,
     scene: Scene,
     mechanics: Mechanics,
 }
 
 impl Ladder {
-    fn new() -> Self {
+    fn new(way: Way) -> Self {
         let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
         let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::default()));
         let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
         let mut mechanics = Mechanics::new(&scene.model);
         mechanics.update(&scene.model, &scene.model.reference_state());
-        Self { scene, mechanics }
+        Self { way, scene, mechanics }
     }
 
     fn site(&self, name: &str) -> Isometry3<f64> {
@@ -52,20 +75,21 @@ impl Ladder {
     fn foothold(&self, side: usize, surface: usize) -> Foothold {
         let mut at = self.site(SURFACES[surface.max(1)]).translation.vector;
         match surface {
-            0 => (at.x, at.z) = (at.x - BEFORE, 0.0),
+            0 => (at.x, at.z) = (at.x - self.way.before, 0.0),
             PLATFORM => at.x -= 0.2 - HALF_DEPTH,
             _ => {}
         }
         at.x += OFFSET;
         let outwards = [1.0, -1.0][side];
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI + outwards * OUT);
-        let sole = Isometry3::from_parts((at - Vector3::y() * outwards * ASIDE).into(), turn);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.way.heading() + outwards * self.way.out);
+        let sole = Isometry3::from_parts((at + Vector3::y() * (self.way.face * outwards * ASIDE)).into(), turn);
         let half = self.scene.robot.soles()[side].half_extents;
         // A corner of the turned sole gets to the tread's edge before its middle does.
-        let reach = |edge: f64| ((edge - half[1] * OUT.sin()) / OUT.cos()).clamp(0.0, half[0]);
+        let reach = |edge: f64| ((edge - half[1] * self.way.out.sin()) / self.way.out.cos()).clamp(0.0, half[0]);
         let depth = if surface == PLATFORM { PLATFORM_DEPTH } else { HALF_DEPTH };
         let range = match surface {
             0 => [-half[0], half[0]],
+            _ if self.way.face > 0.0 => [-reach(HALF_DEPTH + OFFSET), reach(depth - OFFSET)],
             _ => [-reach(depth - OFFSET), reach(HALF_DEPTH + OFFSET)],
         };
         Foothold { sole, range, surface }
@@ -85,9 +109,9 @@ impl Ladder {
         };
         let swings = |id: ShapeId| foot(id).is_some_and(|side| places[side].is_none());
         let gap = |a: ShapeId, b: ShapeId| match is_robot(a) && is_robot(b) {
-            true => GAPS[0],
-            false if swings(a) || swings(b) => GAPS[2],
-            false => GAPS[1],
+            true => self.way.gaps[0],
+            false if swings(a) || swings(b) => self.way.gaps[2],
+            false => self.way.gaps[1],
         };
         let pairs =
             model.shape_pairs().filter(|&(a, b)| (is_robot(a) || is_robot(b)) && !stands(a, b) && !stands(b, a));
@@ -96,16 +120,24 @@ impl Ladder {
 }
 
 fn main() {
-    let file = std::env::args().nth(1).expect("name the file to write");
-    let ladder = Ladder::new();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [name, file] = arguments.as_slice() else { panic!("name the way, ladder or descent, and the file to write") };
+    let way = match name.as_str() {
+        "ladder" => LADDER,
+        "descent" => DESCENT,
+        _ => panic!("{name} is not a way; name ladder or descent"),
+    };
+    let ladder = Ladder::new(way);
     let scene = &ladder.scene;
     let mut planner =
         Planner::new(&scene.model, &scene.robot, &scene.robot_ids, Box::new(|places| ladder.clearances(places)));
     let mut feet = [0, 1].map(|side| ladder.foothold(side, 0));
     let mut state = scene.model.reference_state();
     let middle = (feet[0].sole.translation.vector + feet[1].sole.translation.vector) / 2.0;
-    planner.out = OUT;
-    let pelvis = Isometry3::new(middle + Vector3::z() * (scene.robot.standing_height() - 0.03), Vector3::z() * PI);
+    planner.out = way.out;
+    planner.arms = way.arms.unwrap_or(planner.arms);
+    let pelvis =
+        Isometry3::new(middle + Vector3::z() * (scene.robot.standing_height() - 0.03), Vector3::z() * way.heading());
     state.set_pose(&scene.model, scene.robot_ids.root, &pelvis);
     let rest = planner.rest([0.3; 2]);
     scene.robot_ids.joints.iter().zip(&rest).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);

@@ -1,8 +1,8 @@
 //! Climbing, one foot after the other, so slowly that the robot stands still at every moment.
 //!
 //! A [`Planner`] moves the weight over one foot and then the other foot to its next [`Foothold`], as postures that keep
-//! shapes apart. A [`Plan`] is a list of such postures, a [`Player`] balances the robot along it. The plan of the step
-//! ladder is made by `cargo run -p fiatlux-climb --example plan`.
+//! shapes apart. A [`Plan`] is a list of such postures, a [`Player`] balances the robot along it. The plans of the step
+//! ladder are made by `cargo run -p fiatlux-climb --example plan`.
 
 mod approach;
 mod body;
@@ -22,4 +22,12 @@ pub use player::Player;
 /// None, unless the file that comes with this version is broken.
 pub fn ladder() -> Result<Plan, PlanError> {
     Plan::read(include_str!("ladder.txt"))
+}
+
+/// The plan from the platform of the step ladder to the floor before it, facing the ladder.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn descent() -> Result<Plan, PlanError> {
+    Ok(Plan::read(include_str!("descent.txt"))?.reversed())
 }

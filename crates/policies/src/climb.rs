@@ -1,10 +1,10 @@
-//! The policy `climb`: up the step ladder, backwards, by exact poses. The whole-body controller turns the robot's back to the
-//! ladder; then a plan is played with balance over each stance.
+//! The policy `climb`: up the step ladder, backwards, and down from its platform, by exact poses. Before it goes up, the whole-body
+//! controller turns the robot's back to the ladder; a plan is played with balance over each stance.
 
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_climb::{Body, JOINTS, Plan, Player, approach, ladder, stand};
+use fiatlux_climb::{Body, JOINTS, Plan, Player, approach, descent, ladder, stand};
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
@@ -18,7 +18,7 @@ use crate::whole_body::WholeBody;
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "climb",
-    does: "climbs the step ladder with free hands (S02, climb) by exact poses",
+    does: "climbs the step ladder with free hands, up (S02, climb) and down (S12), by exact poses",
     make: |_| Ok(Box::new(Climb::new()?)),
 };
 
@@ -35,8 +35,8 @@ const FASTEST: (f64, f64) = (0.25, 0.6);
 const GAIN: (f64, f64) = (0.6, 1.2);
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
-/// Speed of the plan's time.
-const RATE: f64 = 2.0;
+/// Speeds of the plans' times, up and down.
+const RATES: [f64; 2] = [2.0, 1.6];
 
 /// Climbs by a plan.
 pub struct Climb {
@@ -56,6 +56,7 @@ struct Episode {
     stood: u64,
     /// The climb, from where this task begins.
     plan: Plan,
+    goes_down: bool,
     climbs: bool,
     player: Option<Player>,
 }
@@ -82,7 +83,7 @@ impl Policy for Climb {
     }
 
     fn tasks(&self) -> &'static [Task] {
-        &[Task::S02, Task::Climb]
+        &[Task::S02, Task::S12, Task::Climb]
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -92,9 +93,12 @@ impl Policy for Climb {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "climb", reason };
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        if !["S02", "climb"].contains(&task) {
-            return Err(unfit(format!("it plays S02 and climb, but this is {task}; use another policy")));
-        }
+        let (plan, goes_down) = match task {
+            "S02" | "climb" => (ladder(), false),
+            "S12" => (descent(), true),
+            _ => return Err(unfit(format!("it plays S02, S12 and climb, but this is {task}; use another policy"))),
+        };
+        let plan = plan.map_err(PolicyError::of("climb"))?;
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
         let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;
@@ -107,7 +111,6 @@ impl Policy for Climb {
         });
         let gains = Gains(gains.collect());
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
-        let plan = ladder().map_err(PolicyError::of("climb"))?;
         self.episode = Some(Episode {
             walker,
             robot: Some(robot),
@@ -116,6 +119,7 @@ impl Policy for Climb {
             velocity: [0.0; 3],
             stood: 0,
             plan,
+            goes_down,
             climbs: false,
             player: None,
         });
@@ -131,6 +135,9 @@ impl Policy for Climb {
         let angles = observation.proprioception.as_ref().map(|body| &body.joint_position);
         let angles = angles.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
         let angles: Vec<f64> = angles.iter().zip(&episode.q0).map(|(turned, q0)| f64::from(*turned) + q0).collect();
+        if episode.player.is_none() && episode.goes_down {
+            episode.stand(&world_from_plan, &pelvis, &angles)?;
+        }
         if episode.player.is_none() {
             let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
             let goes_on = episode.walker.step(observation, &command)?;
@@ -191,7 +198,8 @@ impl Episode {
         let lost = || PolicyError::Unfit { policy: "climb", reason: "the robot does not stand; start again".into() };
         let (robot, first) = (self.robot.take().ok_or_else(lost)?, self.plan.keyframes.first().ok_or_else(lost)?);
         let body_angles = angles.get(..JOINTS).ok_or_else(lost)?;
-        let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first).ok_or_else(lost)?;
+        let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first, self.goes_down);
+        let plan = plan.ok_or_else(lost)?;
         self.player = Some(Player::new(robot, plan, *world_from_plan).map_err(PolicyError::of("climb"))?);
         Ok(())
     }
@@ -211,7 +219,7 @@ impl Episode {
             if let Some(mut plan) = first.and_then(|first| approach(player.body(), &here, &now, first)) {
                 plan.extend(self.plan.keyframes.iter().skip(1).cloned());
                 player.play(plan);
-                player.rate = RATE;
+                player.rate = RATES[usize::from(self.goes_down)];
             }
             self.climbs = true;
         }

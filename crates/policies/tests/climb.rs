@@ -26,11 +26,20 @@ fn it_climbs_the_ladder() {
     }
 }
 
+/// Strict, from the platform to both feet on the floor.
+#[test]
+fn it_climbs_down() {
+    let ended = play::play(Task::S12, 1000, |_, _| ()).unwrap();
+    let play::Played { cause, seconds, progress, height, ladder, effort } = ended;
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(height < 0.85 && ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{height} {ladder:?} {effort}");
+}
+
 #[test]
 fn other_tasks_are_refused() {
-    let task = Some(TaskInfo { task: "S12".into(), ..TaskInfo::default() });
+    let task = Some(TaskInfo { task: "S04".into(), ..TaskInfo::default() });
     let mut climb = Climb::new().unwrap();
     let refused = climb.reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default()).unwrap_err();
-    assert!(refused.to_string().contains("plays S02 and climb, but this is S12"), "{refused}");
-    assert_eq!(climb.tasks(), [Task::S02, Task::Climb]);
+    assert!(refused.to_string().contains("plays S02, S12 and climb, but this is S04"), "{refused}");
+    assert_eq!(climb.tasks(), [Task::S02, Task::S12, Task::Climb]);
 }

@@ -120,7 +120,7 @@ fn stances_hold_for_30_s() {
             100.0 * effort
         );
         // Three of those on one foot sway by up to 45 mm.
-        let sway = if feet.lift > 0.0 { 5e-2 } else { 1e-3 };
+        let sway = if feet.lift > 0.0 { 5e-2 } else { 2e-3 };
         let holds = held.sole < sway && held.com < sway && held.ladder < 1e-3 && *effort < 0.9 && held.lifted == 0.0;
         if !holds {
             fell.push(feet);
