@@ -11,6 +11,7 @@ mod report;
 mod room;
 pub mod sensors;
 pub mod service;
+pub mod shares;
 mod stats;
 pub mod violence;
 pub mod world;

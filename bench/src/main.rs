@@ -9,8 +9,10 @@ use clap::{Args, Parser, Subcommand};
 use fiatlux_bench::batch::{self, BatchOptions};
 use fiatlux_bench::sensors::{self, SensorOptions};
 use fiatlux_bench::service::{self, ServiceOptions};
+use fiatlux_bench::shares::{self, ShareOptions};
 use fiatlux_bench::violence::{self, ViolenceOptions};
 use fiatlux_bench::world::{self, Options};
+use fiatlux_rules::Task;
 use serde::Serialize;
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 
@@ -37,6 +39,8 @@ enum Bench {
     Violence(ViolenceArgs),
     /// Control steps per second of sessions: in one process, over TCP, and with many client processes.
     Service(ServiceArgs),
+    /// Microseconds of each part of a recorded control step: physics, judges, digest, observation, record and the rest.
+    Shares(ShareArgs),
     /// Control steps per second of many worlds in step: compared with a single world and with separate processes, with
     /// proprioception, and for walking.
     Batch(BatchArgs),
@@ -110,6 +114,19 @@ struct ServiceArgs {
 }
 
 #[derive(Debug, Args)]
+struct ShareArgs {
+    /// Task that is played.
+    #[arg(long, default_value = "S05")]
+    task: Task,
+    /// Chunks of 128 rows to play; an episode has 46 at most.
+    #[arg(long, default_value_t = 20, value_parser = fiatlux_cli::whole::<u8>(1..=46))]
+    chunks: u8,
+    /// Print JSON instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
 struct BatchArgs {
     /// Worlds of each batch.
     #[arg(long, default_value_t = 256, value_parser = fiatlux_cli::whole::<u16>(1..=65_535))]
@@ -142,6 +159,7 @@ fn main() -> ExitCode {
         Bench::Violence(args) => bench_violence(&args),
         Bench::Batch(args) => bench_batch(&args),
         Bench::Service(args) => bench_service(args),
+        Bench::Shares(args) => bench_shares(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -166,6 +184,10 @@ fn bench_batch(args: &BatchArgs) -> anyhow::Result<()> {
         return Ok(fiatlux_cli::print(format!("{}\n", batch::run_share(&options)?))?);
     }
     show(&batch::run(&options)?, args.json)
+}
+
+fn bench_shares(args: &ShareArgs) -> anyhow::Result<()> {
+    show(&shares::run(&ShareOptions { task: args.task, chunks: args.chunks.into() })?, args.json)
 }
 
 fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {

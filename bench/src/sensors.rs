@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_client::Command as PolicyCommand;
 use fiatlux_features::{ResNet18, Weights};
-use fiatlux_proto::Message;
+use fiatlux_proto::encode;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
@@ -145,7 +145,7 @@ fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> 
         let begun = Instant::now();
         stage.step(policy.act(&observation).map_err(scene)?)?;
         observation = stage.observe(sensors)?;
-        message = observation.encode_to_vec();
+        message = encode(&observation);
         times.push(begun.elapsed());
     }
     let steps_per_s = times.len() as f64 / times.iter().sum::<Duration>().as_secs_f64();

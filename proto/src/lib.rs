@@ -20,6 +20,7 @@
 //! ```
 mod body_command;
 mod decode;
+mod encode;
 pub mod keys;
 pub mod limits;
 mod observation;
@@ -31,6 +32,7 @@ mod version;
 
 pub use body_command::{BodyCommand, NOMINAL_HEIGHT};
 pub use decode::{DecodeError, decode, decode_onto};
+pub use encode::{Encode, encode};
 pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use proprioception::Proprioception;
 pub use prost::Message;

@@ -313,6 +313,11 @@ def test_settings_that_are_not_known_are_refused(settings, says):
         fiatlux.Env("S08", **settings)
 
 
+def test_climbers_feel_their_limbs():
+    fields = {task: set(fiatlux.VectorEnv(task, 1, observation="flat").fields) for task in ("S02", "S07", "climb")}
+    assert "limb_contact" in fields["S02"] & fields["climb"] - fields["S07"]
+
+
 def test_what_an_episode_drew_is_in_info():
     env = fiatlux.Env("S08")
     drawn = [env.reset(seed=seed)[1]["drawn"] for seed in (1000, 1001)]

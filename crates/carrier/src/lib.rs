@@ -129,6 +129,11 @@ pub trait Transport: Send + Sync {
     /// Identifies this peer among all that it can reach.
     fn id(&self) -> String;
 
+    /// Whether messages are delivered in the thread that sends them, which can then do what they ask for.
+    fn delivers_in_place(&self) -> bool {
+        false
+    }
+
     /// Prepares to publish messages of one type on a key.
     ///
     /// # Errors
@@ -235,6 +240,11 @@ impl Carrier {
     /// Identifies this peer among all that it can reach.
     pub fn id(&self) -> String {
         self.0.id()
+    }
+
+    /// As [`Transport::delivers_in_place`].
+    pub fn delivers_in_place(&self) -> bool {
+        self.0.delivers_in_place()
     }
 
     /// As [`Transport::publisher`].

@@ -131,6 +131,10 @@ impl Transport for Memory {
         "memory".into()
     }
 
+    fn delivers_in_place(&self) -> bool {
+        true
+    }
+
     fn publisher(&self, key: &str, _: &str, _: Quality, reach: Reach) -> Result<Box<dyn Publish>, CarrierError> {
         check(key)?;
         let hub = (reach != Reach::OtherProcesses).then(|| Arc::clone(&self.0));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fiatlux_proto::is_of_images;
 use fiatlux_proto::v3;
-use fiatlux_rules::{BENCHMARK_VERSION, Task, Thresholds, pins};
+use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
 /// Conditions that all episodes of a table share; `RESULTS.md` describes the fields.
@@ -189,7 +189,7 @@ impl Conditions {
             noise: !fixed(header).iter().any(|what| ["start", "sensors"].contains(what)),
             fixed: fixed(header).into_iter().map(str::to_owned).collect(),
             prop_scale: prop_scale(header),
-            sensors: sensors(header),
+            sensors: comparable_sensors(header),
             weights: weights(header).into(),
             meshes: meshes(header).into(),
             action_delay_ms: action_delay_ms(header),
@@ -306,14 +306,17 @@ fn prop_scale(header: &v3::EpisodeHeader) -> String {
     if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
 }
 
-/// The sensors, with one name for the contact sensor of a task's body: limbs in `climb`, hands in other tasks.
+/// Sensors of a session that named none: they differ from task to task.
+const OWN: &str = "the task's own";
+/// Those that a task may have of its own.
+const OF_THE_BODY: [&str; 4] = ["proprioception", "hand_contact", "limb_contact", "last_action"];
+
+/// The sensors, in one word where the session left them to the task: episodes of several tasks share a table then.
 fn comparable_sensors(header: &v3::EpisodeHeader) -> Vec<String> {
-    let climbs = header.task == Task::Climb.to_string();
-    let own = |sensor: String| match sensor.strip_prefix("limb_contact@") {
-        Some(rest) if climbs => format!("hand_contact@{rest}"),
-        _ => sensor,
-    };
-    sensors(header).into_iter().map(own).collect()
+    let names_none = header.request.as_ref().is_none_or(|request| request.sensors.iter().all(|sensor| sensor.bag_only));
+    let mut shown = header.sensors.iter().filter(|sensor| !sensor.bag_only);
+    let is_own = |sensor: &v3::Sensor| !sensor.on_request && OF_THE_BODY.contains(&&*sensor.name);
+    if names_none && shown.all(is_own) { vec![OWN.into()] } else { sensors(header) }
 }
 
 fn sensors(header: &v3::EpisodeHeader) -> Vec<String> {
@@ -386,16 +389,36 @@ mod tests {
         [&conditions.protocol, &conditions.seeds, &conditions.observations, &conditions.time].map(String::as_str)
     }
 
-    /// Guards that `evaluate --tasks all,climb` gives one table.
+    /// Guards that `evaluate --tasks all,climb` gives one table, and that a session which names its sensors is no part of it.
     #[test]
-    fn the_contact_sensor_of_a_tasks_own_body_is_no_difference() {
-        let with = |task: &str, contact: &str| v3::EpisodeHeader {
+    fn sensors_that_are_left_to_the_task_are_no_difference() {
+        let with = |task: &str, sensors: &[&str], named: &[&str]| v3::EpisodeHeader {
             task: task.into(),
-            sensors: vec!["proprioception".into(), contact.into()],
+            sensors: sensors.iter().map(|name| (*name).into()).collect(),
+            request: Some(v3::OpenRequest {
+                sensors: named.iter().map(|name| (*name).into()).collect(),
+                ..v3::OpenRequest::default()
+            }),
             ..pinned()
         };
-        assert_eq!(compared(&with("climb", "limb_contact")), compared(&with("S05", "hand_contact")));
-        assert_ne!(compared(&with("S05", "limb_contact")), compared(&with("S05", "hand_contact")));
+        let carry = with("S05", &["proprioception", "hand_contact"], &[]);
+        let sensors = |header: &v3::EpisodeHeader| new(header.clone()).sensors;
+        assert_eq!(sensors(&carry), [OWN]);
+        for (task, contacts) in [("climb", &["limb_contact"][..]), ("S02", &["hand_contact", "limb_contact"])] {
+            let other = with(task, &[&["proprioception"], contacts].concat(), &[]);
+            assert_eq!(compared(&other), compared(&carry), "{task}");
+            let named =
+                with(task, &[&["proprioception"], contacts].concat(), &[&["proprioception"], contacts].concat());
+            assert_ne!(compared(&named), compared(&carry), "{task}");
+        }
+        let mut recorded = carry.clone();
+        let camera = v3::Sensor { bag_only: true, recorded: true, ..v3::Sensor::from("camera") };
+        recorded.sensors.push(camera.clone());
+        recorded.request.get_or_insert_default().sensors.push(camera);
+        assert_eq!(compared(&recorded), compared(&carry));
+        // A header that does not say what it has is not believed.
+        let seen = with("S05", &["proprioception", "privileged"], &[]);
+        assert_eq!(sensors(&seen), ["proprioception@0", "privileged@0"]);
     }
 
     /// Guards that objects from files are the only thing that may differ from the pinned scene, and that they are told apart.

@@ -9,6 +9,7 @@
 mod cast;
 
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_dynamics::ShapeSpec;
@@ -52,8 +53,8 @@ pub struct Lidar {
     ladder: Vec<Target>,
     /// Everything but the ladder that cannot move, in the world.
     room: Vec<Target>,
-    /// In the sensor's frame, by index.
-    directions: Vec<Vector3<f64>>,
+    /// Of each ray in the sensor's frame: x, y, z, each by the ray's index.
+    directions: [Vec<f64>; 3],
     ranges: Box<[f32; LIDAR_RAYS]>,
 }
 
@@ -88,7 +89,7 @@ impl Lidar {
             world_from_fixed_ladder,
             ladder: targets(&|owner| owner == ShapeOwner::LADDER, ladder_from_body),
             room: targets(&is_room, Isometry3::identity()),
-            directions: (0..LIDAR_RAYS).map(direction).collect(),
+            directions: [0, 1, 2].map(|axis| (0..LIDAR_RAYS).map(|ray| direction(ray)[axis]).collect()),
             ranges: Box::new([LIDAR_RANGE as f32; LIDAR_RAYS]),
         })
     }
@@ -107,11 +108,14 @@ impl Lidar {
                 continue;
             }
             let (first, count) = columns(&placed);
-            for column in (first..first + count).map(|column| column % LIDAR_COLUMNS) {
-                for ray in (0..LIDAR_ROWS).map(|row| row * LIDAR_COLUMNS + column) {
-                    if let Some(range) = placed.cast(&self.directions[ray]) {
-                        self.ranges[ray] = self.ranges[ray].min(range as f32);
-                    }
+            let end = first + count;
+            // In the order of the rays; the columns may go round past the last one.
+            let runs = [first..end.min(LIDAR_COLUMNS), 0..end.saturating_sub(LIDAR_COLUMNS)];
+            for row in rows(&placed) {
+                for run in &runs {
+                    let rays = row * LIDAR_COLUMNS + run.start..row * LIDAR_COLUMNS + run.end;
+                    let [x, y, z] = [0, 1, 2].map(|axis| &self.directions[axis][rays.clone()]);
+                    placed.cast_all([x, y, z], &mut self.ranges[rays]);
                 }
             }
         }
@@ -125,11 +129,11 @@ impl Lidar {
 
     /// Hits of the last scan, in the sensor's frame, m, in the order of the rays. A ray without a hit gives no point.
     pub fn points(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
-        let hit = |(range, direction): (&f32, &Vector3<f64>)| {
+        let hit = |(ray, range): (usize, &f32)| {
             (*range < LIDAR_RANGE as f32)
-                .then(|| <[f64; 3]>::from(direction * f64::from(*range)).map(|coordinate| coordinate as f32))
+                .then(|| [0, 1, 2].map(|axis| (self.directions[axis][ray] * f64::from(*range)) as f32))
         };
-        self.ranges.iter().zip(&self.directions).filter_map(hit)
+        self.ranges.iter().enumerate().filter_map(hit)
     }
 
     /// Pose of the sensor in a row, world.
@@ -141,8 +145,9 @@ impl Lidar {
     fn scan_floor(&mut self, world_from_sensor: &Isometry3<f64>) {
         let height = world_from_sensor.translation.z;
         let down = world_from_sensor.inverse_transform_vector(&-Vector3::z());
-        for (range, direction) in self.ranges.iter_mut().zip(&self.directions) {
-            let distance = height / direction.dot(&down);
+        let [x, y, z] = &self.directions;
+        for (range, ((x, y), z)) in self.ranges.iter_mut().zip(x.iter().zip(y).zip(z)) {
+            let distance = height / (x * down.x + y * down.y + z * down.z);
             let hit = (0.0..LIDAR_RANGE).contains(&distance);
             *range = if hit { distance } else { LIDAR_RANGE } as f32;
         }
@@ -156,6 +161,31 @@ fn direction(ray: usize) -> Vector3<f64> {
     let azimuth = TAU * column / LIDAR_COLUMNS as f64 - PI;
     let level = libm::cos(elevation);
     Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
+}
+
+/// Rows whose rays can hit a shape: those between the elevations of its bounding box.
+fn rows(placed: &Placed<'_>) -> Range<usize> {
+    /// Far more than rounding, far less than a row, rad.
+    const SLACK: f64 = 1e-6;
+    let corners = placed.corners();
+    let level = libm::hypot(placed.center.x, placed.center.y);
+    // No point of the box is nearer to the sensor's axis than its corners are along the way to its centre.
+    let along = |corner: &Vector3<f64>| (corner.x * placed.center.x + corner.y * placed.center.y) / level;
+    let nearest = corners.iter().map(along).fold(f64::INFINITY, f64::min);
+    if level.is_nan() || level < 1e-3 || nearest < 1e-3 {
+        return 0..LIDAR_ROWS;
+    }
+    let farthest = corners.iter().map(|corner| libm::hypot(corner.x, corner.y)).fold(nearest, f64::max);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for corner in &corners {
+        (low, high) = (low.min(corner.z), high.max(corner.z));
+    }
+    let lowest = libm::atan2(low, if low < 0.0 { nearest } else { farthest }) - SLACK;
+    let highest = libm::atan2(high, if high > 0.0 { nearest } else { farthest }) + SLACK;
+    let row = |elevation: f64| (elevation / ELEVATION + 1.0) * 0.5 * (LIDAR_ROWS - 1) as f64;
+    let first = libm::ceil(row(lowest)).max(0.0) as usize;
+    let end = (libm::floor(row(highest)) + 1.0).clamp(0.0, LIDAR_ROWS as f64) as usize;
+    first..end.max(first)
 }
 
 /// First column of those whose rays can hit a shape, and their count: all where the sensor's z axis may pass through its

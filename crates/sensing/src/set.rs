@@ -49,10 +49,15 @@ impl Sensors {
         set
     }
 
-    /// Sensors of a session that names none: the robot's own body, as the published vector of the task has it.
+    /// Sensors of a session that names none: the robot's own body, as the published vector of the task has it, and the contact of
+    /// the limbs where the task is to climb.
     pub fn of_body(task: Task) -> Self {
-        let contact = if task == Task::Climb { Sensor::LimbContact } else { Sensor::HandContact };
-        Self::of(&[Sensor::Proprioception, contact, Sensor::LastAction])
+        let contact: &[Sensor] = match task {
+            Task::Climb => &[Sensor::LimbContact],
+            Task::S02 | Task::S04 | Task::S10 | Task::S12 => &[Sensor::HandContact, Sensor::LimbContact],
+            _ => &[Sensor::HandContact],
+        };
+        Self::of(&[Sensor::Proprioception, Sensor::LastAction]).union(Self::of(contact))
     }
 
     /// True if it has a sensor.
@@ -100,7 +105,8 @@ mod tests {
         assert!(set.meets(Sensors::WITH_IMAGE) && !set.meets(Sensors::WITH_SCAN));
         assert_eq!(set.without(Sensors::LARGE), Sensors::NONE.with(Sensor::Verdict));
         assert_eq!(set.union(Sensors::of(&[Sensor::Lidar])).iter().count(), 3);
-        assert!(Sensors::of_body(Task::Climb).contains(Sensor::LimbContact));
+        let limbs = Task::ALL.into_iter().filter(|task| Sensors::of_body(*task).contains(Sensor::LimbContact));
+        assert_eq!(limbs.collect::<Vec<_>>(), [Task::S02, Task::S04, Task::S10, Task::S12, Task::Climb]);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use fiatlux_proto::v3::notice::Code;
 use fiatlux_proto::v3::{
     Chunk, EpisodeEnd, Mode, Notice, Observation, Refusal, ResetReply, ResetRequest, SessionInfo, reset_reply,
 };
-use fiatlux_proto::{Bytes, Message, ObservationLayout, PROTOCOL, TermError, decode};
+use fiatlux_proto::{Bytes, Message, ObservationLayout, PROTOCOL, TermError, decode, encode};
 
 use crate::command::{Command, check_chunk};
 use crate::machine::Machine;
@@ -257,7 +257,7 @@ impl ClientSession {
         let mut action = command.into_action(self.episode, step);
         let knows_chunks = self.info.protocol.is_some_and(|peer| peer.major == PROTOCOL.major && peer.minor >= 5);
         action.chunk = self.chunk.take().filter(|chunk| knows_chunks && check_chunk(chunk).is_ok());
-        let action = Bytes::from(action.encode_to_vec());
+        let action = Bytes::from(encode(&action));
         self.outputs.push_back(Output::Action(action.clone()));
         if let Phase::Waiting { actions, .. } = &mut self.phase {
             return actions.push_back(action);

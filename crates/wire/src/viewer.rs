@@ -167,8 +167,8 @@ impl Frames {
     /// Where all frames are in a row, each in its parent, stamped with the row's time.
     pub fn transforms(&self, row: &Row) -> FrameTransforms {
         let timestamp = Some(time_of(row.step));
-        let frame = |parent: &str, child: &str, pose: &Isometry3<f64>| {
-            let Pose { position, orientation } = pose_of(pose);
+        let frame = |(parent, child, pose): (&str, &str, Isometry3<f64>)| {
+            let Pose { position, orientation } = pose_of(&pose);
             FrameTransform {
                 timestamp,
                 parent_frame_id: parent.into(),
@@ -177,21 +177,64 @@ impl Frames {
                 rotation: orientation,
             }
         };
+        FrameTransforms { transforms: self.poses(row).map(frame).collect() }
+    }
+
+    /// The same as bytes. A recorder makes them 25 times a second; by way of the messages it takes several times as long, most of it
+    /// to copy names and to find the lengths of messages within messages.
+    pub fn encode(&self, row: &Row) -> Vec<u8> {
+        let timestamp = fiatlux_proto::encode(&time_of(row.step));
+        let (mut all, mut frame, mut part) = (Vec::with_capacity(192 * self.links.len()), Vec::new(), Vec::new());
+        for (parent, child, pose) in self.poses(row) {
+            let (at, turn) = (pose.translation.vector.map(rounded), pose.rotation.coords.map(rounded));
+            frame.clear();
+            put_field(&mut frame, 1, &timestamp);
+            put_field(&mut frame, 2, parent.as_bytes());
+            put_field(&mut frame, 3, child.as_bytes());
+            // Coordinates of a quaternion are x, y, z, w, as those of the message.
+            for (number, numbers) in [(4, at.as_slice()), (5, turn.as_slice())] {
+                part.clear();
+                (1..).zip(numbers).for_each(|(number, value)| put_double(&mut part, number, *value));
+                put_field(&mut frame, number, &part);
+            }
+            put_field(&mut all, 1, &frame);
+        }
+        all
+    }
+
+    /// Parent, name and pose of every frame in a row.
+    fn poses<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a str, &'a str, Isometry3<f64>)> {
         let links = self.links.iter().map(|link| {
-            let Some(parent) = &link.parent else { return frame(WORLD, &link.name, &row.robot.pose) };
+            let Some(parent) = &link.parent else { return (WORLD, link.name.as_str(), row.robot.pose) };
             let angle = |(joint, axis): (usize, UnitVector3<f64>)| {
                 let angle = row.joint_position.get(joint).copied().unwrap_or_default();
                 UnitQuaternion::from_axis_angle(&axis, angle)
             };
-            frame(
-                parent,
-                &link.name,
-                &(link.parent_from_link * link.joint.map_or_else(UnitQuaternion::identity, angle)),
-            )
+            let turn = link.joint.map_or_else(UnitQuaternion::identity, angle);
+            (parent.as_str(), link.name.as_str(), link.parent_from_link * turn)
         });
         let things = manifest().things.iter().zip(&row.things).zip(&row.present).filter(|(_, present)| **present);
-        let things = things.map(|((thing, body), _)| frame(WORLD, &thing.name, &body.pose));
-        FrameTransforms { transforms: links.chain(things).collect() }
+        links.chain(things.map(|((thing, body), _)| (WORLD, thing.name.as_str(), body.pose)))
+    }
+}
+
+/// Appends a field with a length: a message within, or text.
+fn put_field(bytes: &mut Vec<u8>, number: u8, contents: &[u8]) {
+    bytes.push(number << 3 | 2);
+    let mut length = contents.len();
+    while length >= 0x80 {
+        bytes.push(length as u8 | 0x80);
+        length >>= 7;
+    }
+    bytes.push(length as u8);
+    bytes.extend_from_slice(contents);
+}
+
+/// Appends a number, unless it is zero, which is left out.
+fn put_double(bytes: &mut Vec<u8>, number: u8, value: f64) {
+    if value != 0.0 {
+        bytes.push(number << 3 | 1);
+        bytes.extend_from_slice(&value.to_le_bytes());
     }
 }
 

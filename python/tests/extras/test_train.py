@@ -246,6 +246,18 @@ def test_a_baseline_that_is_resumed_goes_on_as_if_it_had_not_stopped(tmp_path):
     assert code == 2 and "task is 'S99'; give one of" in error
 
 
+@pytest.mark.skipif("FIATLUX_NIGHTLY" not in os.environ, reason="FIATLUX_NIGHTLY is not set")
+@pytest.mark.parametrize("task", ["S02", "S08"])
+def test_the_baseline_trains_for_some_minutes(tmp_path, task):
+    """With the networks and the PPO of the page, in few worlds. The curve goes to the log; whether anything is learned is not judged."""
+    settings = ["--worlds", 64, "--rooms", 4, "--device", "cpu", "--minutes", 3]
+    assert run("ppo", "--out", tmp_path, "--task", task, *settings)[0] == 0
+    print((tmp_path / "curve.csv").read_text())
+    with (tmp_path / "curve.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert int(rows[-1]["samples"]) >= 64 * 24
+
+
 def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (pathlib.Path(__file__).resolve().parents[3] / "docs/python/vector.md").read_text()

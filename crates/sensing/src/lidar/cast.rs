@@ -55,9 +55,65 @@ impl Placed<'_> {
         })
     }
 
+    /// Lowers ranges, m, along unit vectors (their x, y and z) to what the shape is hit at.
+    pub fn cast_all(&self, [x, y, z]: [&[f64]; 3], ranges: &mut [f32]) {
+        let axis = self.axis();
+        let mut from = 0;
+        while from < ranges.len() {
+            let to = ranges.len().min(from + LANES);
+            let misses = axis.as_ref().is_some_and(|axis| to == from + LANES && axis.misses(x, y, z, from));
+            for ray in if misses { to..to } else { from..to } {
+                if let Some(range) = self.cast(&Vector3::new(x[ray], y[ray], z[ray])) {
+                    ranges[ray] = ranges[ray].min(range as f32);
+                }
+            }
+            from = to;
+        }
+    }
+
+    /// The line that a capsule lies on.
+    fn axis(&self) -> Option<Axis> {
+        let Geometry::Capsule { radius, .. } = self.geometry else { return None };
+        let [across, other] = [0, 1].map(|axis| self.axes.column(axis).into_owned());
+        let outside = self.eye.x * self.eye.x + self.eye.y * self.eye.y - radius * radius;
+        Some(Axis { across: [across, other], eye: [self.eye.x, self.eye.y], outside })
+    }
+
     /// Distance along a unit vector, m; 0 from inside.
     pub fn cast(&self, direction: &Vector3<f64>) -> Option<f64> {
         self.geometry.cast_ray(&self.eye, &self.axes.tr_mul(direction))
+    }
+}
+
+/// Rays that are looked at together.
+const LANES: usize = 4;
+
+/// An endless round bar, in which a capsule lies: a ray that misses it misses the capsule.
+struct Axis {
+    /// Two directions across it, in the frame of the sensor.
+    across: [Vector3<f64>; 2],
+    /// Where the sensor is along these, m.
+    eye: [f64; 2],
+    /// Square of the sensor's distance less that of the radius, m^2.
+    outside: f64,
+}
+
+impl Axis {
+    /// Whether all rays of a group pass it by, by far more than rounding.
+    #[inline(always)]
+    fn misses(&self, x: &[f64], y: &[f64], z: &[f64], from: usize) -> bool {
+        /// Of the difference of two squares of distances, m^2.
+        const SLACK: f64 = 1e-9;
+        let (x, y, z) = (&x[from..from + LANES], &y[from..from + LANES], &z[from..from + LANES]);
+        let [u, v] = &self.across;
+        let mut beside = [0.0; LANES];
+        for k in 0..LANES {
+            let along = [u.x * x[k] + u.y * y[k] + u.z * z[k], v.x * x[k] + v.y * y[k] + v.z * z[k]];
+            let square = along[0] * along[0] + along[1] * along[1];
+            let toward = self.eye[0] * along[0] + self.eye[1] * along[1];
+            beside[k] = toward * toward - square * (self.outside - SLACK);
+        }
+        beside.iter().all(|beside| *beside < 0.0)
     }
 }
 

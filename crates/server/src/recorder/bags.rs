@@ -7,10 +7,10 @@ use std::sync::Arc;
 
 use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, part_of, topic};
 use fiatlux_cli::in_full;
+use fiatlux_proto::decode;
 use fiatlux_proto::keys::is_name;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::{EpisodeHeader, RunTicket, State, StepRecord};
-use fiatlux_proto::{Message, decode};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
@@ -205,5 +205,5 @@ fn frames(known: &BTreeMap<&'static str, Frames>, header: &EpisodeHeader, state:
     let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
     let row = read_row(&state, layout_of(header).ok()?).ok()?;
     let frames = known.get(Robot::known(&header.robot).ok()?)?;
-    Some(frames.transforms(&row).encode_to_vec())
+    Some(frames.encode(&row))
 }

@@ -22,6 +22,10 @@ use super::bags::Bags;
 /// Time between two checks of all sessions.
 const TICK: Duration = Duration::from_millis(50);
 
+/// Pause in which records gather, so that one waking serves several: to wake this thread costs a session more than to encode
+/// a record.
+const GATHERING: Duration = Duration::from_millis(2);
+
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -126,8 +130,15 @@ impl Worker {
     pub fn run(self) -> Vec<PathBuf> {
         let mut sessions: BTreeMap<Arc<str>, Followed> = BTreeMap::new();
         let mut tick_at = Duration::ZERO;
+        let mut gathers = false;
         loop {
-            let event = self.inbox.recv_timeout(TICK);
+            let event = self.inbox.try_recv().or_else(|_| {
+                if std::mem::take(&mut gathers) {
+                    std::thread::sleep(GATHERING);
+                }
+                self.inbox.recv_timeout(TICK)
+            });
+            gathers |= matches!(event, Ok(WorkerEvent::StepRecord(..)));
             let now = self.start.elapsed();
             match event {
                 Ok(WorkerEvent::Stop) | Err(RecvTimeoutError::Disconnected) => break,

@@ -12,7 +12,7 @@ use fiatlux_cli::in_full;
 use fiatlux_features::ResNet18;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
-use fiatlux_proto::{BodyCommand, Message};
+use fiatlux_proto::{BodyCommand, encode};
 use fiatlux_render::Lighting;
 use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::{Command, Host};
@@ -258,15 +258,15 @@ fn recorded(
     let wanted = sensors.recorded(step);
     let wanted = if large { wanted } else { wanted.without(Sensors::LARGE) };
     let observation = match wanted.without(APART) {
-        same if same == sensors.due(step) => published.encode_to_vec(),
-        others => observe(suite, episode, others)?.encode_to_vec(),
+        same if same == sensors.due(step) => encode(published),
+        others => encode(&observe(suite, episode, others)?),
     };
     let mut seen = SensorData { observation, ..SensorData::default() };
     if wanted.contains(Sensor::Camera) {
-        seen.camera = suite.compressed_image(Sensor::Camera, &View::of(episode))?.encode_to_vec();
+        seen.camera = encode(&suite.compressed_image(Sensor::Camera, &View::of(episode))?);
     }
     if wanted.contains(Sensor::Lidar) {
-        seen.lidar = suite.point_cloud(&View::of(episode))?.encode_to_vec();
+        seen.lidar = encode(&suite.point_cloud(&View::of(episode))?);
     }
     Ok(seen)
 }

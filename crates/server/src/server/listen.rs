@@ -242,7 +242,7 @@ fn take_action(shared: &ServerState, actor: &Arc<Actor>, sample: &Sample) {
     see(shared, actor);
     let length = bytes.len();
     let is_small = length <= limits::MAX_CLIENT_MESSAGE;
-    shared.send(actor, Side::Client, if is_small { Input::Action(bytes) } else { Input::TooLarge(length) });
+    shared.send_action(actor, if is_small { Input::Action(bytes) } else { Input::TooLarge(length) });
 }
 
 /// Only an acknowledgement that goes further than earlier ones, or says that another episode is lost, is news; anybody can

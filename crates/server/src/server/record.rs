@@ -1,6 +1,6 @@
 //! The records of an episode: its header, its rows with their events, and its result.
 
-use fiatlux_proto::Message;
+use fiatlux_proto::encode;
 use fiatlux_proto::v3::{
     ActionRecord, EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Reward, RewardTerm, StepRecord,
 };
@@ -46,11 +46,11 @@ impl Record {
             episode: header.episode,
             step: row.step,
             header: Some(header),
-            state: state_message(row).encode_to_vec(),
+            state: encode(&state_message(row)),
             observation: seen.observation,
             camera: seen.camera,
             lidar: seen.lidar,
-            events: vec![start.encode_to_vec()],
+            events: vec![encode(&start)],
             scene,
             ..StepRecord::default()
         };
@@ -61,22 +61,22 @@ impl Record {
     pub fn row(&mut self, episode: &Episode, action: &ActionRecord, seen: SensorData) -> StepRecord {
         let row = episode.row();
         let mut encoded = Vec::new();
-        self.note_changes(episode, |event| encoded.push(event.encode_to_vec()));
+        self.note_changes(episode, |event| encoded.push(encode(&event)));
         let result = end(episode).map(|end| {
             let (cause, detail) = (&end.cause, end.causes.join(", "));
             let change = if episode.end().is_some_and(|end| end.is_truncated()) { "truncated" } else { "terminated" };
-            encoded.push(event(row.step, "end", cause, change, detail).encode_to_vec());
+            encoded.push(encode(&event(row.step, "end", cause, change, detail)));
             result(episode, end, self.header_digest.clone())
         });
         StepRecord {
             episode: episode.spec().episode,
             step: row.step,
-            state: state_message(row).encode_to_vec(),
-            action: action.encode_to_vec(),
+            state: encode(&state_message(row)),
+            action: encode(action),
             observation: seen.observation,
             camera: seen.camera,
             lidar: seen.lidar,
-            reward: reward(episode).encode_to_vec(),
+            reward: encode(&reward(episode)),
             events: encoded,
             result,
             ..StepRecord::default()

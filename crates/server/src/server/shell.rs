@@ -53,7 +53,8 @@ pub enum RecordsTo {
 pub struct ServerOptions {
     /// Name of the server, which is part of all its keys.
     pub name: String,
-    /// Threads that step sessions, at least one.
+    /// Threads that step sessions, at least one. On a carrier that delivers in place, such as that of one process, clients step
+    /// theirs themselves.
     pub workers: usize,
     /// Sessions that can be open at once.
     pub capacity: usize,

@@ -90,27 +90,40 @@ impl ServerState {
         }
     }
 
+    /// Gives a session an action. A client in this process waits for its observation: its own thread steps the session, since
+    /// to wake a worker and then the client again takes longer than most of what a step has to do besides its physics.
+    pub fn send_action(&self, actor: &Arc<Actor>, input: Input<ReplyTo>) {
+        if !self.carrier.delivers_in_place() {
+            self.send(actor, Side::Client, input);
+        } else if actor.push(Side::Client, input) {
+            self.run_guarded(actor);
+        }
+    }
+
     /// Runs sessions; the body of a worker's thread.
     pub fn work(&self) {
         let mut busy = BusyWait::default();
         while let Some(job) = self.queues.jobs.next_soon(&mut busy) {
-            let done = catch_unwind(AssertUnwindSafe(|| match &job {
-                Job::Run(actor) => self.run(actor),
-                Job::Open(payload, attachment, digest) => self.open(payload, attachment, *digest),
-                Job::Describe(query) => self.describe(query),
-            }));
-            if done.is_err()
-                && let Job::Run(actor) = &job
-            {
-                tracing::error!(session = actor.id, "a session failed and is closed; please report this");
-                self.give_up(actor);
+            match &job {
+                Job::Run(actor) => self.run_guarded(actor),
+                Job::Open(payload, attachment, digest) => {
+                    let open = AssertUnwindSafe(|| self.open(payload, attachment, *digest));
+                    if catch_unwind(open).is_err() {
+                        tracing::error!("a request to open failed; please report this");
+                        self.opens.forget(digest);
+                    }
+                }
+                // What it cannot describe is not answered.
+                Job::Describe(query) => drop(catch_unwind(AssertUnwindSafe(|| self.describe(query)))),
             }
-            if done.is_err()
-                && let Job::Open(_, _, digest) = &job
-            {
-                tracing::error!("a request to open failed; please report this");
-                self.opens.forget(digest);
-            }
+        }
+    }
+
+    /// Runs a session, and closes it if it panics.
+    fn run_guarded(&self, actor: &Arc<Actor>) {
+        if catch_unwind(AssertUnwindSafe(|| self.run(actor))).is_err() {
+            tracing::error!(session = actor.id, "a session failed and is closed; please report this");
+            self.give_up(actor);
         }
     }
 

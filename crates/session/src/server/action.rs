@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fiatlux_proto::v3::notice::Code as NoticeCode;
 use fiatlux_proto::v3::{Action, ActionRecord, Event};
-use fiatlux_proto::{DecodeError, Message, decode, limits};
+use fiatlux_proto::{DecodeError, Message, decode, encode, limits};
 
 use super::{Deferred, Host, Output, Phase, ServerSession};
 use crate::command::Command;
@@ -174,7 +174,7 @@ impl<H: Host, R> ServerSession<H, R> {
             Err(refusal) => return self.terminate(&refusal.message, now),
         };
         (run.step, run.is_over) = (observation.step, observation.end.is_some());
-        run.observation = observation.encode_to_vec().into();
+        run.observation = encode(observation).into();
         run.observed_at = now;
         run.missed_steps += u64::from(arrival.held);
         if run.is_over {

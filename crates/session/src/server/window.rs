@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use fiatlux_proto::limits::{MAX_TRUTHS_PER_REQUEST, RECORDING_WINDOW, RECORDING_WINDOW_BYTES};
 use fiatlux_proto::v3::{StepRecord, StepRecordAck, StepRecordRequest};
-use fiatlux_proto::{Bytes, Message};
+use fiatlux_proto::{Bytes, encode};
 
 /// Numbers records and keeps those that are not acknowledged.
 #[derive(Debug, Default)]
@@ -23,7 +23,7 @@ impl RecordWindow {
     /// Numbers a record and keeps it. If `slide`, a full window drops its oldest record.
     pub fn push(&mut self, record: &mut StepRecord, slide: bool) -> Bytes {
         record.seq = self.next_seq();
-        let bytes = Bytes::from(record.encode_to_vec());
+        let bytes = Bytes::from(encode(record));
         while slide && self.is_full() {
             self.drop_first();
         }
@@ -69,6 +69,8 @@ impl RecordWindow {
 
 #[cfg(test)]
 mod tests {
+    use fiatlux_proto::Message;
+
     use super::*;
 
     fn seqs(records: &[Bytes]) -> Vec<u64> {

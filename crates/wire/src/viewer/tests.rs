@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use fiatlux_proto::Message;
 use fiatlux_robot::GainSet;
 use fiatlux_rules::{Task, errand};
 use fiatlux_world::{SceneConfig, SceneKind, SceneSpec, StartOptions, start};
@@ -34,6 +35,19 @@ fn in_world(frames: &FrameTransforms) -> BTreeMap<String, Isometry3<f64>> {
 
 fn tasks() -> impl Iterator<Item = (Arc<Scene>, Row)> {
     ["S01", "S12", "climb"].into_iter().map(|task| build(task.parse().expect("a task")))
+}
+
+#[test]
+fn frames_as_bytes_are_those_of_the_messages() {
+    for (scene, mut row) in tasks() {
+        let frames = Frames::new(&scene.robot);
+        for step in [0, 7, 50, 6000] {
+            row.step = step;
+            row.joint_position.iter_mut().for_each(|angle| *angle += 0.1);
+            row.robot.pose.translation.vector.y = [0.0, -0.0, 1.5][step as usize % 3];
+            assert_eq!(frames.encode(&row), frames.transforms(&row).encode_to_vec(), "{step}");
+        }
+    }
 }
 
 #[test]

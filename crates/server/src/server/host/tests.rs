@@ -9,7 +9,7 @@ use fiatlux_proto::v3::{
     ResetRequest, Sensor, State, StepRecord, StepRecordAck, StepRecordRequest, WholeBodyCommand, look_reply, notice,
     reset_reply,
 };
-use fiatlux_proto::{Bytes, PROTOCOL, limits};
+use fiatlux_proto::{Bytes, Message, PROTOCOL, limits};
 use fiatlux_session::server::{Input, MAX_EVENTS, Output, Timeouts};
 use fiatlux_session::{Machine, ServerSession};
 use fiatlux_wire::read_row;
