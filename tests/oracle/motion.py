@@ -25,6 +25,11 @@ def dynamics_bare(path=None):
     return dynamics_of(Scene.export(path, "--robot-only", "--robot", "g1_bare"))
 
 
+def dynamics_dex3(path=None):
+    """The same of the G1 with Dex3 hands."""
+    return dynamics_of(Scene.export(path, "--robot-only", "--robot", "g1_dex3"))
+
+
 def dynamics_of(scene):
     m, nv = scene.m, scene.m.nv
     rng = np.random.default_rng(20)

@@ -28,6 +28,7 @@ def main():
     fixtures = {
         "dynamics": (motion.dynamics, "mass matrix and bias force of 20 random states"),
         "dynamics_bare": (motion.dynamics_bare, "the same of the robot with welded fingers"),
+        "dynamics_dex3": (motion.dynamics_dex3, "the same of the robot with Dex3 hands"),
         "tumble": (motion.tumble, "one second of tumbling in the air"),
         "fall_ankles_off": (falls.fall_ankles_off, "rest poses after a fall with free ankles"),
         "fall_zero_action": (falls.fall_zero_action, "when the robot falls under zero action"),

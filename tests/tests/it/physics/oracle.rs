@@ -60,6 +60,7 @@ fn mass_matrix_and_bias_force_are_those_of_mujoco() {
 #[test]
 fn those_of_the_robot_with_welded_fingers_too() {
     check_dynamics("g1_bare", "dynamics_bare");
+    check_dynamics("g1_dex3", "dynamics_dex3");
 }
 
 fn check_dynamics(robot: &str, name: &str) {
