@@ -96,10 +96,10 @@ impl Policy for Hands {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let skill: Box<dyn Skill> = match task {
-            "S03" => Box::new(Remove::new(self.parameters.as_deref())?),
-            "S06" => Box::new(Place::new(self.parameters.as_deref())?),
-            "S08" => Box::new(Grab::new(self.parameters.as_deref())?),
-            "S11" => Box::new(Insert::new(self.parameters.as_deref())?),
+            "S03" => Box::new(Remove::new(self.parameters.as_deref(), &info.joints)?),
+            "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
+            "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),
+            "S11" => Box::new(Insert::new(self.parameters.as_deref(), &info.joints)?),
             _ => {
                 let reason = format!("it plays S03, S06, S08 and S11, but this is {task}; use another policy");
                 return Err(PolicyError::Unfit { policy: "hands", reason });

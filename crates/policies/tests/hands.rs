@@ -67,6 +67,22 @@ fn takes_the_bulb(seed: u64, changes: &Changes) {
     assert!(peak < 25.0 && seconds < 30.0, "room {seed}: {peak} N, {seconds} s");
 }
 
+/// The same with hands of two fingers and a thumb.
+#[test]
+fn it_takes_the_bulb_with_dex3_hands() {
+    takes_the_bulb(1000, &Changes { robot: Some("g1_dex3".into()), ..Changes::default() });
+}
+
+/// The robot whose fingers are welded, and one whose hands no parameters are for.
+#[test]
+fn hands_without_parameters_are_refused() {
+    for (robot, task) in [("g1_bare", Task::S08), ("g1_dex3", Task::S06)] {
+        let changes = Changes { robot: Some(robot.into()), ..Changes::default() };
+        let Err(refused) = play::play(task, 1000, Hands::new().unwrap(), &changes, |_| ()) else { panic!("{robot}") };
+        assert!(refused.to_string().contains("no parameters of this task for the robot's hands"), "{refused}");
+    }
+}
+
 #[test]
 fn other_tasks_are_refused() {
     let task = Some(TaskInfo { task: "S02".into(), ..TaskInfo::default() });

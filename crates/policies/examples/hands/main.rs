@@ -1,7 +1,7 @@
 //! Plays `hands` in rooms, the last included, and prints how each ended:
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
-//! `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
+//! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
 //! second into a phase, in another direction in each room).
 #![allow(missing_docs)]
 
@@ -73,6 +73,7 @@ fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
     let mut changes = Changes::default();
     for (name, value) in words.iter().filter_map(|word| word.split_once('=')) {
         match name {
+            "robot" => changes.robot = Some(value.into()),
             "friction" => changes.friction = Some(value.parse()?),
             "size" => changes.fresh_bulb = Some(value.parse()?),
             "delay" => changes.delay = value.parse()?,

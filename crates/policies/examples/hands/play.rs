@@ -23,6 +23,8 @@ const SENSORS: Sensors =
 /// Differences of an episode from the benchmark's.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
+    /// The robot, in place of the benchmark's.
+    pub robot: Option<String>,
     /// Friction of the hands, in place of the drawn one.
     pub friction: Option<f64>,
     /// Size of the fresh bulb.
@@ -76,7 +78,7 @@ pub fn play(
     changes: &Changes,
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Played, Box<dyn Error>> {
-    let robot = Arc::new(Robot::g1_inspire()?);
+    let robot = Arc::new(Robot::by_name(changes.robot.as_deref().unwrap_or(Robot::NAMES[0]))?);
     let gains = robot.gains(GainSet::default());
     let mut spec = EpisodeSpec::new(task, seed, 0);
     spec.scale.fresh_bulb = changes.fresh_bulb.unwrap_or(spec.scale.fresh_bulb);

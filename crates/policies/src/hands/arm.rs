@@ -13,8 +13,13 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use super::plan::ToolGoal;
 use super::room::{BULB_NAME, Shape};
 
-/// The hand's frame: its x axis comes out of the back of the hand, the fingers point along -y, the thumb is on the side of -z.
-pub(super) const HAND: &str = "right_hand_base_link";
+/// The frame of a hand whose robot has no grasp of its own. Its x axis comes out of the back of the hand, the fingers point along -y.
+const HAND: &str = "right_hand_base_link";
+/// The link in whose frame grasps are given.
+pub(super) fn hand_link(robot: &Robot) -> Option<usize> {
+    robot.bulb_grasp().map(|grasp| grasp.link).or_else(|| robot.link_index(HAND))
+}
+
 /// Joints of the right arm in the session's order.
 pub(super) const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 /// Share of the difference by which the averages of the waist's and the arm's sensed angles follow in each control step.
@@ -102,7 +107,8 @@ impl RightArm {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names: Vec<String> = info.joints.iter().map(|joint| joint.name.clone()).collect();
         let robot = Robot::with_joints(names.iter().map(String::as_str)).map_err(|error| unfit(error.to_string()))?;
-        let link = robot.link_index(HAND).ok_or_else(|| unfit(format!("the robot has no {HAND}; use g1_inspire")))?;
+        let link = hand_link(&robot)
+            .ok_or_else(|| unfit(format!("the robot has no {HAND} and no grasp of its own; use g1_inspire")))?;
         let failed = PolicyError::of("hands");
         let mut builder = ModelBuilder::new();
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;

@@ -4,12 +4,13 @@
 //! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
 
 use fiatlux_client::PolicyError;
+use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
-use super::skill::{CAP, Seen, Skill};
+use super::skill::{CAP, Seen, Skill, parameters};
 use super::steps::{Steps, steps_to};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
@@ -23,6 +24,9 @@ const TURNED: f64 = 0.01;
 const SIZES: [f64; 2] = [0.85, 1.15];
 /// Cosine of the tilt at which a bulb still stands.
 const UPRIGHT: f64 = 0.9;
+
+/// Parameters, a file for each hand.
+const FILES: [&str; 2] = [include_str!("grab.toml"), include_str!("grab_dex3.toml")];
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,9 +141,8 @@ pub(super) struct Grab {
 
 impl Grab {
     /// With parameters of the form of `grab.toml`, which are also the default.
-    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
-        let params: Params =
-            toml::from_str(parameters.unwrap_or(include_str!("grab.toml"))).map_err(PolicyError::of("hands"))?;
+    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
+        let params = parameters(given, &FILES, joints, |params: &Params| &params.close.grip)?;
         Ok(Self {
             phase: Phase::Raise,
             since: 0.0,

@@ -4,6 +4,7 @@
 //! plug, not the hand, along the socket's axis. Once the socket holds it, the hand opens and leaves.
 
 use fiatlux_client::PolicyError;
+use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
@@ -11,7 +12,7 @@ use serde::Deserialize;
 use super::arm::{Angles, FINGERS, Finger, RightArm};
 use super::plan::{ArmAngles, ToolGoal};
 use super::room::{MOUTH, STOP};
-use super::skill::{CAP, Seen, Skill};
+use super::skill::{CAP, Seen, Skill, parameters};
 use super::socket::Plug;
 use super::stance::{Lean, REST, Stance, Taking};
 
@@ -19,6 +20,9 @@ use super::stance::{Lean, REST, Stance, Taking};
 const CHECKED: f64 = 0.01;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
+
+/// Parameters, a file for each hand.
+const FILES: [&str; 1] = [include_str!("insert.toml")];
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -114,9 +118,8 @@ pub(super) struct Insert {
 
 impl Insert {
     /// With parameters of the form of `insert.toml`, which are also the default.
-    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
-        let params: Params =
-            toml::from_str(parameters.unwrap_or(include_str!("insert.toml"))).map_err(PolicyError::of("hands"))?;
+    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
+        let params = parameters(given, &FILES, joints, |params: &Params| &params.open.grip)?;
         Ok(Self {
             phase: Phase::Take,
             since: 0.0,

@@ -6,12 +6,13 @@
 use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_client::PolicyError;
+use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, Torso, heading};
-use super::skill::{CAP, Seen, Skill};
+use super::skill::{CAP, Seen, Skill, parameters};
 use super::steps::{angle, steps_to};
 
 /// Radii of glass and cap, m.
@@ -26,6 +27,9 @@ const TURN_COST: f64 = 0.2;
 const REACHED: f64 = 0.015;
 const FASTEST: f64 = 2.0;
 const TURNED: f64 = 0.02;
+
+/// Parameters, a file for each hand.
+const FILES: [&str; 1] = [include_str!("place.toml")];
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -139,9 +143,8 @@ pub(super) struct Place {
 
 impl Place {
     /// With parameters of the form of `place.toml`, which are also the default.
-    pub fn new(parameters: Option<&str>) -> Result<Self, PolicyError> {
-        let params: Params =
-            toml::from_str(parameters.unwrap_or(include_str!("place.toml"))).map_err(PolicyError::of("hands"))?;
+    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
+        let params = parameters(given, &FILES, joints, |params: &Params| &params.close.grip)?;
         Ok(Self {
             phase: Phase::StepUp,
             since: 0.0,

@@ -8,7 +8,7 @@ use fiatlux_robot::Robot;
 use fiatlux_rules::Bulb;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::arm::{HAND, Surroundings};
+use super::arm::{Surroundings, hand_link};
 use super::skill::{CAP, Seen};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m. These and all sizes below are those of
@@ -147,5 +147,5 @@ fn world_from_hand(info: &SessionInfo, first: &Observation, seen: &Seen) -> Resu
     let angles: Vec<f64> =
         info.joints.iter().zip(turned).map(|(joint, turned)| joint.q0 + f64::from(*turned)).collect();
     let links = robot.forward_kinematics(&angles, &seen.pelvis).map_err(PolicyError::of("hands"))?;
-    Ok(robot.link_index(HAND).map_or(seen.pelvis, |link| links[link]))
+    Ok(hand_link(robot).map_or(seen.pelvis, |link| links[link]))
 }

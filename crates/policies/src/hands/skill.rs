@@ -1,10 +1,12 @@
 //! An expert of one task, and what it sees.
 
 use fiatlux_client::PolicyError;
+use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
+use serde::de::DeserializeOwned;
 
-use super::arm::{FINGERS, RightArm};
+use super::arm::{Angles, FINGERS, RightArm};
 
 /// Bottom of the cap on a bulb's axis, m: `seat_z` of `[bulb]` in `crates/world/scene.toml`.
 pub(super) const CAP: f64 = 0.036259;
@@ -26,6 +28,28 @@ pub(super) struct Seen {
     pub seated: [bool; 2],
     /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
     pub force: [f64; FINGERS.len()],
+}
+
+/// Parameters of a task: those given, or of its files the one whose grip names joints of this robot.
+///
+/// # Errors
+/// They cannot be read, or are not for the hands of this robot.
+pub(super) fn parameters<P: DeserializeOwned>(
+    given: Option<&str>,
+    files: &[&str],
+    joints: &[Joint],
+    grip: impl Fn(&P) -> &Angles,
+) -> Result<P, PolicyError> {
+    let is_known = |name: &String| joints.iter().any(|joint| joint.name == *name);
+    let given = given.as_ref().map_or(files, std::slice::from_ref);
+    for text in given {
+        let params: P = toml::from_str(text).map_err(PolicyError::of("hands"))?;
+        if grip(&params).keys().all(is_known) {
+            return Ok(params);
+        }
+    }
+    let reason = "it has no parameters of this task for the robot's hands; use g1_inspire".into();
+    Err(PolicyError::Unfit { policy: "hands", reason })
 }
 
 /// An expert. It moves the right arm and its hand, and commands the whole-body controller.
