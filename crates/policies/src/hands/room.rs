@@ -147,5 +147,5 @@ fn world_from_hand(info: &SessionInfo, first: &Observation, seen: &Seen) -> Resu
     let angles: Vec<f64> =
         info.joints.iter().zip(turned).map(|(joint, turned)| joint.q0 + f64::from(*turned)).collect();
     let links = robot.forward_kinematics(&angles, &seen.pelvis).map_err(PolicyError::of("hands"))?;
-    Ok(hand_link(robot).map_or(seen.pelvis, |link| links[link]))
+    Ok(hand_link(&robot).map_or(seen.pelvis, |link| links[link]))
 }
