@@ -3,6 +3,7 @@
 mod body;
 mod climb;
 mod entry;
+mod expert;
 mod foreign;
 mod hands;
 mod hold;
@@ -20,6 +21,7 @@ use std::path::Path;
 
 pub use climb::Climb;
 pub use entry::Entry;
+pub use expert::Expert;
 pub use foreign::{Gear, Sonic};
 pub use hands::Hands;
 pub use hold::Hold;
