@@ -174,9 +174,12 @@ impl Worker {
             Ok(verification) if !verification.is_equal() && has_objects(&path) => {
                 // Only a server with the same files can tell.
                 match &verification.header {
-                    Some(Difference { field, .. }) if field == "scene_digest" => VerifyOutcome::NotTaken(
-                        "the server does not have the bag's objects; start one with --asset for each of them".into(),
-                    ),
+                    Some(Difference { field, .. }) if field.contains("assets") || field == "scene_digest" => {
+                        VerifyOutcome::NotTaken(
+                            "the server does not have the bag's objects; start one with --asset for each of them"
+                                .into(),
+                        )
+                    }
                     _ => of_verification(&verification),
                 }
             }
