@@ -70,6 +70,19 @@ pub fn forces(row: &Row, bulb: Bulb) -> impl Iterator<Item = f64> {
     row.force(errand::HAND_FORCE[bulb as usize]).iter().map(|force| force.norm())
 }
 
+/// A session of a task, as far as `hands` reads it.
+pub fn session(task: Task, robot: &Robot) -> SessionInfo {
+    let gains = robot.gains(GainSet::default());
+    SessionInfo {
+        task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
+        joints: joint_messages(robot, &gains),
+        hand_bodies: hand_body_names(robot),
+        action_scale: ACTION_SCALE,
+        control_dt: CONTROL_DT,
+        ..SessionInfo::default()
+    }
+}
+
 /// Plays the first episode of a room.
 pub fn play(
     task: Task,
@@ -93,14 +106,7 @@ pub fn play(
     let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
     suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
 
-    let info = SessionInfo {
-        task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
-        joints: joint_messages(&robot, &gains),
-        hand_bodies: hand_body_names(&robot),
-        action_scale: ACTION_SCALE,
-        control_dt: CONTROL_DT,
-        ..SessionInfo::default()
-    };
+    let info = session(task, &robot);
     let view = |world: &World, judge: &Judge, suite: &mut SensorSuite| {
         let view = View { scene: &scene, episode: 0, row: world.row(), task, judge, reward: 0.0 };
         suite.observe(&view, SENSORS)

@@ -164,6 +164,11 @@ impl Grab {
         if is_upright(bulb) { size.clamp(SIZES[0], SIZES[1]) } else { 1.0 }
     }
 
+    /// Of the pelvis: as low above the glass of a small bulb as above that of a published one. Higher, the knees would be straight.
+    fn height(&self) -> f64 {
+        self.params.stand.height + (self.size.min(1.0) - 1.0) * (self.params.grasp.glass_height - CAP)
+    }
+
     /// The hand around the bulb, its fingers pointing where the robot looks.
     fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
         let grasp = &self.params.grasp;
@@ -184,8 +189,7 @@ impl Grab {
         let there = seen.pelvis.translation.vector + turned * Vector3::new(ahead, left, 0.0);
         let mut grasp = self.world_from_grasp(seen);
         let change = there - seen.fresh_bulb.translation.vector;
-        grasp.translation.vector +=
-            Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.params.stand.height);
+        grasp.translation.vector += Vector3::new(change.x, change.y, seen.pelvis.translation.z - self.height());
         grasp
     }
 
@@ -234,7 +238,7 @@ impl Skill for Grab {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (motion, close) = (&params.motion, &params.close);
-        let mut command = BodyCommand { height: params.stand.height, ..BodyCommand::default() };
+        let mut command = BodyCommand { height: self.height(), ..BodyCommand::default() };
         let elapsed = seen.time - self.since;
         let ready = Translation3::from(motion.ready);
         let back_off = Translation3::from(motion.pre_grasp);

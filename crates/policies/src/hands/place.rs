@@ -91,7 +91,6 @@ struct Motion {
     low: f64,
     wait: f64,
     open: f64,
-    rise: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -113,7 +112,7 @@ enum Phase {
     Lower,
     /// Waits until all is at rest, by time.
     Rest,
-    /// Opens the hand, by time, and takes it up meanwhile.
+    /// Opens the hand, by time.
     Open,
     /// Stands up the same way, and stands.
     StandUp,
@@ -301,8 +300,6 @@ impl Skill for Place {
             Phase::Rest => (elapsed > motion.wait).then_some(Phase::Open),
             Phase::Open => {
                 self.fingers.iter_mut().for_each(|finger| finger.share -= CONTROL_DT / motion.open);
-                // The fingers are below the bulb, and straighten towards the floor.
-                self.share = (self.share - motion.rise * on_way).max(0.0);
                 (elapsed > motion.open + motion.wait).then_some(Phase::StandUp)
             }
             Phase::StandUp => {
