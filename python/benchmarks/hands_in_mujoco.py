@@ -140,8 +140,11 @@ class Scene:
 
     def bulb_points(self):
         """Bottom of the cap and centre of the glass, and the height of the lowest point."""
-        points = self.data.xpos[self.bulb] + AXIS @ self.data.xmat[self.bulb].reshape(3, 3).T
-        return points, float((points[:, 2] - RADII).min())
+        turned = self.data.xmat[self.bulb].reshape(3, 3)
+        points = self.data.xpos[self.bulb] + AXIS @ turned.T
+        # The cap's bottom is flat, the glass round.
+        below = RADII * [np.linalg.norm(turned[:2, 2]), 1.0]
+        return points, float((points[:, 2] - below).min())
 
 
 def play(task, room, program):

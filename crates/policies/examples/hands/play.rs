@@ -126,9 +126,11 @@ pub fn play(
         }
         let Command::JointTarget(targets) = hands.act(&observation)? else { return Err("no targets".into()) };
         late.push_back(targets);
-        let targets = late.pop_front().unwrap_or_default();
+        let wanted = late.pop_front().unwrap_or_default();
+        // As a session does it, to the last bit.
         let action: Vec<f64> =
-            targets.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
+            wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
+        let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
         let step = world.row().step;
         let push = changes.push.as_ref().filter(|_| push_at == Some(step)).map(|(speed, _)| {
             let angle = 2.4 * seed as f64;

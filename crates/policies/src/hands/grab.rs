@@ -267,7 +267,10 @@ impl Skill for Grab {
                 let is_near = self.step_up(seen).distance < 2.0 * params.stand.tolerance;
                 Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
             }
-            Phase::Settle => (elapsed > params.stand.patience).then_some(Phase::StepUp),
+            Phase::Settle => {
+                let is_over = elapsed > params.stand.patience && is_upright(&seen.fresh_bulb);
+                is_over.then_some(Phase::StepUp)
+            }
             Phase::PreGrasp => {
                 self.goal = self.world_from_grasp(seen);
                 let goal = self.goal * back_off;
