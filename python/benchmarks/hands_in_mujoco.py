@@ -149,7 +149,9 @@ class Scene:
 
 def play(task, room, program):
     """Plays a room in MuJoCo."""
-    with subprocess.Popen([*program, task, "drive"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as policy:
+    with subprocess.Popen(
+        [*program, task, "drive"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as policy:
         session = json.loads(policy.stdout.readline())
         scene = Scene(task, room, session["joints"], session["hand_bodies"])
         end = {"room": room, "grasped": False, "succeeded": False}

@@ -128,8 +128,7 @@ pub fn play(
         late.push_back(targets);
         let wanted = late.pop_front().unwrap_or_default();
         // As a session does it, to the last bit.
-        let action: Vec<f64> =
-            wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
+        let action: Vec<f64> = wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
         let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
         let step = world.row().step;
         let push = changes.push.as_ref().filter(|_| push_at == Some(step)).map(|(speed, _)| {
