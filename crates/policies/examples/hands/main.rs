@@ -1,7 +1,7 @@
 //! Plays `hands` in rooms, the last included, and prints how each ended:
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
-//! `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
+//! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
 //! second into a phase, in another direction in each room). `S08 drive` lets it drive another simulator, as
 //! `python/benchmarks/hands_in_mujoco.py` does.
 #![allow(missing_docs)]
