@@ -10,8 +10,7 @@ use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use super::plan::ToolGoal;
-use super::room::{BULB_NAME, Shape};
+use super::shape::{BULB_NAME, Surroundings};
 
 /// The frame of a hand whose robot has no grasp of its own. Its x axis comes out of the back of the hand, the fingers point along -y.
 const HAND: &str = "right_hand_base_link";
@@ -33,11 +32,13 @@ pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pink
 /// Angles or targets of joints by name, rad.
 pub(super) type Angles = BTreeMap<String, f64>;
 
-/// Obstacles of the arm: shapes with the pose of their frame, in the world and in the hand.
-#[derive(Default)]
-pub(super) struct Surroundings {
-    pub in_world: Vec<(Shape, Isometry3<f64>)>,
-    pub in_hand: Vec<(Shape, Isometry3<f64>)>,
+/// Where something that the hand holds, or is to hold, is wanted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ToolGoal {
+    pub hand_from_tool: Isometry3<f64>,
+    pub world_from_tool: Isometry3<f64>,
+    /// Axis of the world through the tool's origin about which its turn does not matter.
+    pub free: Option<Vector3<f64>>,
 }
 
 /// A posture of the arm.

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
-use super::arm::{ARM, ELBOW, RightArm, STRAIGHT, TURN_M, heading};
+use super::arm::{ARM, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, heading};
 
 /// Angles of the arm from the shoulder down, rad.
 pub(super) type ArmAngles = [f64; ARMS / 2];
@@ -30,15 +30,6 @@ const HAVENS: usize = 1500;
 const SPREAD: f64 = 1.2;
 /// Share that the pelvis has in the torso's roll and pitch where the robot stands, as in `fiatlux_wbc`.
 const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
-
-/// Where something that the hand holds, or is to hold, is wanted.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct ToolGoal {
-    pub hand_from_tool: Isometry3<f64>,
-    pub world_from_tool: Isometry3<f64>,
-    /// Axis of the world through the tool's origin about which its turn does not matter.
-    pub free: Option<Vector3<f64>>,
-}
 
 impl RightArm {
     /// Sets pelvis and waist to where a command brings them, the feet staying and the centre of mass over them, while the arm has

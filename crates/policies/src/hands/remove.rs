@@ -9,8 +9,8 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm};
-use super::plan::{ArmAngles, ToolGoal};
+use super::arm::{Angles, FINGERS, Finger, RightArm, ToolGoal};
+use super::plan::ArmAngles;
 use super::room::GLASS;
 use super::skill::{Seen, Skill, parameters};
 use super::socket::Plug;

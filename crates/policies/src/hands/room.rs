@@ -2,13 +2,13 @@
 //! or in the hand.
 
 use fiatlux_client::PolicyError;
-use fiatlux_dynamics::{BodyId, Geometry, Material, ShapeSpec};
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Bulb;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
-use super::arm::{Surroundings, hand_link};
+use super::arm::hand_link;
+use super::shape::{BULB_NAME, Shape, Surroundings};
 use super::skill::{CAP, Seen};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m. These and all sizes below are those of
@@ -31,52 +31,6 @@ const RAIL: f64 = 0.016;
 const GUARD: [f64; 4] = [0.288, 0.27, 1.15, 1.845];
 /// Half extents of a wall, m.
 const WALL: [f64; 3] = [3.0, 3.0, 0.05];
-
-/// Names of the shapes of a bulb begin with this.
-pub(super) const BULB_NAME: &str = "bulb_";
-
-/// A shape, what carries it not yet decided.
-pub(super) struct Shape {
-    name: String,
-    pose: Isometry3<f64>,
-    geometry: Geometry,
-}
-
-impl Shape {
-    fn capsule(name: impl Into<String>, from: Vector3<f64>, to: Vector3<f64>, radius: f64) -> Self {
-        let along = to - from;
-        let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &along)
-            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
-        let pose = Isometry3::from_parts(Translation3::from((from + to) / 2.0), rotation);
-        let geometry = if along.norm() > 0.0 {
-            Geometry::Capsule { radius, half_length: along.norm() / 2.0 }
-        } else {
-            Geometry::Sphere { radius }
-        };
-        Self { name: name.into(), pose, geometry }
-    }
-
-    fn cuboid(name: &str, center: Vector3<f64>, half_extents: Vector3<f64>) -> Self {
-        Self {
-            name: name.into(),
-            pose: Isometry3::translation(center.x, center.y, center.z),
-            geometry: Geometry::Cuboid { half_extents },
-        }
-    }
-
-    /// On a body, in whose frame the shape's own frame is at `pose`.
-    pub fn on(self, body: BodyId, pose: &Isometry3<f64>, cull_group: u16) -> ShapeSpec {
-        ShapeSpec {
-            name: self.name,
-            body,
-            body_from_shape: pose * self.pose,
-            geometry: self.geometry,
-            material: Material { friction: 1.0, priority: 0 },
-            cull_group,
-            label: u32::MAX,
-        }
-    }
-}
 
 /// A bulb in its own frame.
 pub(super) fn bulb() -> Vec<Shape> {

@@ -8,8 +8,8 @@ use fiatlux_wbc::BodyCommand;
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::arm::RightArm;
-use super::plan::{ArmAngles, ToolGoal};
+use super::arm::{RightArm, ToolGoal};
+use super::plan::ArmAngles;
 use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
