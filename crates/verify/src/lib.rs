@@ -221,6 +221,8 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
         session: recorded.session.clone(),
         policy: recorded.policy.clone(),
         mode: recorded.mode,
+        // In lockstep, which the second run is in, no command expires.
+        command_timeout_s: recorded.command_timeout_s,
         sensors: recorded.sensors.clone(),
         image_width: recorded.image_width,
         image_height: recorded.image_height,
@@ -446,5 +448,14 @@ mod tests {
         let other = EpisodeHeader { seed: 1, ..simulated };
         let difference = first_difference(&comparable(other, &recorded), &recorded);
         assert_eq!(difference.map(|difference| difference.field), Some("seed".into()));
+    }
+
+    /// Guards that an episode in real time can be verified at all: the second run is in lockstep.
+    #[test]
+    fn real_time_is_no_difference() {
+        let mode = Mode::RealTime.into();
+        let recorded = EpisodeHeader { mode, command_timeout_s: 0.5, ..EpisodeHeader::default() };
+        let simulated = EpisodeHeader { mode: Mode::Lockstep.into(), ..EpisodeHeader::default() };
+        assert_eq!(first_difference(&comparable(simulated, &recorded), &recorded), None);
     }
 }
