@@ -59,8 +59,8 @@ impl Policy for Expert {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let plays = |skill: &Box<dyn Policy>| skill.tasks().iter().any(|known| known.short_id() == task);
-        self.playing = self.skills.iter().position(plays);
+        let plays = |skill: &dyn Policy| skill.tasks().iter().any(|known| known.short_id() == task);
+        self.playing = self.skills.iter().position(|skill| plays(skill.as_ref()));
         match self.playing {
             Some(index) => self.skills[index].reset(info, first),
             None => {
