@@ -21,7 +21,7 @@ from .policy import Policy, PolicyLike
 from .settings import Settings
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
-from .vector import Start, VectorEnv, WalkingVectorEnv
+from .vector import ClimbingVectorEnv, Start, VectorEnv, WalkingVectorEnv
 from .whole_body import WholeBody
 
 # Generated messages (fiatlux.v3) may be in another folder of the path.
@@ -34,6 +34,7 @@ __all__ = [
     "TASKS",
     "Bag",
     "Client",
+    "ClimbingVectorEnv",
     "Env",
     "Evaluation",
     "FiatluxError",

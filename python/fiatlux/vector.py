@@ -468,3 +468,69 @@ class WalkingVectorEnv(_Batch):
         common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
         batch = _native.Batch("walking", (settings, common))
         super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
+
+
+class ClimbingVectorEnv(_Batch):
+    """Many worlds in which a robot follows the plan of the ladder. Arguments not listed here are as in :class:`VectorEnv`.
+
+    The policy corrects the targets of legs and waist. Fields of the observation whose names begin with ``privileged.`` are for a
+    critic.
+
+    Args:
+        horizon_steps: Control steps until time-out.
+        until: End of the part of the plan that is followed, s.
+        starts: Ranges of the plan's times at which episodes begin, s, each as likely as the others.
+        rates: Range of the plan's seconds in a second.
+        backwards: Share of the episodes that go backwards.
+        holds: Share of the episodes that hold the pose at which they begin.
+        arms: Postures of the arms, 14 angles in rad each, in place of the plan's.
+        carries: Share of the episodes that have one of them.
+        reward_weights: Weights of the reward's terms, a second, where they are not to be the usual ones.
+
+    :attr:`reward_weights` has the weight of each term.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        num_threads: int | None = None,
+        seed: int = 0,
+        observation: ObservationForm = "flat",
+        horizon_steps: int = 500,
+        until: float = 1000.0,
+        starts: Sequence[tuple[float, float]] = ((0.0, 1000.0),),
+        rates: tuple[float, float] = (0.8, 2.2),
+        backwards: float = 0.5,
+        holds: float = 0.2,
+        arms: Sequence[Sequence[float]] = (),
+        carries: float = 0.0,
+        reward_weights: Mapping[str, float] | None = None,
+        judge: Judgement | None = None,
+        noise: bool = True,
+        robot: str = "g1_bare",
+        gains: str = "fiatlux",
+        ranges: Mapping[str, Any] | None = None,
+        variations: int = 64,
+        disturbances: Mapping[str, Any] | None = None,
+        copy: bool = True,
+        final_obs: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+    ) -> None:
+        settings: dict[str, Any] = {
+            "robot": robot,
+            "gains": gains,
+            "noise": noise,
+            "horizon_steps": whole("horizon_steps", horizon_steps, 1, MAX_SEED),
+            "until": until,
+            "starts": [list(pair) for pair in starts],
+            "rates": list(rates),
+            "backwards": backwards,
+            "holds": holds,
+            "arms": [list(posture) for posture in arms],
+            "carries": carries,
+            "reward_weights": dict(reward_weights or {}),
+        }
+        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
+        batch = _native.Batch("climbing", (settings, common))
+        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)

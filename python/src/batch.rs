@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
-    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Disturbances, MAX_STARTS, Rulebook,
-    Snapshot as Saved, Start, Task, Walking, WalkingOptions,
+    Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Climbing, ClimbingOptions, Disturbances,
+    MAX_STARTS, Rulebook, Snapshot as Saved, Start, Task, Walking, WalkingOptions,
 };
 use fiatlux_rules::Row;
-use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneKind, SceneSpec};
+use fiatlux_world::{EpisodeSpec, LadderPart, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
 use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
@@ -119,6 +119,24 @@ struct WalkingSettings {
     reward_weights: BTreeMap<String, f64>,
 }
 
+/// Settings of the climbing task.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct ClimbingSettings {
+    robot: String,
+    gains: String,
+    noise: bool,
+    horizon_steps: u64,
+    until: f64,
+    starts: Vec<[f64; 2]>,
+    rates: [f64; 2],
+    backwards: f64,
+    holds: f64,
+    arms: Vec<[f64; 14]>,
+    carries: f64,
+    reward_weights: BTreeMap<String, f64>,
+}
+
 fn error(error: BatchError) -> PyErr {
     match error {
         BatchError::Config { field, found, rule } => {
@@ -164,6 +182,9 @@ impl Batch {
         let mut worlds = if kind == "rulebook" {
             let (task, starts, settings, common): (String, Vec<StartOf>, Settings, Common<'_>) = arguments.extract()?;
             Self::rulebook(py, &task, starts, settings, common)?
+        } else if kind == "climbing" {
+            let (settings, common): (ClimbingSettings, Common<'_>) = arguments.extract()?;
+            Self::climbing(py, settings, common)?
         } else {
             let (settings, common): (WalkingSettings, Common<'_>) = arguments.extract()?;
             Self::walking(py, settings, common)?
@@ -185,6 +206,12 @@ impl Batch {
     #[staticmethod]
     fn walking_weights() -> BTreeMap<&'static str, f64> {
         WalkingOptions::usual_reward_weights().collect()
+    }
+
+    /// The usual weight of each term of the climbing task's reward, a second.
+    #[staticmethod]
+    fn climbing_weights() -> BTreeMap<&'static str, f64> {
+        ClimbingOptions::usual_reward_weights().collect()
     }
 
     #[getter]
@@ -438,6 +465,32 @@ impl Batch {
         };
         let walking = Walking::new(&scene, options).map_err(|error| refused(&*error))?;
         built(py, common.config(banks, disturbances)?, &walking)
+    }
+
+    fn climbing(py: Python<'_>, settings: ClimbingSettings, common: Common<'_>) -> PyResult<Worlds> {
+        let (robot, gains) = settings::robot(&settings.robot, &settings.gains)?;
+        let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
+        let parts = SceneParts { ladder: Some(LadderPart::Free), ..SceneParts::FLOOR };
+        let scene = Scene::build(&SceneConfig::default(), robot, SceneSpec::new(parts, 0, gains));
+        let scene = Arc::new(scene.map_err(|error| refused(&error))?);
+        let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
+        if build::action_delay(common.ranges.as_ref())?.is_some() {
+            return Err(PyValueError::new_err("ranges: action_delay is for the benchmark's tasks; climbing has none"));
+        }
+        let options = ClimbingOptions {
+            noise: settings.noise,
+            horizon_steps: settings.horizon_steps,
+            until: settings.until,
+            starts: settings.starts,
+            rates: settings.rates,
+            backwards: settings.backwards,
+            holds: settings.holds,
+            arms: settings.arms,
+            carries: settings.carries,
+            reward_weights: settings.reward_weights,
+        };
+        let climbing = Climbing::new(&scene, options).map_err(|error| refused(&*error))?;
+        built(py, common.config(banks, disturbances)?, &climbing)
     }
 
     fn copy_of(&self, world: usize) -> PyResult<Row> {

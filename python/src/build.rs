@@ -44,6 +44,20 @@ pub(crate) fn controller_contract(
     Ok(contract.map_err(|error| refused(&error))?.to_json())
 }
 
+/// The contract of a climbing policy trained with this version, as JSON.
+#[pyfunction]
+pub(crate) fn climber_contract(
+    hidden: Vec<usize>,
+    until: f64,
+    seed: u64,
+    samples: u64,
+    minutes: f64,
+    hardware: String,
+) -> PyResult<String> {
+    let contract = fiatlux_climb::Contract::of_this_version(&hidden, until, [seed, samples], minutes, hardware);
+    Ok(contract.map_err(|error| refused(&error))?.to_json())
+}
+
 pub(crate) fn task(name: &str) -> PyResult<Task> {
     let by_id = Task::ALL.into_iter().find(|task| task.id() == name);
     by_id.map_or_else(|| name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error)), Ok)

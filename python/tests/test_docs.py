@@ -26,7 +26,15 @@ def test_examples_run(page, tmp_path, monkeypatch):
             exec(code, names)
 
 
-def test_the_page_lists_the_terms_of_the_walking_reward_with_their_weights():
+@pytest.mark.parametrize(
+    "section, worlds",
+    [
+        ("What is trained", fiatlux.WalkingVectorEnv),
+        ("Following the plan of the ladder", fiatlux.ClimbingVectorEnv),
+    ],
+)
+def test_the_page_lists_the_terms_of_a_reward_with_their_weights(section, worlds):
     page = (ROOT / "docs/training.md").read_text()
-    listed = re.findall(r"^\| `(\w+)` \| (-?[\d.e-]+) \|", page, re.MULTILINE)
-    assert {name: float(weight) for name, weight in listed} == fiatlux.WalkingVectorEnv(1).reward_weights
+    text = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    listed = re.findall(r"^\| `(\w+)` \| (-?[\d.e-]+) \|", text, re.MULTILINE)
+    assert {name: float(weight) for name, weight in listed} == worlds(1).reward_weights

@@ -36,6 +36,7 @@
 mod bank;
 mod batch;
 mod buffers;
+mod climbing;
 mod config;
 mod disturbance;
 mod error;
@@ -51,6 +52,7 @@ mod workers;
 pub use bank::{Bank, Start};
 pub use batch::Batch;
 pub use buffers::{Buffers, Outputs};
+pub use climbing::{Climbing, ClimbingOptions};
 pub use config::{Autoreset, BatchConfig, MAX_STARTS, MAX_THREADS, MAX_WORLDS};
 pub use disturbance::{Disturbances, Pushes, Wrenches};
 pub use error::{BankError, BatchError, TaskError};

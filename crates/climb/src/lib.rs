@@ -6,22 +6,31 @@
 
 mod approach;
 mod body;
+mod network;
 mod plan;
 mod planner;
 mod player;
+mod reference;
+mod tracker;
 
 pub use approach::{approach, stand};
 pub use body::Body;
+pub use network::{Contract, Follower, Network, NetworkError};
 pub use plan::{JOINTS, Keyframe, Plan, PlanError};
 pub use planner::{Apart, Foothold, Places, Planner};
 pub use player::Player;
+pub use reference::{MOVED, Pose, Reference};
+pub use tracker::{ACTION_CLAMP, OBSERVATION, OBSERVED, Tracker, TrackerMemory};
+
+/// The file of the plan.
+const LADDER: &str = include_str!("ladder.txt");
 
 /// The plan of the step ladder, from the floor before it to its platform, backwards.
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.
 pub fn ladder() -> Result<Plan, PlanError> {
-    Plan::read(include_str!("ladder.txt"))
+    Plan::read(LADDER)
 }
 
 /// The plan from the platform of the step ladder to the floor before it, facing the ladder.

@@ -1,10 +1,12 @@
 //! The policy `climb`: up the step ladder, backwards, and down from its platform, by exact poses. Before it goes up, the whole-body
-//! controller turns the robot's back to the ladder; a plan is played with balance over each stance.
+//! controller turns the robot's back to the ladder; a plan is played with balance over each stance, or, upwards, from its first posture
+//! on by a network that follows it.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_climb::{Body, JOINTS, Plan, Player, approach, descent, ladder, stand};
+use fiatlux_climb::{Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, ladder, stand};
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
@@ -17,9 +19,10 @@ use crate::whole_body::WholeBody;
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
-    name: "climb",
-    does: "climbs the step ladder with free hands, up (S02, climb) and down (S12), by exact poses",
-    make: |_| Ok(Box::new(Climb::new()?)),
+    name: "climb[:FILE]",
+    does: "climbs the step ladder with free hands, up (S02, climb) and down (S12), by exact poses; climb:FILE goes up by a network of your \
+           own that follows the plan",
+    make: |file| Ok(Box::new(if file.is_empty() { Climb::new()? } else { Climb::with_network(file)? })),
 };
 
 /// Control steps for which the robot stands first, and before it begins to climb.
@@ -37,10 +40,14 @@ const GAIN: (f64, f64) = (0.6, 1.2);
 const STILL: f64 = 0.5;
 /// Speeds of the plans' times, up and down.
 const RATES: [f64; 2] = [2.0, 1.6];
+/// Speed of the plan's time where a network follows it.
+const NETWORK_RATE: f64 = 1.6;
 
 /// Climbs by a plan.
 pub struct Climb {
+    name: String,
     network: Arc<Network>,
+    climber: Option<Arc<fiatlux_climb::Network>>,
     episode: Option<Episode>,
 }
 
@@ -59,6 +66,9 @@ struct Episode {
     goes_down: bool,
     climbs: bool,
     player: Option<Player>,
+    /// Follows the plan in place of the player, which goes to the plan's first posture alone.
+    climber: Option<Arc<fiatlux_climb::Network>>,
+    follower: Option<Follower>,
 }
 
 impl Climb {
@@ -67,23 +77,40 @@ impl Climb {
     /// # Errors
     /// Its weights cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
-        let (_, network) = body::network("climb", "", "")?;
-        Ok(Self { network, episode: None })
+        let (name, network) = body::network("climb", "", "")?;
+        Ok(Self { name, network, climber: None, episode: None })
+    }
+
+    /// The same, but a network follows the plan from its first posture on.
+    ///
+    /// # Errors
+    /// A file that cannot be read or does not fit.
+    pub fn with_network(file: &str) -> Result<Self, PolicyError> {
+        let climber = fiatlux_climb::Network::read(Path::new(file)).map_err(PolicyError::of("climb"))?;
+        let name = body::label("climb", file, &[climber.digest()]);
+        Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
     }
 
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
     pub fn progress(&self) -> Option<(f64, f64)> {
-        self.episode.as_ref()?.player.as_ref().map(|player| (player.time(), player.seconds()))
+        let Episode { follower, player, .. } = self.episode.as_ref()?;
+        match follower {
+            Some(Follower { tracker, .. }) => Some((tracker.time(), tracker.reference().seconds())),
+            None => player.as_ref().map(|player| (player.time(), player.seconds())),
+        }
     }
 }
 
 impl Policy for Climb {
     fn name(&self) -> String {
-        "climb".into()
+        self.name.clone()
     }
 
     fn tasks(&self) -> &'static [Task] {
-        &[Task::S02, Task::S12, Task::Climb]
+        match self.climber {
+            None => &[Task::S02, Task::S12, Task::Climb],
+            Some(_) => &[Task::S02, Task::Climb],
+        }
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -95,7 +122,8 @@ impl Policy for Climb {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let (plan, goes_down) = match task {
             "S02" | "climb" => (ladder(), false),
-            "S12" => (descent(), true),
+            "S12" if self.climber.is_none() => (descent(), true),
+            "S12" => return Err(unfit("a network follows the plan upwards alone; play climb without a file".into())),
             _ => return Err(unfit(format!("it plays S02, S12 and climb, but this is {task}; use another policy"))),
         };
         let plan = plan.map_err(PolicyError::of("climb"))?;
@@ -122,6 +150,8 @@ impl Policy for Climb {
             goes_down,
             climbs: false,
             player: None,
+            climber: self.climber.clone(),
+            follower: None,
         });
         Ok(())
     }
@@ -132,9 +162,10 @@ impl Policy for Climb {
         let seen = seen.ok_or(PolicyError::Sensor { policy: "climb", sensor: "privileged" })?;
         let (pelvis, world_from_ladder) = (pose(seen.robot.as_ref())?, pose(seen.ladder.as_ref())?);
         let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
-        let angles = observation.proprioception.as_ref().map(|body| &body.joint_position);
-        let angles = angles.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
-        let angles: Vec<f64> = angles.iter().zip(&episode.q0).map(|(turned, q0)| f64::from(*turned) + q0).collect();
+        let sensed = observation.proprioception.as_ref();
+        let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
+        let angles = sensed.joint_position.iter().zip(&episode.q0).map(|(turned, q0)| f64::from(*turned) + q0);
+        let angles: Vec<f64> = angles.collect();
         if episode.player.is_none() && episode.goes_down {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }
@@ -145,6 +176,12 @@ impl Policy for Climb {
                 return Ok(goes_on);
             }
             episode.stand(&world_from_plan, &pelvis, &angles)?;
+        }
+        if let Some(follower) = &mut episode.follower {
+            let speeds: Vec<f64> = sensed.joint_velocity.iter().map(|speed| f64::from(*speed)).collect();
+            let mut targets = episode.q0.clone();
+            follower.step(&(world_from_plan.inverse() * pelvis), &angles, &speeds, &mut targets);
+            return Ok(Command::JointTarget(targets));
         }
         let targets = episode.climb(&world_from_plan, &pelvis, &angles)?;
         Ok(Command::JointTarget(targets))
@@ -217,11 +254,21 @@ impl Episode {
             let now: Vec<f64> = ids.joints.iter().take(JOINTS).map(|joint| player.state().qpos[joint.qpos]).collect();
             let here = world_from_plan.inverse() * pelvis;
             if let Some(mut plan) = first.and_then(|first| approach(player.body(), &here, &now, first)) {
-                plan.extend(self.plan.keyframes.iter().skip(1).cloned());
+                if self.climber.is_none() {
+                    plan.extend(self.plan.keyframes.iter().skip(1).cloned());
+                }
                 player.play(plan);
                 player.rate = RATES[usize::from(self.goes_down)];
             }
             self.climbs = true;
+        } else if player.time() > player.seconds() + STILL
+            && let Some(climber) = self.climber.take()
+        {
+            let (body, until) = (player.body().clone(), climber.contract().until);
+            let reference = Reference::new(&body, &self.plan, until).map_err(PolicyError::of("climb"))?;
+            let mut tracker = Tracker::new(Arc::new(body), Arc::new(reference));
+            tracker.restart(0.0, NETWORK_RATE);
+            self.follower = Some(Follower::new(climber, tracker));
         }
         Ok(player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec())
     }

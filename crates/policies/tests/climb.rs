@@ -16,7 +16,7 @@ fn it_climbs_the_ladder() {
         if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { &[Task::S02, Task::Climb] } else { &[Task::S02] };
     for &task in tasks {
         let mut highest = 0.0_f64;
-        let ended = play::play(task, 1000, |episode, _| {
+        let ended = play::play(Climb::new().unwrap(), task, 1000, |episode, _| {
             highest = highest.max(play::ladder_from_pelvis(episode.row()).translation.z);
         });
         let play::Played { cause, seconds, progress, height, ladder, effort } = ended.unwrap();
@@ -29,10 +29,28 @@ fn it_climbs_the_ladder() {
 /// Strict, from the platform to both feet on the floor.
 #[test]
 fn it_climbs_down() {
-    let ended = play::play(Task::S12, 1000, |_, _| ()).unwrap();
+    let ended = play::play(Climb::new().unwrap(), Task::S12, 1000, |_, _| ()).unwrap();
     let play::Played { cause, seconds, progress, height, ladder, effort } = ended;
     assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
     assert!(height < 0.85 && ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{height} {ladder:?} {effort}");
+}
+
+/// The trained network gets through S02 in a training room.
+#[test]
+fn the_network_follows_the_plan() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../climb/weights/climb.safetensors");
+    let climb = Climb::with_network(file).unwrap();
+    assert!(climb.name().starts_with("climb:climb.safetensors@"), "{}", climb.name());
+    let play::Played { cause, seconds, progress, height, ladder, .. } =
+        play::play(climb, Task::S02, 1000, |_, _| {}).unwrap();
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(height > 1.03 && ladder.0 < 1e-3 && ladder.1 < 1e-3, "{height} m, {ladder:?}");
+    let task = Some(TaskInfo { task: "S12".into(), ..TaskInfo::default() });
+    let refused = Climb::with_network(file)
+        .unwrap()
+        .reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default());
+    assert!(refused.unwrap_err().to_string().contains("upwards alone"));
+    assert!(Climb::with_network("missing.safetensors").is_err());
 }
 
 #[test]

@@ -2,12 +2,15 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors.torch import save_file
 
 from .. import _native
-from .run import load_checkpoint, settings_of
+from .climb import ClimbingWorlds
+from .climb import models as climbing_models
+from .run import kind_of, load_checkpoint, settings_of
 from .symmetry import FIELDS, _join
 from .walk import models
 from .worlds import WalkingWorlds
@@ -26,10 +29,68 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     Raises:
         ValueError: The checkpoint is not one, or is not to be exported; or the file has another ending or exists.
     """
+    _check_name(file, overwrites)
+    state = load_checkpoint(checkpoint)
+    if kind_of(state) == "climb":
+        tensors, contract, play = _climber(checkpoint, state, hardware)
+    else:
+        tensors, contract, play = _controller(checkpoint, hardware)
+    if not all(tensor.isfinite().all() for tensor in tensors.values()):
+        raise ValueError(f"{checkpoint} has numbers that are not finite; choose another checkpoint")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(".part")
+    save_file(tensors, part, metadata={"contract": contract})
+    # The library's file is for its owner alone.
+    umask = os.umask(0)
+    os.umask(umask)
+    part.chmod(0o666 & ~umask)
+    os.replace(part, file)
+    print(f"{file}: {file.stat().st_size} bytes, {state['progress']['samples'] / 1e6:.1f} M samples")
+    print(f"play it: {play.format(file)}")
+
+
+def _check_name(file: Path, overwrites: bool) -> None:
     if file.suffix != ".safetensors":
         raise ValueError(f"{file}: name a file that ends in .safetensors")
     if file.exists() and not overwrites:
         raise ValueError(f"{file} exists; name another file, or overwrite it with --force")
+
+
+Exported = tuple[dict[str, torch.Tensor], str, str]
+"""Tensors, contract, and a command that plays the file."""
+
+
+def _climber(checkpoint: Path, state: dict[str, Any], hardware: str) -> Exported:
+    settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
+    mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
+    actor, _ = climbing_models(ClimbingWorlds(1, "cpu", until=settings.until), settings)
+    actor.load_state_dict(weights)
+    layers = [part for part in actor.mlp if isinstance(part, torch.nn.Linear)]
+    parts = [[layer.weight.detach().double(), layer.bias.detach().double()] for layer in layers]
+    parts[0][0] = parts[0][0] / (deviation + actor.obs_normalizer.eps)
+    parts[0][1] = parts[0][1] - parts[0][0] @ mean
+    tensors = {}
+    for number, (weight, bias) in enumerate(parts):
+        tensors[f"layer{number}.weight"] = weight.float().contiguous()
+        tensors[f"layer{number}.bias"] = bias.float().contiguous()
+    random = torch.Generator().manual_seed(0)
+    observation = (mean + deviation * torch.randn(mean.shape, generator=random, dtype=torch.float64)).float()
+    actor.eval()
+    with torch.inference_mode():
+        action = actor.mlp(actor.obs_normalizer(observation[None]))[0]
+    tensors["check.observation"], tensors["check.action"] = observation, action.contiguous()
+    contract = _native.climber_contract(
+        list(settings.hidden),
+        settings.until,
+        settings.seed,
+        progress["samples"],
+        progress["seconds"] / 60,
+        hardware,
+    )
+    return tensors, contract, "fiatlux evaluate --policy climb:{} --tasks S02"
+
+
+def _controller(checkpoint: Path, hardware: str) -> Exported:
     state = load_checkpoint(checkpoint, "walk")
     settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
     if settings.without:
@@ -55,8 +116,6 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     for number, (weight, bias) in enumerate(halves):
         tensors[f"layer{number}.weight"] = weight.float().contiguous()
         tensors[f"layer{number}.bias"] = bias.float().contiguous()
-    if not all(tensor.isfinite().all() for tensor in tensors.values()):
-        raise ValueError(f"{checkpoint} has numbers that are not finite; choose another checkpoint")
 
     def network(numbers: torch.Tensor) -> torch.Tensor:
         for number, (weight, bias) in enumerate(layers):
@@ -70,13 +129,4 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     contract = _native.controller_contract(
         FRAMES, list(settings.hidden), settings.seed, progress["samples"], progress["seconds"] / 60, hardware
     )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(".part")
-    save_file(tensors, part, metadata={"contract": contract})
-    # The library's file is for its owner alone.
-    umask = os.umask(0)
-    os.umask(umask)
-    part.chmod(0o666 & ~umask)
-    os.replace(part, file)
-    print(f"{file}: {file.stat().st_size} bytes, {progress['samples'] / 1e6:.1f} M samples")
-    print(f"play it: fiatlux evaluate --policy wbc:{file},vx=0.4 --tasks S07")
+    return tensors, contract, "fiatlux evaluate --policy wbc:{},vx=0.4 --tasks S07"

@@ -8,10 +8,10 @@ from typing import Any
 
 from .._progress import Line, duration
 from ..tasks import TASKS
-from . import ppo, walk
+from . import climb, ppo, walk
 from .evaluation import SECOND, TESTS, measure
 from .run import device_of, kind_of, load_checkpoint, settings_of
-from .settings import SCENES, Baseline
+from .settings import SCENES, Baseline, Climb
 from .worlds import WalkingWorlds
 
 
@@ -30,6 +30,8 @@ def main(
     device = device_of(device)
     if kind_of(state) == "ppo":
         return _baseline(state, settings, device, episodes, threads, as_json)
+    if kind_of(state) == "climb":
+        return _climber(state, settings, device, episodes, threads, as_json)
     unknown = [name for name in tests or () if name not in TESTS]
     if unknown:
         raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
@@ -63,6 +65,23 @@ def main(
     return 0
 
 
+def _climber(
+    state: Mapping[str, Any], settings: Climb, device: str, episodes: int, threads: int | None, as_json: bool
+) -> int:
+    """Prints the test of a policy that follows the plan of the ladder."""
+    worlds = climb.ClimbingWorlds(1, device, until=settings.until)
+    actor, _ = climb.models(worlds, settings)
+    worlds.env.close()
+    actor.load_state_dict(state["ppo"]["actor_state_dict"])
+    found, _ = climb.measure(actor.to(device), settings, device, threads, episodes)
+    _show_list({"samples": state["progress"]["samples"], "episodes": episodes, **found}, as_json)
+    return 0
+
+
+def _show_list(table: Mapping[str, Any], as_json: bool) -> None:
+    print(json.dumps(table, indent=2) if as_json else "\n".join(f"{name:15}{value}" for name, value in table.items()))
+
+
 def _baseline(
     state: Mapping[str, Any], settings: Baseline, device: str, episodes: int, threads: int | None, as_json: bool
 ) -> int:
@@ -80,6 +99,5 @@ def _baseline(
 
     found = ppo.measure(actor.to(device), settings, device, threads, episodes, progress=show)
     line.show("")
-    table = {"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}
-    print(json.dumps(table, indent=2) if as_json else "\n".join(f"{name:15}{value}" for name, value in table.items()))
+    _show_list({"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}, as_json)
     return 0

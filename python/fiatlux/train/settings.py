@@ -134,13 +134,48 @@ class Baseline(Settings):
             )
 
 
-KINDS: dict[str, type[Settings]] = {"walk": Walk, "ppo": Baseline}
+@dataclass(frozen=True)
+class Climb(Settings):
+    """Settings of a run of the policy that follows the plan of the ladder."""
+
+    hidden: tuple[int, ...] = _of((512, 256, 128), "sizes of the policy's hidden layers", 2)
+    critic: tuple[int, ...] = _of((512, 256, 128), "sizes of the critic's hidden layers", 2)
+    until: float = _of(1000.0, "end of the part of the plan that is followed, s", 1, 1000)
+    low: float = _of(
+        0.4, "share of the episodes that begin below the second tread, besides those that begin anywhere", 0, 0.9
+    )
+    backwards: float = _of(0.5, "share of the episodes that follow the plan backwards", 0, 1)
+    carries: float = _of(0.3, "share of the episodes in which the right arm is held as if it carried a bulb", 0, 1)
+    holds: float = _of(0.2, "share of the episodes that hold the pose at which they begin", 0, 1)
+    horizon: int = _of(800, "control steps of an episode", 1)
+    entropy: float = _of(0.001, "weight of the entropy", 0)
+    std: float = _of(0.35, "standard deviation of an action at first", 0.01, 1)
+    least_std: float = _of(0.05, "least standard deviation of an action", 0.001, 1)
+    pushes: float = _of(0.1, "size of pushes, m/s an axis", 0)
+    robot: str = _of("g1_bare", "robot")
+    reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        climbing_weights_of(self.reward)
+
+
+KINDS: dict[str, type[Settings]] = {"walk": Walk, "climb": Climb, "ppo": Baseline}
 """Settings of each command that trains."""
 
 
 def weights_of(given: tuple[str, ...]) -> dict[str, float]:
-    """Weights of the reward that are given as NAME=WEIGHT."""
-    known, weights = _native.Batch.walking_weights(), {}
+    """Weights of the walking task's reward that are given as NAME=WEIGHT."""
+    return _weights_of(given, _native.Batch.walking_weights())
+
+
+def climbing_weights_of(given: tuple[str, ...]) -> dict[str, float]:
+    """The same of the climbing task's reward."""
+    return _weights_of(given, _native.Batch.climbing_weights())
+
+
+def _weights_of(given: tuple[str, ...], known: dict[str, float]) -> dict[str, float]:
+    weights = {}
     for pair in given:
         name, _, weight = pair.partition("=")
         if name not in known:

@@ -23,6 +23,7 @@ from fiatlux.train.settings import Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import models  # noqa: E402
 from fiatlux.train.worlds import WalkingWorlds  # noqa: E402
+from safetensors import safe_open  # noqa: E402
 
 
 def test_reflected_observations_give_reflected_actions_and_equal_values():
@@ -266,3 +267,30 @@ def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):
         assert usual in block
         block = block.replace(usual, small)
     exec(compile(block, "vector.md", "exec"), {"fiatlux": fiatlux})
+
+
+def test_a_policy_that_follows_the_plan_is_trained_resumed_tested_and_exported(tmp_path):
+    out, file = tmp_path / "climb", tmp_path / "climb.safetensors"
+    small = [*SMALL, "--worlds", "16", "--segment", "1", "--batches", "2"]
+    code, said, _ = run("climb", "--out", out, *small, "--samples", 128)
+    assert code == 0 and "action_rate" in said, said
+    code, _, _ = run("climb", "--out", out, "--resume", "--samples", 256)
+    assert code == 0
+    with (out / "curve.csv").open(newline="") as curve:
+        assert [row["samples"] for row in csv.DictReader(curve)] == ["128", "256"]
+    code, said, _ = run("evaluate", out / "last.pt", "--episodes", 2, "--json")
+    found = json.loads(said)
+    assert code == 0 and found["samples"] == 256 and found["up"] == found["down"] == 0.0, found
+    code, said, failed = run("export", out / "last.pt", file, "--hardware", "a test")
+    assert code == 0 and "climb:" in said, failed
+    with safe_open(str(file), "pt") as tensors:
+        contract = json.loads(tensors.metadata()["contract"])
+        assert contract["layers"][1:] == [32, 32, 15] and contract["samples"] == 256
+        # The file's layers are the policy, the scales of its inputs included.
+        numbers = tensors.get_tensor("check.observation")
+        for number in range(3):
+            numbers = tensors.get_tensor(f"layer{number}.weight") @ numbers + tensors.get_tensor(f"layer{number}.bias")
+            numbers = torch.nn.functional.elu(numbers) if number < 2 else numbers
+        torch.testing.assert_close(numbers, tensors.get_tensor("check.action"), atol=1e-5, rtol=1e-4)
+    code, _, failed = run("climb", "--out", tmp_path / "other", "--reward", "height=1")
+    assert code == 2 and "height" in failed

@@ -1,6 +1,7 @@
 //! The plan of the ladder, played on the free ladder as a session does it: noise on the joints' angles, targets clamped.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+mod network;
 #[path = "../../../kinematics/tests/it/room.rs"]
 mod room;
 

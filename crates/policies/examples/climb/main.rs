@@ -1,5 +1,6 @@
 //! Plays `climb` in rooms, the last included, on all cores, and prints how each ended:
-//! `cargo run -p fiatlux-policies --example climb -- S02 1000..1003 [trace]`.
+//! `cargo run -p fiatlux-policies --example climb -- S02 1000..1003 [trace] [FILE.safetensors]`, with the network in the file where
+//! one is named.
 #![allow(missing_docs)]
 
 mod play;
@@ -7,6 +8,7 @@ mod play;
 use std::error::Error;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use fiatlux_policies::Climb;
 use fiatlux_rules::{CONTROL_DT, Cause, Task};
 use fiatlux_world::Episode;
 
@@ -14,11 +16,15 @@ use play::{Played, ladder_from_pelvis, play};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [task, seeds, rest @ ..] = arguments.as_slice() else { return Err("TASK FIRST..LAST [trace]".into()) };
+    let [task, seeds, rest @ ..] = arguments.as_slice() else {
+        return Err("TASK FIRST..LAST [trace] [FILE.safetensors]".into());
+    };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
     let (first, last) = (first.parse::<u64>()?, last.parse::<u64>()?);
     let trace = rest.iter().any(|word| word == "trace");
+    let file = rest.iter().find(|word| word.ends_with(".safetensors"));
+    let climb = || file.map_or_else(Climb::new, |file| Climb::with_network(file));
     let (next, won) = (AtomicU64::new(first), AtomicU64::new(0));
     let play_on = || {
         loop {
@@ -26,11 +32,12 @@ fn main() -> Result<(), Box<dyn Error>> {
             if seed > last {
                 return;
             }
-            match play(task, seed, |episode, time| {
-                if trace && episode.row().step % 25 == 0 {
+            let watch = |episode: &Episode, time| {
+                if trace && episode.row().step.is_multiple_of(25) {
                     print_state(episode, time);
                 }
-            }) {
+            };
+            match climb().map_err(Into::into).and_then(|climb| play(climb, task, seed, watch)) {
                 Ok(Played { cause, seconds, progress, height, ladder, effort }) => {
                     println!(
                         "{seed}: {cause:?} after {seconds:.1} s, plan {progress:.1?} s, pelvis {height:.2} m, ladder {:.1} mm and \

@@ -39,8 +39,12 @@ pub fn ladder_from_pelvis(row: &Row) -> Isometry3<f64> {
 }
 
 /// Plays the first episode of a room. `watch` is given each state and the time in the plan, s.
-pub fn play(task: Task, seed: u64, mut watch: impl FnMut(&Episode, Option<f64>)) -> Result<Played, Box<dyn Error>> {
-    let mut climb = Climb::new()?;
+pub fn play(
+    mut climb: Climb,
+    task: Task,
+    seed: u64,
+    mut watch: impl FnMut(&Episode, Option<f64>),
+) -> Result<Played, Box<dyn Error>> {
     let robot = Arc::new(Robot::g1_inspire()?);
     let gains = robot.gains(GainSet::default());
     let spec = EpisodeSpec::new(task, seed, 0);
