@@ -1,4 +1,4 @@
-//! What a recorded control step is spent on, part by part.
+//! Times of the parts of a recorded control step.
 
 use std::fmt;
 use std::hint::black_box;
@@ -208,7 +208,7 @@ fn play(options: &ShareOptions, folder: &Path) -> Result<Clock, BenchError> {
     Ok(clock)
 }
 
-/// What a scorer does: reads the rows, judges them again and continues their digest.
+/// The work of a scorer: reads the rows, judges them again and continues their digest.
 fn grade(
     path: &Path,
     layout: fiatlux_rules::RobotLayout,

@@ -129,7 +129,7 @@ pub trait Transport: Send + Sync {
     /// Identifies this peer among all that it can reach.
     fn id(&self) -> String;
 
-    /// Whether messages are delivered in the thread that sends them, which can then do what they ask for.
+    /// True where messages are delivered in the thread that sends them, which can then do what they ask for.
     fn delivers_in_place(&self) -> bool {
         false
     }

@@ -25,7 +25,7 @@ const PLATFORM_DEPTH: f64 = 0.35;
 const ASIDE: f64 = 0.11;
 const OFFSET: f64 = -0.01;
 
-/// How the robot goes up.
+/// The way in which the robot goes up.
 #[derive(Debug, Clone, Copy)]
 struct Way {
     /// 1 with the face to the ladder, -1 with the back to it.

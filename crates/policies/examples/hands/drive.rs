@@ -8,7 +8,7 @@ use fiatlux_policies::Hands;
 use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo};
 use serde::Deserialize;
 
-/// What the other simulator measures; joints and hand bodies in the order of the first line out, quaternions w first.
+/// Measurements of the other simulator; joints and hand bodies in the order of the first line out, quaternions w first.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {

@@ -99,7 +99,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// Whether all rays of a group pass it by, by far more than rounding.
+    /// True if all rays of a group pass it by, by far more than rounding.
     #[inline(always)]
     fn misses(&self, x: &[f64], y: &[f64], z: &[f64], from: usize) -> bool {
         /// Of the difference of two squares of distances, m^2.
