@@ -28,7 +28,7 @@ pub struct TeleopArgs {
     #[arg(long)]
     task: Task,
     /// Layout seed of the first room.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = fiatlux_client::parse_seed, allow_hyphen_values = true)]
     seed: u64,
     /// Folder of the takes, a bag each.
     #[arg(long, value_name = "DIR", default_value = "takes")]

@@ -2,7 +2,7 @@
 //! load, fit the room and turn in their joints.
 //!
 //! One trial is one fresh simulation. The paper states what is tried and how often, but neither heights nor forces nor bounds:
-//! those are constants of the trials' modules. [`trials`] lists the trials of some objects and runs them.
+//! those are constants of the trials' modules. [`trials()`] lists the trials of some objects and runs them.
 
 mod error;
 mod rig;
