@@ -1,6 +1,6 @@
 """Tests that the scripts of `benchmarks/` run, in short forms. Those that compare with MuJoCo are skipped without it.
 
-`FIATLUX_TEST_RUN` names a folder of bags.
+`FIATLUX_TEST_RUN` names a folder of bags, `FIATLUX_PROGRAMS` one with built programs and, below it, `examples`.
 """
 
 import importlib.util
@@ -14,12 +14,15 @@ import pytest
 
 SCRIPTS = pathlib.Path(__file__).resolve().parents[1] / "benchmarks"
 RUN = os.environ.get("FIATLUX_TEST_RUN")
+PROGRAMS = os.environ.get("FIATLUX_PROGRAMS")
+HANDS = PROGRAMS and f"{PROGRAMS}/examples/hands"
 SHORT = {
     "vector.py": ["--worlds", "4", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "stand_and_reach.py": ["--episodes", "1", "--reaches", "1"],
     "motors.py": [RUN],
     "mujoco_rollout.py": ["--worlds", "8", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "walk_in_mujoco.py": ["--episodes", "1"],
+    "hands_in_mujoco.py": ["--tasks", "S08", "--rooms", "1", "--program", HANDS],
 }
 
 
@@ -32,7 +35,7 @@ def test_it_runs(name):
     if "mujoco" in name and importlib.util.find_spec("mujoco") is None and "FIATLUX_EXTRAS" not in os.environ:
         pytest.skip("the extra mujoco is not installed")
     if None in SHORT[name]:
-        pytest.skip("FIATLUX_TEST_RUN is not set")
+        pytest.skip("FIATLUX_TEST_RUN or FIATLUX_PROGRAMS is not set")
     command = [sys.executable, SCRIPTS / name, *SHORT[name], "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
