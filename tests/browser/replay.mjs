@@ -104,6 +104,8 @@ async function replay(name, url, settings) {
     timeout: PATIENCE_MS,
   });
   await page.keyboard.press("Space");
+  // The picture that was asked for while it played comes once more, and tells of no rate.
+  await drawn(page);
   const paused = await clock(page);
   await page.waitForTimeout(300);
   check((await clock(page)) === paused, `${name}: the space bar plays and pauses`);
