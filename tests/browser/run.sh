@@ -6,7 +6,8 @@
 #
 # Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX, SCORER and
 # SIM_SERVER name the programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played
-# otherwise. ONLY=replay, ONLY=leaderboard or ONLY=teleop leaves the others out.
+# otherwise. ONLY=replay, ONLY=leaderboard or ONLY=teleop leaves the others out; ONLY=grab is none of them:
+# an emulated headset takes the bulb of S08 in real time.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
@@ -107,12 +108,13 @@ case "${ONLY:-all}" in
     leaderboard) leaderboard ;;
     teleop)
         drive walk S07 65 2
-        drive grab S08 65 1
+        drive headset S08 65 0
         ;;
+    grab) drive grab S08 65 1 ;;
     *)
         replays
         leaderboard
         drive walk S07 65 2
-        drive grab S08 65 1
+        drive headset S08 65 0
         ;;
 esac
