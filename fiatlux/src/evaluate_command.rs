@@ -76,16 +76,21 @@ pub struct EvaluateArgs {
 impl EvaluateArgs {
     /// Number of threads, or of episodes at once.
     fn workers(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.workers.map_or_else(cores, usize::from)
+        workers(self.workers)
     }
 }
 
+/// Number of threads, one for each core unless the user says otherwise.
+pub(crate) fn workers(given: Option<u16>) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    given.map_or_else(cores, usize::from)
+}
+
 /// Exit code for a wrong command line.
-const USAGE: u8 = 2;
+pub(crate) const USAGE: u8 = 2;
 
 /// Why a policy cannot be evaluated.
-fn unfit(policies: &Policies, name: &str) -> Option<String> {
+pub(crate) fn unfit(policies: &Policies, name: &str) -> Option<String> {
     if fiatlux_policies::replayed_bag(name).is_some() {
         return Some(
             "a bag holds one episode; replay it with policy-client run, or compare it with scorer verify".into(),

@@ -3,6 +3,7 @@
 //! - [`render`]: recorded episodes as a video, a still or a folder of pictures.
 //! - [`keys`]: keys, certificates and configs of an installation on several machines.
 
+mod demonstrate_command;
 mod evaluate_command;
 #[allow(missing_docs)] // Used by this program and its tests.
 pub mod keys;
@@ -39,6 +40,14 @@ enum Command {
     /// what is finished; the same command then continues.
     #[command(after_help = evaluate_command::EXAMPLES)]
     Evaluate(Box<evaluate_command::EvaluateArgs>),
+    /// Records clean demonstrations of one task in training rooms, and makes a LeRobot data set of them.
+    ///
+    /// Plays rooms from seed 1000 on, several at once, until N episodes passed the strict gate with nothing dropped or broken.
+    /// Their bags are in OUT/bags, with the camera's images, proprioception, actions, commands to the whole-body controller and
+    /// the instruction; everything that was played is in OUT/played. Ctrl-C stops cleanly; the same command then
+    /// continues, and one with more episodes adds to what is there.
+    #[command(after_help = demonstrate_command::EXAMPLES)]
+    Demonstrate(Box<demonstrate_command::DemonstrateArgs>),
     /// Makes a video, a folder of pictures or a still of recorded episodes.
     ///
     /// Needs no graphics driver. A video needs ffmpeg in PATH; without it the frames are written as PNG files. Ctrl-C
@@ -81,6 +90,7 @@ enum Command {
 pub fn run(policies: Policies) -> ExitCode {
     let done = match fiatlux_cli::parse::<Cli>().command {
         Command::Evaluate(args) => evaluate_command::run(&args, policies),
+        Command::Demonstrate(args) => demonstrate_command::run(&args, policies),
         Command::Render(args) => render_command::run(&args),
         Command::View(args) => view_command::run(&args),
         Command::Teleop(args) => teleop_command::run(&args),

@@ -88,13 +88,7 @@ def export_lerobot(
         ValueError: There are no bags, a bag was cut or has no proprioception or commands, bags are of different robots, a term
             is unknown, ``fps`` does not divide 50, or ``OUT.part`` is of a call with other bags or arguments.
     """
-    try:
-        from lerobot.datasets.aggregate import aggregate_datasets
-        from lerobot.datasets.lerobot_dataset import LeRobotDataset
-    except ImportError as error:
-        raise ImportError(
-            "export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
-        ) from error
+    aggregate_datasets, LeRobotDataset = writer()
     if fps <= 0 or ROWS_PER_SECOND % fps != 0:
         raise ValueError(f"fps is {fps}; give 50 divided by a whole number, such as 50, 25 or 10")
     unknown = [name for name in state if name not in _SENSED]
@@ -144,6 +138,22 @@ def export_lerobot(
         aggregate_datasets([repo_id] * len(parts), repo_id, parts, whole)
         whole.rename(out)
     return out
+
+
+def writer() -> tuple[Any, Any]:
+    """LeRobot's function that joins data sets, and its class of one.
+
+    Raises:
+        ImportError: ``lerobot`` is not installed.
+    """
+    try:
+        from lerobot.datasets.aggregate import aggregate_datasets
+        from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    except ImportError as error:
+        raise ImportError(
+            "export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
+        ) from error
+    return aggregate_datasets, LeRobotDataset
 
 
 @contextmanager
@@ -236,6 +246,8 @@ def _features(
         **{f"episode.{name}": one("string") for name in _CHOSEN},
         "episode.conditions": several(list(_drawn(header))),
     }
+    if _has_commands(bag, action):
+        features["command"] = several(list(COMMAND))
     for name, images in _images(bag).items():
         height, width, _ = next(iter(images.values())).shape
         features[f"observation.images.{name}"] = {
@@ -256,6 +268,11 @@ def _commands(bag: Bag) -> NDArray[np.float32] | None:
     if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_native.BODY_COMMAND_KEYS] * rows:
         return None
     return values
+
+
+def _has_commands(bag: Bag, action: ActionForm) -> bool:
+    """The commands stand next to the joints' actions. Those of a session that delays actions act later than their row."""
+    return action == "joints" and _delay(bag) == 0 and _commands(bag) is not None
 
 
 def _delay(bag: Bag) -> int:
@@ -280,6 +297,7 @@ def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> 
     # The action of row k + 1 acted from row k on. A bag has commands as they were sent, and none acts before the delay is over.
     first = _delay(bag) if action == "command" else 0
     commands = _commands(bag) if action == "command" else None
+    besides = _commands(bag) if _has_commands(bag, action) else None
     actions = bag["/state"]["action"][1:] if commands is None else commands
     ages = _ages(bag)
     sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in terms]
@@ -312,6 +330,7 @@ def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> 
             "next.done": np.array([last == rows]),
             "next.success": np.array([last == rows and bool(verdict["success"])]),
             **whole_episode,
+            **({} if besides is None else {"command": besides[row]}),
             **{name: latest[name] for name in images},
         }
 

@@ -1,7 +1,10 @@
 """Tests which action a frame of a data set has. `extras/test_lerobot.py` writes real data sets."""
 
+import importlib.util
+
 import numpy as np
 import pytest
+from fiatlux import lerobot
 from fiatlux.dataset import _commands, _features, _frames
 
 ROWS, JOINTS = 8, 3
@@ -99,3 +102,13 @@ def test_commands_that_are_missing_are_refused(tmp_path):
         _features(Recorded(commands=None), tmp_path, TERMS, "command", "image")
     with pytest.raises(ValueError, match="ended before its first command acted"):
         _features(Recorded(ROWS), tmp_path, TERMS, "command", "image")
+
+
+def test_the_command_says_what_it_needs(capsys):
+    """The launcher asks this before it records anything."""
+    if importlib.util.find_spec("lerobot") is None:
+        assert lerobot.main(["--check"]) == 1
+        assert "its extra lerobot" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        lerobot.main([])
+    assert "name bags" in capsys.readouterr().err

@@ -138,6 +138,15 @@ impl SessionArgs {
         }
     }
 
+    /// Records a large sensor at the default rate, unless the user named some.
+    #[must_use]
+    pub fn recording(mut self, sensor: &str) -> Self {
+        if self.record.is_empty() {
+            self.record.push(sensor.into());
+        }
+        self
+    }
+
     /// Reduces the path of the weights to a name in a folder, and returns the folder, for a server in the same process.
     pub fn split_weights(&mut self) -> Option<PathBuf> {
         let path = PathBuf::from(self.weights.as_ref()?);

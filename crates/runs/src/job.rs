@@ -7,7 +7,7 @@ use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
-use fiatlux_rules::Task;
+use fiatlux_rules::{ReservedSeed, Task};
 use fiatlux_server::{RecorderError, ServerError};
 use fiatlux_world::SceneConfig;
 use thiserror::Error;
@@ -106,6 +106,9 @@ pub enum EvaluateError {
     Ledger(#[from] fiatlux_bag::run::LedgerError),
     #[error("cannot grade the bags")]
     Score(#[from] ScoreError),
+    /// Demonstrations would be played in a room that is not for training.
+    #[error(transparent)]
+    Seed(#[from] ReservedSeed),
 }
 
 pub(super) fn job_bags(jobs: &[Job], bags: &Path) -> Vec<PathBuf> {

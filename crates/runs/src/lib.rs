@@ -2,6 +2,7 @@
 //!
 //! Every episode is a session like any other: the policy sees only messages, and the scorer sees only bags.
 #![allow(missing_docs)] // Used in this repository alone.
+mod demonstrate;
 mod done;
 mod external;
 mod job;
@@ -16,6 +17,7 @@ use fiatlux_client::{RunProgress, check_tasks};
 use fiatlux_grading::Results;
 use fiatlux_server::ServerOptions;
 
+pub use demonstrate::{BAGS, DemonstrateOptions, Demonstrated, Demonstration, demonstrate};
 pub use external::{ExternalOptions, ExternalProgress, evaluate_external, evaluate_run};
 pub use job::{EvaluateError, EvaluateOptions};
 use job::{Job, SERVER, folder, grade, job_bags};

@@ -1,0 +1,191 @@
+//! The command `fiatlux demonstrate`.
+
+mod lerobot;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use fiatlux_cli::ProgressLine;
+use fiatlux_client::{RunProgress, SessionArgs};
+use fiatlux_policies::Policies;
+use fiatlux_proto::plain;
+use fiatlux_proto::v3::OpenRequest;
+use fiatlux_rules::{CONTROL_DT, SeedOwner, Task};
+use fiatlux_runs::{BAGS, DemonstrateOptions, Demonstrated, EvaluateOptions, demonstrate};
+use fiatlux_world::SceneConfig;
+use lerobot::LeRobot;
+use serde_json::json;
+
+use crate::evaluate_command::{USAGE, unfit, workers};
+
+/// Shown below the options.
+pub const EXAMPLES: &str = "Examples:
+  fiatlux demonstrate --task S08 --episodes 100 --out demos/s08
+  fiatlux demonstrate --task S08 --episodes 100 --out demos/s08 --lerobot --python venv/bin/python
+                                                          and a LeRobot data set in demos/s08/lerobot
+  fiatlux demonstrate --task S05 --policy walk --episodes 20 --out demos/s05 --record camera@25 --image 128x128
+  python -m fiatlux.lerobot demos/s08/bags --out set --fps 10 --action command
+                                                          a data set of other columns and rates, from the same bags
+
+Exit codes: 0 ok, 1 failed, 2 usage, 3 stopped, or fewer episodes than asked for.";
+
+/// Options of the command.
+#[derive(Debug, Args)]
+pub struct DemonstrateArgs {
+    /// Task to demonstrate, such as S08.
+    #[arg(long)]
+    task: Task,
+    /// Number of demonstrations.
+    #[arg(long, value_name = "N", default_value = "100", value_parser = fiatlux_cli::whole::<u32>(1..=100_000))]
+    episodes: u32,
+    /// Output folder; one for each task.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Policy that demonstrates: expert or another of those that `policy-client list --policies` lists.
+    #[arg(long, default_value = "expert")]
+    policy: String,
+    /// Keep episodes that failed, or in which a bulb was dropped or broken, too: the first N that are played.
+    #[arg(long)]
+    unclean: bool,
+    /// Also make a LeRobot data set in OUT/lerobot. Needs a Python with the Fiatlux wheel and its extra `lerobot`.
+    #[arg(long)]
+    lerobot: bool,
+    /// With --lerobot: that Python [default: python3].
+    #[arg(long, value_name = "PROGRAM", requires = "lerobot")]
+    python: Option<PathBuf>,
+    /// Seed of the first room; rooms from 1000 on are for training.
+    #[arg(long, value_name = "SEED", default_value_t = *SeedOwner::Training.seeds().start())]
+    first_seed: u64,
+    /// Number of rooms to play at most [default: four times the episodes].
+    #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<u32>(1..=400_000))]
+    max_rooms: Option<u32>,
+    /// Number of episodes at once [default: one for each core].
+    #[arg(long, value_parser = fiatlux_cli::whole::<u16>(1..=256))]
+    workers: Option<u16>,
+    /// Print the outcome as JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+impl DemonstrateArgs {
+    /// What is wrong with the command line.
+    fn problem(&self, policies: &Policies) -> Option<String> {
+        if let Some(problem) = unfit(policies, &self.policy) {
+            return Some(format!("--policy {}: {problem}", plain(&self.policy)));
+        }
+        if let Err(error) = SeedOwner::check_training(self.first_seed) {
+            return Some(format!("--first-seed: {error}"));
+        }
+        let mut request = OpenRequest::default();
+        self.session.apply(&mut request);
+        (request.episode_protocol == "published")
+            .then(|| "--protocol published: demonstrations are judged by the strict protocol; leave it out".into())
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCode> {
+    fiatlux_cli::init_quiet_log();
+    if let Some(problem) = args.problem(&policies) {
+        fiatlux_cli::print_error(problem);
+        return Ok(ExitCode::from(USAGE));
+    }
+    // Before an hour is spent on bags.
+    let lerobot = args.lerobot.then(|| LeRobot::find(args.python.as_deref(), &args.out)).transpose()?;
+    let mut session = args.session.clone().recording("camera");
+    let options = DemonstrateOptions {
+        evaluation: EvaluateOptions {
+            policies,
+            policy: args.policy.clone(),
+            tasks: Vec::new(),
+            seeds: Vec::new(),
+            out: args.out.clone(),
+            workers: workers(args.workers),
+            weights: session.split_weights(),
+            meshes: None,
+            scene: SceneConfig::default(),
+            session,
+        },
+        task: args.task,
+        episodes: args.episodes as usize,
+        first_seed: args.first_seed,
+        max_rooms: args.max_rooms.unwrap_or(4 * args.episodes) as usize,
+        unclean: args.unclean,
+    };
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
+    let line = ProgressLine::default();
+    let done = demonstrate(&options, &stop, &mut |rooms, now| line.show(|| look(&line, rooms, now)));
+    line.clear();
+    let done = done?;
+    for lost in &done.outcome.lost {
+        fiatlux_cli::report(format!("lost: {lost}"));
+    }
+    let is_whole = done.kept.len() >= options.episodes;
+    let data_set = match lerobot {
+        Some(lerobot) if is_whole => Some(lerobot.export(&args.out.join(BAGS), &done.kept)?),
+        _ => None,
+    };
+    print(args, &done, data_set.as_ref())?;
+    if !is_whole {
+        let goes_on = if done.outcome.stopped {
+            "stopped before the end; the same command goes on from here"
+        } else {
+            "too few were clean; raise --max-rooms, keep failures with --unclean, or use another policy"
+        };
+        fiatlux_cli::report(format!("{} of {} demonstrations; {goes_on}", done.kept.len(), options.episodes));
+    }
+    Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+fn print(args: &DemonstrateArgs, done: &Demonstrated, data_set: Option<&PathBuf>) -> anyhow::Result<()> {
+    let seconds = done.kept.iter().map(|kept| kept.steps as f64 * CONTROL_DT).fold(0.0, |sum, seconds| sum + seconds);
+    if args.json {
+        let episodes = done
+            .kept
+            .iter()
+            .map(|kept| json!({ "seed": kept.seed, "bag": kept.bag, "steps": kept.steps, "clean": kept.clean }));
+        let text = json!({
+            "task": args.task.short_id(),
+            "policy": args.policy,
+            "rooms": done.rooms,
+            "clean": done.clean,
+            "simulated_seconds": seconds,
+            "episodes": episodes.collect::<Vec<_>>(),
+            "bags": args.out.join(BAGS),
+            "lerobot": data_set,
+            "stopped": done.outcome.stopped,
+        });
+        fiatlux_cli::print(serde_json::to_string_pretty(&text)? + "\n")?;
+        return Ok(());
+    }
+    let share = 100.0 * done.clean as f64 / done.rooms.max(1) as f64;
+    let minutes = seconds / 60.0;
+    fiatlux_cli::print(format!(
+        "{}: {} demonstrations of {}, {minutes:.1} min of motion; {} of {} rooms were clean ({share:.0} %)\n",
+        args.out.join(BAGS).display(),
+        done.kept.len(),
+        args.task,
+        done.clean,
+        done.rooms,
+    ))?;
+    if let Some(data_set) = data_set {
+        fiatlux_cli::print(format!("{}: LeRobot data set\n", data_set.display()))?;
+    }
+    Ok(())
+}
+
+fn look(line: &ProgressLine, rooms: usize, progress: &RunProgress) -> String {
+    let RunProgress { episodes, done, lost, successes, steps, steps_left, .. } = progress;
+    let before = rooms.saturating_sub(*episodes);
+    let finished = before + done + lost;
+    let text = format!("{finished}/{rooms} rooms");
+    if *steps == 0 {
+        return text;
+    }
+    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+    format!("{text}, {successes} of {done} succeeded, {rate:.0} steps/s, about {left} left")
+}

@@ -1,0 +1,82 @@
+//! Demonstrations: only clean episodes, each played once.
+
+use std::fs;
+use std::sync::atomic::AtomicBool;
+
+use clap::Parser;
+use fiatlux_bag::Bag;
+use fiatlux_client::SessionArgs;
+use fiatlux_policies::Policies;
+use fiatlux_rules::Task;
+use fiatlux_runs::{BAGS, DemonstrateOptions, Demonstrated, EvaluateOptions, demonstrate};
+use fiatlux_world::SceneConfig;
+
+use crate::common::folder;
+
+#[derive(Parser)]
+struct Flags {
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+fn options(name: &str, policy: &str, task: Task, flags: &[&str]) -> DemonstrateOptions {
+    let session = Flags::parse_from([&["test"], flags].concat()).session;
+    DemonstrateOptions {
+        evaluation: EvaluateOptions {
+            policies: Policies::default(),
+            policy: policy.into(),
+            tasks: Vec::new(),
+            seeds: Vec::new(),
+            out: folder(name),
+            workers: 2,
+            weights: None,
+            meshes: None,
+            scene: SceneConfig::default(),
+            session,
+        },
+        task,
+        episodes: 1,
+        first_seed: 1000,
+        max_rooms: 2,
+        unclean: false,
+    }
+}
+
+fn run(options: &DemonstrateOptions) -> Demonstrated {
+    demonstrate(options, &AtomicBool::new(false), &mut |_, _| ()).unwrap()
+}
+
+/// A second call plays only what is missing, and one for fewer takes the others away again.
+#[test]
+fn demonstrations_go_on_from_those_that_there_are() {
+    let mut options = options("demonstrations", "expert", Task::S06, &["--record", "camera@5", "--image", "64x48"]);
+    let first = run(&options);
+    assert_eq!((first.kept.len(), first.rooms, first.clean, first.outcome.resumed), (1, 1, 1, 0));
+    let bag = Bag::open(&first.kept[0].bag).unwrap();
+    assert_eq!((bag.header().seed, bag.header().instruction.is_empty()), (1000, false));
+    options.episodes = 2;
+    let both = run(&options);
+    assert_eq!((both.kept.len(), both.outcome.resumed), (2, 1));
+    assert_eq!(both.kept[0], first.kept[0]);
+    options.episodes = 1;
+    assert_eq!(run(&options).kept, first.kept);
+    assert_eq!(fs::read_dir(options.evaluation.out.join(BAGS)).unwrap().count(), 1);
+    options.task = Task::S08;
+    let error = demonstrate(&options, &AtomicBool::new(false), &mut |_, _| ()).unwrap_err().to_string();
+    assert!(error.contains("holds demonstrations of S06, not S08") && error.contains("--out"), "{error}");
+}
+
+/// Failures are played once and left out, unless they are asked for; rooms for judging are not played at all.
+#[test]
+fn failures_are_no_demonstrations() {
+    // A robot that leans has fallen.
+    let mut options = options("failures", "zero", Task::S05, &["--set", "fall_tilt_rad=0.05"]);
+    let none = run(&options);
+    assert_eq!((none.kept.len(), none.rooms, none.clean), (0, 1, 0));
+    options.unclean = true;
+    let failed = run(&options);
+    assert_eq!((failed.kept.len(), failed.kept[0].clean, failed.outcome.resumed), (1, false, 1));
+    options.first_seed = 999;
+    let error = demonstrate(&options, &AtomicBool::new(false), &mut |_, _| ()).unwrap_err().to_string();
+    assert!(error.contains("seeds of 1000 and above"), "{error}");
+}
