@@ -1,22 +1,33 @@
-//! The policy `expert`: every task by the skill that plays it, `walk`, `hands` or `climb`.
+//! The policy `expert`: every task by the skill that plays it, `walk`, `hands`, `ladder` or `climb`.
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::Task;
 
 use crate::entry::Entry;
-use crate::{Climb, Hands, Walk};
+use crate::{Climb, Hands, Ladder, Walk};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "expert",
-    does: "plays each task by walk, hands or climb, by exact poses; S01, S04, S10 and replace are not played yet",
+    does: "plays each task by walk, hands, ladder or climb, by exact poses; S04, S10 and replace are not played yet",
     make: |_| Ok(Box::new(Expert::new()?)),
 };
 
 /// Tasks of all skills, in the order of the errand.
-const TASKS: [Task; 10] =
-    [Task::S02, Task::S03, Task::S05, Task::S06, Task::S07, Task::S08, Task::S09, Task::S11, Task::S12, Task::Climb];
+const TASKS: [Task; 11] = [
+    Task::S01,
+    Task::S02,
+    Task::S03,
+    Task::S05,
+    Task::S06,
+    Task::S07,
+    Task::S08,
+    Task::S09,
+    Task::S11,
+    Task::S12,
+    Task::Climb,
+];
 
 /// Plays each task by the skill that plays it.
 pub struct Expert {
@@ -32,7 +43,12 @@ impl Expert {
     /// A skill's weights or plans cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
         Ok(Self {
-            skills: vec![Box::new(Walk::new("")?), Box::new(Hands::new()?), Box::new(Climb::new()?)],
+            skills: vec![
+                Box::new(Walk::new("")?),
+                Box::new(Hands::new()?),
+                Box::new(Ladder::new("")?),
+                Box::new(Climb::new()?),
+            ],
             playing: None,
         })
     }

@@ -1,16 +1,14 @@
 //! The policy `walk`: walks to the crate, the fresh bulb or the ladder with the whole-body controller, and stands
 //! there. Arms whose hand holds nothing hang and swing.
 
-mod path;
-
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_rules::{Task, Thresholds};
 use fiatlux_wbc::{Network, Swing};
 
-use self::path::{Map, Point, distance};
 use super::body;
+use super::path::{Map, Point, distance, planar, rectangle, turn};
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
@@ -24,6 +22,8 @@ pub(crate) const ENTRY: Entry = Entry {
     make: |file| Ok(Box::new(Walk::new(file)?)),
 };
 
+/// Preferred distance from obstacles, m.
+const CLEAR_M: f64 = 0.45;
 /// Control steps between plans.
 const REPLAN: u64 = 25;
 /// Distance ahead on its path at which the robot aims, m.
@@ -136,10 +136,9 @@ impl Policy for Walk {
         };
         let seen = privileged(first)?;
         let body = WholeBody::own("walk", Arc::clone(&self.network), info, first)?;
-        let outlines = info.footprints.iter().filter(|print| print.bottom < 1.3 && print.top > 0.05);
-        let outlines = outlines.map(|print| (print.name.clone(), path::corners(&print.outline)));
         // The ladder has no footprint, because it can be moved.
-        let map = Map::new(outlines.chain([("ladder".into(), ladder(seen)?)]));
+        let ladder = ("ladder".into(), rectangle(known(seen.ladder.as_ref())?, LADDER_HALF));
+        let map = Map::new(Map::outlines(info, [0.05, 1.3]).chain([ladder]), CLEAR_M);
         self.state = Some(EpisodeState {
             swing: Swing::new(&body.targets),
             body,
@@ -185,11 +184,11 @@ impl EpisodeState {
 
     fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::BodyCommand, PolicyError> {
         let mut command = fiatlux_wbc::BodyCommand::default();
-        let (here, heading) = planar(seen.robot.as_ref())?;
+        let (here, heading) = known(seen.robot.as_ref())?;
         let (thing, turned) = match self.goal {
-            Goal::Crate => planar(seen.crate_.as_ref())?,
-            Goal::FreshBulb => planar(seen.fresh_bulb.as_ref())?,
-            Goal::Ladder => planar(seen.ladder.as_ref())?,
+            Goal::Crate => known(seen.crate_.as_ref())?,
+            Goal::FreshBulb => known(seen.fresh_bulb.as_ref())?,
+            Goal::Ladder => known(seen.ladder.as_ref())?,
         };
         let stop = self.goal.stop_m();
         let (map, goal, any_side) = (&self.map, self.goal, self.any_side);
@@ -247,30 +246,10 @@ fn touched(forces: &[f32]) -> [bool; 2] {
     [left, right].map(|hand| hand.as_chunks().0.iter().any(|body| force(body) > Thresholds::default().touch_n))
 }
 
-/// Angle between the robot's heading and a point, rad.
-fn turn(heading: f64, here: Point, there: Point) -> f64 {
-    let angle = libm::atan2(there[1] - here[1], there[0] - here[0]) - heading;
-    libm::atan2(libm::sin(angle), libm::cos(angle))
-}
-
-/// Corners of the ladder's footprint, counter-clockwise.
-fn ladder(seen: &Privileged) -> Result<Vec<Point>, PolicyError> {
-    let ([x, y], turned) = planar(seen.ladder.as_ref())?;
-    let (sin, cos) = (libm::sin(turned), libm::cos(turned));
-    let [a, b] = LADDER_HALF;
-    let corners = [[-a, -b], [a, -b], [a, b], [-a, b]];
-    Ok(corners.map(|[along, across]| [x + cos * along - sin * across, y + sin * along + cos * across]).into())
-}
-
 /// Position and heading of a pose on the floor.
-fn planar(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
-    let missing = || PolicyError::Unfit { policy: "walk", reason: "the privileged observation lacks a pose".into() };
-    let pose = pose.ok_or_else(missing)?;
-    let (&[x, y, _], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
-        return Err(missing());
-    };
-    let heading = libm::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k));
-    Ok(([x, y], heading))
+fn known(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
+    let reason = "the privileged observation lacks a pose".into();
+    planar(pose).ok_or(PolicyError::Unfit { policy: "walk", reason })
 }
 
 #[cfg(test)]

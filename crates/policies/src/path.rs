@@ -3,37 +3,75 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use fiatlux_proto::v3::{Pose, SessionInfo};
+
 /// x and y in the world frame, m.
-pub(super) type Point = [f64; 2];
+pub(crate) type Point = [f64; 2];
 
 /// Side of a grid cell, m.
 const CELL_M: f64 = 0.05;
-/// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
-const CLEAR_M: f64 = 0.45;
 /// Distance at which a direction with more room is looked for, m, and the room that it must add, m.
 const LOOK_M: f64 = 0.15;
 const MORE_M: f64 = 0.03;
 /// Number of cells from the robot to the grid's edge in each direction: 8 m, the longer side of the floor that layouts use.
 const REACH: i32 = 160;
 
-pub(super) fn distance(one: Point, other: Point) -> f64 {
+pub(crate) fn distance(one: Point, other: Point) -> f64 {
     libm::hypot(one[0] - other[0], one[1] - other[1])
 }
 
+/// Position and heading of a pose on the floor; `None` for a pose that lacks numbers.
+pub(crate) fn planar(pose: Option<&Pose>) -> Option<(Point, f64)> {
+    let pose = pose?;
+    let (&[x, y, _], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else { return None };
+    Some(([x, y], libm::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))))
+}
+
+/// Corners of a rectangle about a place and heading, counter-clockwise.
+pub(crate) fn rectangle(([x, y], turned): (Point, f64), [a, b]: [f64; 2]) -> Vec<Point> {
+    let (sin, cos) = (libm::sin(turned), libm::cos(turned));
+    let corners = [[-a, -b], [a, -b], [a, b], [-a, b]];
+    corners.map(|[along, across]| [x + cos * along - sin * across, y + sin * along + cos * across]).into()
+}
+
+/// Angle between a heading and a point, rad.
+pub(crate) fn turn(heading: f64, here: Point, there: Point) -> f64 {
+    wrapped(libm::atan2(there[1] - here[1], there[0] - here[0]) - heading)
+}
+
+/// The same angle between -pi and pi.
+pub(crate) fn wrapped(angle: f64) -> f64 {
+    libm::atan2(libm::sin(angle), libm::cos(angle))
+}
+
 /// Corners of an outline, from the numbers of a message.
-pub(super) fn corners(outline: &[f64]) -> Vec<Point> {
+fn corners(outline: &[f64]) -> Vec<Point> {
     outline.as_chunks().0.to_vec()
 }
 
 /// Obstacles on the floor: convex outlines by name, counter-clockwise.
 #[derive(Debug, Clone)]
-pub(super) struct Map {
+pub(crate) struct Map {
     outlines: Vec<(String, Vec<Point>)>,
+    /// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
+    clear_m: f64,
 }
 
 impl Map {
-    pub fn new(outlines: impl Iterator<Item = (String, Vec<Point>)>) -> Self {
-        Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect() }
+    pub fn new(outlines: impl Iterator<Item = (String, Vec<Point>)>, clear_m: f64) -> Self {
+        Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect(), clear_m }
+    }
+
+    /// What never moves in a session's scene and is between two heights, m.
+    pub fn outlines(info: &SessionInfo, [low, high]: [f64; 2]) -> impl Iterator<Item = (String, Vec<Point>)> {
+        let prints = info.footprints.iter().filter(move |print| print.bottom < high && print.top > low);
+        prints.map(|print| (print.name.clone(), corners(&print.outline)))
+    }
+
+    /// Puts an obstacle that was moved where it is now.
+    pub fn set(&mut self, name: &str, corners: Vec<Point>) {
+        self.outlines.retain(|(own, _)| own != name);
+        self.outlines.push((name.into(), corners));
     }
 
     /// Distance of a point from an obstacle, m; 0 inside it.
@@ -41,7 +79,8 @@ impl Map {
         self.outlines.iter().find(|(own, _)| own == name).map(|(_, corners)| from_outline(corners, at))
     }
 
-    fn clearance(&self, at: Point) -> f64 {
+    /// Distance of a point from the nearest obstacle, m.
+    pub fn clearance(&self, at: Point) -> f64 {
         self.outlines.iter().map(|(_, corners)| from_outline(corners, at)).fold(f64::INFINITY, f64::min)
     }
 
@@ -87,7 +126,7 @@ impl Map {
                     continue;
                 }
                 if weights[cell].is_nan() {
-                    weights[cell] = weight(self.clearance(point(x, y)));
+                    weights[cell] = self.weight(self.clearance(point(x, y)));
                 }
                 let cost = cost + length * weights[cell];
                 if cost < costs[cell] {
@@ -99,12 +138,12 @@ impl Map {
         }
         Vec::new()
     }
-}
 
-/// Cost of a metre of path at a distance from the nearest obstacle.
-fn weight(clearance: f64) -> f64 {
-    let near = (1.0 - clearance / CLEAR_M).max(0.0);
-    1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 }
+    /// Cost of a metre of path at a distance from the nearest obstacle.
+    fn weight(&self, clearance: f64) -> f64 {
+        let near = (1.0 - clearance / self.clear_m).max(0.0);
+        1.0 + 20.0 * near * near + if near > 0.5 { 100.0 * near } else { 0.0 }
+    }
 }
 
 fn micrometres(cost: f64) -> u64 {
@@ -151,7 +190,7 @@ mod tests {
     #[test]
     fn paths_go_round_what_stands_there() {
         let wall = vec![[0.9, -1.0], [1.1, -1.0], [1.1, 1.0], [0.9, 1.0]];
-        let map = Map::new([("wall".to_owned(), wall)].into_iter());
+        let map = Map::new([("wall".to_owned(), wall)].into_iter(), 0.45);
         assert_eq!(map.distance_to("wall", [1.0, 0.0]), Some(0.0));
         assert_eq!(map.distance_to("wall", [2.1, 0.5]), Some(1.0));
         assert_eq!(map.way_out([0.2, 0.0], 0.6), None);

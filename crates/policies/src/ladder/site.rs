@@ -1,0 +1,42 @@
+//! Where the ladder is put down.
+
+use fiatlux_proto::v3::Pose;
+
+use super::{HALF, Place, outside};
+use crate::path::{Map, Point, rectangle, wrapped};
+
+/// Distances of the ladder's centre from the fixture, m: below the ceiling, and from a wall, which the rear feet must not touch.
+const STANDOFF: (f64, f64) = (0.48, 0.645);
+/// Headings that are compared below the ceiling.
+const HEADINGS: u32 = 36;
+/// Room that the ladder's centre should have, and the places before its steps and behind its legs, y of its frame and m.
+const ROOM_M: f64 = 0.75;
+const PLACES: [(f64, f64); 2] = [(-1.0, 0.45), (1.0, 0.35)];
+/// Costs of a turn, a radian, and of missing room, a metre.
+const COSTS: (f64, f64) = (0.15, 3.0);
+
+/// The place and heading of the ladder from which the fixture is reached as the benchmark's own layouts have it: behind the
+/// guard rail, steps away from it. Below the ceiling, the heading that takes the least turn and has the most room.
+pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place) -> Place {
+    let at = [socket.position[0], socket.position[1]];
+    let [w, i, j, k] = [0, 1, 2, 3].map(|index| socket.quaternion[index]);
+    // The socket's axis, out of its mouth.
+    let axis = [2.0 * (i * k + w * j), 2.0 * (j * k - w * i)];
+    let site = |out: f64, standoff: f64| {
+        let place = [at[0] + standoff * libm::cos(out), at[1] + standoff * libm::sin(out)];
+        // The steps are on -y.
+        (place, wrapped(out + std::f64::consts::FRAC_PI_2))
+    };
+    if libm::hypot(axis[0], axis[1]) > 0.5 {
+        return site(libm::atan2(axis[1], axis[0]), STANDOFF.1);
+    }
+    let cost = |site: &Place| {
+        let missing = |place: Point, room: f64| (room - map.clearance(place)).max(0.0);
+        let corners: f64 = rectangle(*site, HALF).into_iter().map(|corner| missing(corner, 0.2)).sum();
+        let places: f64 = PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum();
+        COSTS.0 * wrapped(site.1 - ladder.1).abs() + COSTS.1 * (missing(site.0, ROOM_M) + corners + places)
+    };
+    let sites =
+        (0..HEADINGS).map(|part| site(f64::from(part) * std::f64::consts::TAU / f64::from(HEADINGS), STANDOFF.0));
+    sites.min_by(|one, other| cost(one).total_cmp(&cost(other))).unwrap_or((at, ladder.1))
+}
