@@ -142,11 +142,13 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
     let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
     // The right hand comes first.
     let right = &observation.hand_contact_force[..observation.hand_contact_force.len() / 2];
-    let mut force = [0.0_f64; FINGERS.len()];
+    let (mut force, mut palm_force) = ([0.0_f64; FINGERS.len()], 0.0_f64);
     for (&[x, y, z], name) in right.as_chunks().0.iter().zip(bodies) {
-        if let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) {
-            force[finger] = force[finger].max(Vector3::new(x, y, z).cast::<f64>().norm());
-        }
+        let largest = match FINGERS.iter().position(|finger| name.contains(finger)) {
+            Some(finger) => &mut force[finger],
+            None => &mut palm_force,
+        };
+        *largest = largest.max(Vector3::new(x, y, z).cast::<f64>().norm());
     }
     Ok(Seen {
         stands,
@@ -159,6 +161,7 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
         crate_: pose(poses.crate_.as_ref())?,
         seated: [0, 1].map(|bulb| poses.seated.get(bulb).copied().unwrap_or_default()),
         force,
+        palm_force,
     })
 }
 

@@ -23,6 +23,10 @@ pub(super) fn hand_link(robot: &Robot) -> Option<usize> {
 pub(super) const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 /// Share of the difference by which the averages of the waist's and the arm's sensed angles follow in each control step.
 const AVERAGE_GAIN: f64 = 0.15;
+/// Largest difference between a joint's commanded and sensed angle, rad, with which the arm goes on along a way of postures. Held up
+/// for so long, s, it is blocked.
+const MAX_AHEAD: f64 = 0.15;
+const BLOCKED: f64 = 0.4;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
 pub(super) const TURN_M: f64 = 0.3;
 
@@ -91,6 +95,8 @@ pub(super) struct RightArm {
     rest: [f64; ARMS / 2],
     /// Where the hand is on its way.
     way: Option<Isometry3<f64>>,
+    /// For how long something has held up the arm, s.
+    held_up: f64,
     names: Vec<String>,
     /// Of the drives, N m/rad.
     stiffness: Vec<f64>,
@@ -163,6 +169,7 @@ impl RightArm {
             angles,
             rest,
             way: None,
+            held_up: 0.0,
             names,
             stiffness: info.joints.iter().map(|joint| joint.stiffness.max(1e-3)).collect(),
             model,
@@ -212,11 +219,16 @@ impl RightArm {
 
     /// Pose of the hand, as sensed.
     pub fn sensed_hand(&mut self) -> Isometry3<f64> {
+        let angles = self.sensed_angles();
+        self.place(&angles)
+    }
+
+    fn sensed_angles(&self) -> [f64; ARMS / 2] {
         let mut angles = self.angles;
         if let Some(sensed) = &self.sensed {
             angles.copy_from_slice(&sensed[ARM]);
         }
-        self.place(&angles)
+        angles
     }
 
     /// Distance of the sensed hand from a pose, m, a turn counting as a way.
@@ -270,13 +282,30 @@ impl RightArm {
         self.follow(angles, rate)
     }
 
-    /// Turns all joints towards angles so that they arrive together, the fastest at a rate, rad/s; true where they are there.
+    /// Turns all joints towards angles so that they arrive together, the fastest at a rate, rad/s; true where they are there. It
+    /// waits while something holds up the arm.
     pub fn go_to(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> bool {
         self.way = None;
+        let sensed = self.sensed_angles();
+        let ahead = self.angles.iter().zip(&sensed).map(|(now, sensed)| (now - sensed).abs()).fold(0.0, f64::max);
+        if ahead > MAX_AHEAD {
+            self.held_up += CONTROL_DT;
+            return false;
+        }
+        self.held_up = 0.0;
         let left = self.angles.iter().zip(angles).map(|(now, wanted)| (wanted - now).abs()).fold(0.0, f64::max);
         let share = (rate * CONTROL_DT / left.max(1e-9)).min(1.0);
         self.angles.iter_mut().zip(angles).for_each(|(now, wanted)| *now += share * (wanted - *now));
         share >= 1.0
+    }
+
+    /// True once on its way something has held up the arm. It then stays where it is felt to be.
+    pub fn gives_way(&mut self) -> bool {
+        let is_blocked = self.held_up > BLOCKED;
+        if is_blocked {
+            (self.angles, self.way, self.held_up) = (self.sensed_angles(), None, 0.0);
+        }
+        is_blocked
     }
 
     fn follow(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> f64 {
@@ -330,9 +359,10 @@ impl RightArm {
     }
 
     /// Moves what the hand holds, commanded, by a change of poses in the world, its turn about `free` left to the joints. It is not
-    /// commanded farther from where it is felt than `lead`, m.
+    /// commanded farther from where it is felt than `lead`, m. On request the arm keeps clear of what surrounds it.
     pub fn nudge(
         &mut self,
+        is_careful: bool,
         change: &Isometry3<f64>,
         hand_from_tool: Isometry3<f64>,
         free: Vector3<f64>,
@@ -350,7 +380,7 @@ impl RightArm {
         }
         let from = self.angles;
         let goal = ToolGoal { hand_from_tool, world_from_tool: wanted, free: Some(free) };
-        let (angles, _) = self.find(false, &goal, &from, 1)?;
+        let (angles, _) = self.find(is_careful, &goal, &from, 1)?;
         // Where its turn was left free, it has another one.
         wanted.rotation = (self.place(&angles) * hand_from_tool).rotation;
         self.way = Some(wanted * hand_from_tool.inverse());

@@ -28,9 +28,16 @@ const FILES: [&str; 1] = [include_str!("insert.toml")];
 #[serde(deny_unknown_fields)]
 struct Params {
     lean: Lean,
+    carry: Carry,
     align: Align,
     insert: Inserting,
     open: Opening,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Carry {
+    torque: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -129,7 +136,7 @@ impl Insert {
             held_since: None,
             deepest: (0.0, 0.0),
             goal: Isometry3::identity(),
-            fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
+            fingers: [Finger { share: 1.0, torque: Some(params.carry.torque) }; FINGERS.len()],
             params,
         })
     }
@@ -215,6 +222,7 @@ impl Skill for Insert {
             }),
             Phase::Align => {
                 arm.nudge(
+                    false,
                     &plug.change(self.gap, &Vector3::zeros(), align.gain),
                     self.hand_from_plug,
                     plug.axis,
@@ -233,6 +241,7 @@ impl Skill for Insert {
             Phase::Back => {
                 self.gap = align.back;
                 arm.nudge(
+                    false,
                     &plug.change(self.gap, &Vector3::zeros(), align.gain),
                     self.hand_from_plug,
                     plug.axis,
@@ -251,7 +260,13 @@ impl Skill for Insert {
                     self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
                 }
                 let aside = self.search(seen, &plug);
-                arm.nudge(&plug.change(self.gap, &aside, align.gain), self.hand_from_plug, plug.axis, insert.lead)?;
+                arm.nudge(
+                    false,
+                    &plug.change(self.gap, &aside, align.gain),
+                    self.hand_from_plug,
+                    plug.axis,
+                    insert.lead,
+                )?;
                 let is_outside = plug.gap > MOUTH / 2.0;
                 if self.has_held(seen.seated[1], seen, insert.seated) {
                     self.goal = arm.sensed_hand();
@@ -285,9 +300,7 @@ impl Skill for Insert {
         };
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phase != Phase::Done);
-        if matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done) {
-            arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
-        }
+        arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since, self.held_since) = (next, seen.time, None);
         }

@@ -18,6 +18,8 @@ const WIDE: f64 = 0.03;
 /// Turn of the joints between two checks of a way, and length of a step of the search, rad.
 const CHECK: f64 = 0.04;
 const STEP: f64 = 0.25;
+/// A posture is near another one where no joint differs by more, rad.
+const NEAR: f64 = 0.3;
 /// Most steps of the search for a way, and tries to shorten it.
 const STEPS: usize = 4000;
 const SHORTCUTS: usize = 120;
@@ -166,11 +168,11 @@ impl RightArm {
         best.map(|(_, angles)| angles)
     }
 
-    /// A way between two postures on which the gaps stay above `margin`, m, where they are at its ends; as corners, the ends
+    /// A way between two postures on which the gaps stay above `margin`, m, or near its ends above theirs; as corners, the ends
     /// included. None is found where the search ends before.
     pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> Option<Vec<ArmAngles>> {
-        let ends = self.gap(from, touching).min(self.gap(to, touching));
-        let margin = margin.min(ends - 1e-3);
+        let ends = [from, to].map(|end| (*end, self.gap(end, touching) - 1e-3));
+        let margin = &Margin { usual: margin, ends };
         if self.is_clear(from, to, margin, touching) {
             return Some(vec![*from, *to]);
         }
@@ -211,20 +213,20 @@ impl RightArm {
         None
     }
 
-    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> bool {
+    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: &Margin, touching: bool) -> bool {
         let length = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let count = libm::ceil(length / CHECK).max(1.0);
         (1..=count as usize).all(|index| {
             let share = index as f64 / count;
             let angles = std::array::from_fn(|joint| from[joint] + share * (to[joint] - from[joint]));
-            self.gap(&angles, touching) > margin
+            self.gap(&angles, touching) > margin.at(&angles)
         })
     }
 
     fn shorten(
         &mut self,
         mut way: Vec<ArmAngles>,
-        margin: f64,
+        margin: &Margin,
         touching: bool,
         random: &mut Pcg64Mcg,
     ) -> Vec<ArmAngles> {
@@ -250,6 +252,21 @@ impl RightArm {
             way = shorter;
         }
         way
+    }
+}
+
+/// Gaps that a way keeps, m.
+struct Margin {
+    usual: f64,
+    /// Postures near which less is enough, and how much.
+    ends: [(ArmAngles, f64); 2],
+}
+
+impl Margin {
+    fn at(&self, angles: &ArmAngles) -> f64 {
+        let is_near = |end: &ArmAngles| end.iter().zip(angles).all(|(end, angle)| (end - angle).abs() < NEAR);
+        let near = self.ends.iter().filter(|(end, _)| is_near(end)).map(|(_, gap)| *gap);
+        near.fold(self.usual, f64::min)
     }
 }
 
@@ -279,4 +296,19 @@ fn branch(tree: &[(ArmAngles, usize)], mut node: usize) -> Vec<ArmAngles> {
         nodes.push(tree[node].0);
     }
     nodes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Less than the usual gap is enough near an end whose own gap is smaller, and nowhere else.
+    #[test]
+    fn a_way_keeps_its_margin_away_from_its_ends() {
+        let (tight, wide) = ([0.0; ARMS / 2], [2.0; ARMS / 2]);
+        let margin = Margin { usual: 0.01, ends: [(tight, 0.002), (wide, 0.02)] };
+        assert_eq!(margin.at(&[0.9 * NEAR; ARMS / 2]), 0.002);
+        assert_eq!(margin.at(&[1.1 * NEAR; ARMS / 2]), 0.01);
+        assert_eq!(margin.at(&wide), 0.01);
+    }
 }

@@ -14,7 +14,7 @@ use super::plan::ArmAngles;
 use super::room::GLASS;
 use super::skill::{Seen, Skill, parameters};
 use super::socket::Plug;
-use super::stance::{Lean, REST, Stance, Taking};
+use super::stance::{Lean, REST, Stance, TOUCHED, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -231,18 +231,19 @@ impl Skill for Remove {
                 let (goal, next) = if is_near { (around, Phase::Close) } else { (beside, Phase::Approach) };
                 if self.has_arrived {
                     let off = goal * arm.sensed_hand().inverse();
-                    arm.nudge(&share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
+                    arm.nudge(false, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
                 } else {
                     self.has_arrived = arm.move_to(&goal, grasp.speed)? < ARRIVED;
                 }
+                let is_pushed = !is_near && seen.palm_force > TOUCHED;
                 if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
                 } else {
-                    (elapsed > grasp.patience).then_some(Phase::Retreat)
+                    (elapsed > grasp.patience || is_pushed).then_some(Phase::Retreat)
                 }
             }
             Phase::Close => {
-                arm.nudge(&Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
+                arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
                 for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
                     let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
                     finger.share += if elapsed > delay { closing } else { 0.0 };
@@ -252,16 +253,17 @@ impl Skill for Remove {
             }
             Phase::Pull => {
                 let step = Translation3::from(plug.axis * (pull.speed * CONTROL_DT));
-                arm.nudge(&Isometry3::from(step), hand_from_glass, plug.axis, pull.lead)?;
+                arm.nudge(true, &Isometry3::from(step), hand_from_glass, plug.axis, pull.lead)?;
                 let pulled = pull.speed * elapsed;
                 if plug.gap > pull.out {
                     Some(Phase::Hold)
                 } else {
-                    (pulled > plug.gap + pull.stays && seen.seated[0] || elapsed > pull.patience).then_some(Phase::Open)
+                    let stays = pulled > plug.gap + pull.stays || elapsed > pull.patience;
+                    (stays && seen.seated[0]).then_some(Phase::Open)
                 }
             }
             Phase::Hold => {
-                arm.nudge(&Isometry3::identity(), hand_from_glass, plug.axis, pull.lead)?;
+                arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, pull.lead)?;
                 None
             }
             Phase::Open => {

@@ -28,6 +28,8 @@ pub(super) struct Seen {
     pub seated: [bool; 2],
     /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
     pub force: [f64; FINGERS.len()],
+    /// Largest force of a bulb on the right palm or wrist, N.
+    pub palm_force: f64,
 }
 
 /// Parameters of a task: those given, or of its files the one whose grip names joints of this robot.

@@ -14,6 +14,8 @@ use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
 pub(super) const REST: ArmAngles = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
+/// Force on the palm or the wrist, N, from which on the arm goes back.
+pub(super) const TOUCHED: f64 = 1.0;
 /// Error of a posture from which it is no use to go on, m.
 const LOST: f64 = 0.012;
 
@@ -77,6 +79,8 @@ pub(super) struct Taking {
     searches: u32,
     /// Corners of the way that are left, the last first.
     way: Vec<ArmAngles>,
+    /// Where the way to the first posture began.
+    reaches_from: ArmAngles,
     leans_since: f64,
     changes: u32,
     /// The hand holds the bulb.
@@ -181,6 +185,7 @@ impl Taking {
             before: BodyCommand::default(),
             searches: 0,
             way: Vec::new(),
+            reaches_from: REST,
             leans_since: 0.0,
             changes: 0,
             holds,
@@ -218,6 +223,9 @@ impl Taking {
                     self.search(arm, self.upright, judge)?;
                     return Ok(false);
                 }
+                if arm.gives_way() {
+                    self.way = self.way_to_haven(arm);
+                }
                 if self.goes(arm) {
                     (self.stage, self.leans_since) = (Stage::Lean, seen.time);
                 }
@@ -249,15 +257,23 @@ impl Taking {
                 match way {
                     Some(mut way) => {
                         way.reverse();
-                        (self.way, self.stage) = (way, Stage::Reach);
+                        (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, from);
                     }
                     // From another posture there may be one.
                     None => self.leans_since = seen.time,
                 }
             }
+            Stage::Reach if !self.holds && seen.palm_force > TOUCHED => self.goes_back(),
+            Stage::Reach if arm.gives_way() => (self.stage, self.leans_since) = (Stage::Lean, seen.time),
             Stage::Reach => return Ok(self.goes(arm)),
         }
         Ok(false)
+    }
+
+    /// Takes the arm back to where the way to the first posture began; it is looked for again there.
+    fn goes_back(&mut self) {
+        self.before = self.command();
+        (self.stage, self.way) = (Stage::Clear, vec![self.reaches_from]);
     }
 
     /// Looks for the stance from the very beginning, and for the way to where the robot may lean from `before`.
