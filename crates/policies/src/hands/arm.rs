@@ -114,8 +114,9 @@ impl RightArm {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names: Vec<String> = info.joints.iter().map(|joint| joint.name.clone()).collect();
         let robot = Robot::with_joints(names.iter().map(String::as_str)).map_err(|error| unfit(error.to_string()))?;
-        let link = hand_link(&robot)
-            .ok_or_else(|| unfit(format!("the robot has no {HAND} and no grasp of its own; use g1_inspire")))?;
+        let link = hand_link(&robot).ok_or_else(|| {
+            unfit(format!("the robot has no {HAND} and no grasp of its own; use {}", Robot::NAMES[0]))
+        })?;
         let failed = PolicyError::of("hands");
         let mut builder = ModelBuilder::new();
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;

@@ -25,9 +25,6 @@ const SIZES: [f64; 2] = [0.85, 1.15];
 /// Cosine of the tilt at which a bulb still stands.
 const UPRIGHT: f64 = 0.9;
 
-/// Parameters, a file for each hand.
-const FILES: [&str; 2] = [include_str!("grab.toml"), include_str!("grab_dex3.toml")];
-
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Params {
@@ -140,9 +137,9 @@ pub(super) struct Grab {
 }
 
 impl Grab {
-    /// With parameters of the form of `grab.toml`, which are also the default.
+    /// With parameters of the form of `grab.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, &FILES, joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "grab", joints, |params: &Params| &params.close.grip)?;
         Ok(Self {
             phase: Phase::Raise,
             since: 0.0,

@@ -21,9 +21,6 @@ const CHECKED: f64 = 0.01;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
-/// Parameters, a file for each hand.
-const FILES: [&str; 1] = [include_str!("insert.toml")];
-
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Params {
@@ -124,9 +121,9 @@ pub(super) struct Insert {
 }
 
 impl Insert {
-    /// With parameters of the form of `insert.toml`, which are also the default.
+    /// With parameters of the form of `insert.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, &FILES, joints, |params: &Params| &params.open.grip)?;
+        let params = parameters(given, "insert", joints, |params: &Params| &params.open.grip)?;
         Ok(Self {
             phase: Phase::Take,
             since: 0.0,

@@ -28,9 +28,6 @@ const REACHED: f64 = 0.015;
 const FASTEST: f64 = 2.0;
 const TURNED: f64 = 0.02;
 
-/// Parameters, a file for each hand.
-const FILES: [&str; 1] = [include_str!("place.toml")];
-
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Params {
@@ -141,9 +138,9 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// With parameters of the form of `place.toml`, which are also the default.
+    /// With parameters of the form of `place.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, &FILES, joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "place", joints, |params: &Params| &params.close.grip)?;
         Ok(Self {
             phase: Phase::StepUp,
             since: 0.0,

@@ -21,9 +21,6 @@ const CHECKED: f64 = 0.015;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
-/// Parameters, a file for each hand.
-const FILES: [&str; 1] = [include_str!("remove.toml")];
-
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Params {
@@ -103,9 +100,9 @@ pub(super) struct Remove {
 }
 
 impl Remove {
-    /// With parameters of the form of `remove.toml`, which are also the default.
+    /// With parameters of the form of `remove.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, &FILES, joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "remove", joints, |params: &Params| &params.close.grip)?;
         Ok(Self {
             phase: Phase::Take,
             since: 0.0,

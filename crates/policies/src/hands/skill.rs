@@ -2,6 +2,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
+use fiatlux_robot::Robot;
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 use serde::de::DeserializeOwned;
@@ -32,26 +33,32 @@ pub(super) struct Seen {
     pub palm_force: f64,
 }
 
-/// Parameters of a task: those given, or of its files the one whose grip names joints of this robot.
+// `PARAMETERS`: name and text of each file of parameters; the build script writes the list.
+include!(concat!(env!("OUT_DIR"), "/parameters.rs"));
+
+/// Parameters of a skill: those given, or those of its file for the robot with these joints.
 ///
 /// # Errors
-/// They cannot be read, or are not for the hands of this robot.
+/// They cannot be read, or there are none for the hands of this robot.
 pub(super) fn parameters<P: DeserializeOwned>(
     given: Option<&str>,
-    files: &[&str],
+    skill: &str,
     joints: &[Joint],
     grip: impl Fn(&P) -> &Angles,
 ) -> Result<P, PolicyError> {
+    let own = || {
+        let robot = Robot::with_joints(joints.iter().map(|joint| joint.name.as_str())).ok()?;
+        let of_robot = format!("{skill}.{}", robot.name());
+        let name = if robot.name() == Robot::NAMES[0] { skill } else { &of_robot };
+        PARAMETERS.into_iter().find(|(known, _)| *known == name).map(|(_, text)| text)
+    };
     let is_known = |name: &String| joints.iter().any(|joint| joint.name == *name);
-    let given = given.as_ref().map_or(files, std::slice::from_ref);
-    for text in given {
-        let params: P = toml::from_str(text).map_err(PolicyError::of("hands"))?;
-        if grip(&params).keys().all(is_known) {
-            return Ok(params);
-        }
-    }
-    let reason = "it has no parameters of this task for the robot's hands; use g1_inspire".into();
-    Err(PolicyError::Unfit { policy: "hands", reason })
+    let params: Option<P> = given.or_else(own).map(toml::from_str).transpose().map_err(PolicyError::of("hands"))?;
+    params.filter(|params| grip(params).keys().all(is_known)).ok_or_else(|| {
+        let known = Robot::NAMES[0];
+        let reason = format!("it has no parameters of this task for the robot's hands; use {known}");
+        PolicyError::Unfit { policy: "hands", reason }
+    })
 }
 
 /// An expert. It moves the right arm and its hand, and commands the whole-body controller.
