@@ -8,6 +8,7 @@ mod rows;
 mod sink;
 mod view;
 
+use std::collections::BTreeMap;
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ use fiatlux_bag::{Bag, BagError, Completeness};
 use fiatlux_render::framing::Spot;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_replay::{Rows, differences};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::RobotError;
 use fiatlux_rules::{CONTROL_DT, Row};
 use fiatlux_wire::{RebuildError, light_of, robot_of, scene_of};
 use fiatlux_world::Scene;
@@ -117,7 +118,8 @@ impl RenderError {
 #[derive(Debug)]
 pub struct Clip {
     options: RenderOptions,
-    meshes: Option<RobotMeshes>,
+    /// By the robot's name.
+    meshes: BTreeMap<String, RobotMeshes>,
     episodes: Vec<Episode>,
     warnings: Vec<String>,
 }
@@ -140,14 +142,18 @@ impl Clip {
     /// has no row in the span.
     pub fn open(options: RenderOptions) -> Result<Self, RenderError> {
         options.output.check(options.force)?;
-        // The robots differ in joints, not in links.
-        let robot = Robot::g1_inspire()?;
-        let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
+        let mut meshes = BTreeMap::new();
         let mut warnings = Vec::new();
         let mut episodes = Vec::new();
         for path in &options.bags {
             let episode = Episode::open(path, &options, &mut warnings)?;
-            let drawn_with = meshes.as_ref().map_or("", RobotMeshes::label);
+            let robot = &episode.scene.robot;
+            if let Some(folder) = &options.meshes
+                && !meshes.contains_key(robot.name())
+            {
+                meshes.insert(robot.name().to_owned(), RobotMeshes::open(folder, robot)?);
+            }
+            let drawn_with = meshes.get(robot.name()).map_or("", RobotMeshes::label);
             if !["", drawn_with].contains(&episode.bag.header().meshes.as_str()) {
                 let path = path.display();
                 warnings.push(format!(
@@ -183,7 +189,7 @@ impl Clip {
         let mut sink = Sink::create(output, self.options.force, picture, self.options.fps)?;
         let jobs = |push: &mut dyn FnMut(Job) -> bool| -> Result<(), RenderError> {
             for episode in &self.episodes {
-                if !episode.jobs(&self.options, self.meshes.as_ref(), push)? {
+                if !episode.jobs(&self.options, self.meshes.get(episode.scene.robot.name()), push)? {
                     break;
                 }
             }

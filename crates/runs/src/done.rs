@@ -24,11 +24,12 @@ pub(super) fn not_done(
     policy: &dyn Policy,
 ) -> Result<Vec<Job>, EvaluateError> {
     let robots = Robot::NAMES.map(Robot::by_name).into_iter().collect::<Result<Vec<_>, _>>()?;
-    // The robots differ in joints, not in links, so one robot's meshes serve all.
-    let robot = &robots[0];
+    let label = |robot: &Robot| {
+        let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
+        Ok(meshes.map(|meshes| meshes.label().to_owned()).unwrap_or_default())
+    };
+    let labels = robots.iter().map(label).collect::<Result<Vec<_>, EvaluateError>>()?;
     let scene = options.scene.digest();
-    let meshes = options.meshes.as_ref().map(|folder| RobotMeshes::open(folder, robot)).transpose()?;
-    let meshes = meshes.as_ref().map_or("", RobotMeshes::label);
     let remove = |path: &Path| std::fs::remove_file(path).map_err(|error| folder(path, error));
     let mut kept = Vec::new();
     for &job in jobs {
@@ -40,9 +41,12 @@ pub(super) fn not_done(
         match Bag::open(&path) {
             Ok(bag) => {
                 let wanted = options.request(job, policy);
-                check_same(bag.header(), &path, &wanted, meshes)?;
                 let name = Robot::known(&wanted.robot)?;
-                let model = robots.iter().find(|robot| robot.name() == name).map_or("", Robot::digest);
+                let mut known = robots.iter().zip(&labels);
+                let (model, meshes) = known
+                    .find(|(robot, _)| robot.name() == name)
+                    .map_or(("", ""), |(robot, label)| (robot.digest(), label.as_str()));
+                check_same(bag.header(), &path, &wanted, meshes)?;
                 if is_current(&bag, model, &scene) { kept.push(job) } else { remove(&path)? }
             }
             Err(error @ BagError::Version { .. }) => {

@@ -17,7 +17,7 @@ const JOINTS: usize = 53;
 
 /// An episode of a request in a config: its header and its rows, as messages.
 fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8>, Vec<Vec<u8>>) {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let (header, mut episode): (EpisodeHeader, Episode) = recorded_header(&request, config, robot, 5);
     let mut rows = vec![state_message(episode.row()).encode_to_vec()];
     let staged = episode.row().action.clone();
@@ -34,7 +34,7 @@ fn recorded(request: OpenRequest, config: &SceneConfig, steps: usize) -> (Vec<u8
 /// Nothing is drawn again: another layout than the seed's is followed too.
 #[test]
 fn an_episode_is_rebuilt_from_what_was_recorded() {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let other_room = SceneConfig::from_toml("[bench]\nsurface_height = 0.98\n").unwrap();
     let own = Object::from_toml(include_str!("../tests/data/crate.toml")).unwrap();
     let own_crate = SceneConfig::default().with_asset("crate", &own).unwrap();
@@ -84,7 +84,7 @@ fn light_reads_back() {
 /// A header from elsewhere gives an error that names the field.
 #[test]
 fn damaged_headers_are_refused() {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let request = OpenRequest { task: "S05".into(), ..OpenRequest::default() };
     let (header, _) = recorded(request, &SceneConfig::default(), 0);
     let header = EpisodeHeader::decode(header.as_slice()).unwrap();

@@ -1,10 +1,11 @@
 //! Scenes, built once and shared by the sessions that play in them.
 
 use std::collections::VecDeque;
+use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use fiatlux_proto::Message;
-use fiatlux_render::{RobotMeshes, Visuals};
+use fiatlux_render::{MeshError, RobotMeshes, Visuals};
 use fiatlux_robot::{Robot, RobotError};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
 
@@ -66,9 +67,9 @@ impl Robots {
         Ok(Self(robots.try_into().expect("one for each name")))
     }
 
-    /// The benchmark's.
-    pub fn first(&self) -> &Arc<Robot> {
-        &self.0[0]
+    /// The user's own meshes of each robot, in the same order: links that robots share have other indices in each.
+    pub fn meshes(&self, folder: &Path) -> Result<Vec<Arc<RobotMeshes>>, MeshError> {
+        self.0.iter().map(|robot| RobotMeshes::open(folder, robot).map(Arc::new)).collect()
     }
 
     /// The one of that name, which is one of `Robot::NAMES`.
@@ -82,13 +83,14 @@ impl Robots {
 pub(super) struct Scenes {
     config: SceneConfig,
     robots: Robots,
-    meshes: Option<Arc<RobotMeshes>>,
+    /// The user's own, of each robot; empty without them.
+    meshes: Vec<Arc<RobotMeshes>>,
     /// Scenes, last used at the end.
     kept: Mutex<VecDeque<Built>>,
 }
 
 impl Scenes {
-    pub fn new(config: SceneConfig, robots: Robots, meshes: Option<Arc<RobotMeshes>>) -> Self {
+    pub fn new(config: SceneConfig, robots: Robots, meshes: Vec<Arc<RobotMeshes>>) -> Self {
         Self { config, robots, meshes, kept: Mutex::default() }
     }
 
@@ -105,7 +107,8 @@ impl Scenes {
         }
         // Two sessions may build the same scene at once; that only costs time.
         let scene = Arc::new(Scene::build(&self.config, Arc::clone(self.robot(robot)), spec)?);
-        let built = Built::new(scene, self.meshes.clone());
+        let meshes = Robot::NAMES.iter().zip(&self.meshes).find(|(name, _)| **name == robot);
+        let built = Built::new(scene, meshes.map(|(_, meshes)| Arc::clone(meshes)));
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {
             kept.pop_front();

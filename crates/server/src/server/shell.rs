@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use fiatlux_access::{AccessError, Identity, RecorderKey, Tokens};
 use fiatlux_carrier::{Carrier, CarrierError, Declaration};
 use fiatlux_proto::keys::{self, ServerKeys};
-use fiatlux_render::{MeshError, RobotMeshes};
-use fiatlux_robot::RobotError;
+use fiatlux_render::MeshError;
+use fiatlux_robot::{Robot, RobotError};
 use fiatlux_session::server::{Input, Timeouts};
 use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
@@ -161,8 +161,7 @@ impl Server {
         }
         options.scene.check()?;
         let robots = Robots::load()?;
-        let robot = robots.first();
-        let meshes = options.meshes.map(|folder| RobotMeshes::open(folder, robot)).transpose()?.map(Arc::new);
+        let meshes = options.meshes.map(|folder| robots.meshes(&folder)).transpose()?.unwrap_or_default();
         let server_keys = ServerKeys::new(&options.name);
         if is_taken(&carrier, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
@@ -179,7 +178,7 @@ impl Server {
             RecordsTo::Recorders(key) => (Some(key.clone()), Some(key)),
         };
         let shared = Arc::new(ServerState {
-            info: info::server(&options.name, options.capacity, robot, &options.scene),
+            info: info::server(&options.name, options.capacity, robots.get(Robot::NAMES[0]), &options.scene),
             name: options.name,
             keys: server_keys,
             carrier,

@@ -136,7 +136,7 @@ fn action(step: u64) -> [f64; JOINTS] {
 
 /// The rows that those actions lead to, and their digest, without a service.
 fn alone(task: Task, seed: u64, episode: u64, steps: u64) -> (Vec<Row>, String) {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::default());
     let spec = EpisodeSpec::new(task, seed, episode);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());

@@ -64,7 +64,7 @@ fn harness(request: OpenRequest) -> Harness {
 fn without_client(request: OpenRequest) -> Harness {
     let bytes = OpenRequest { protocol: Some(PROTOCOL), task: "S07".into(), ..request }.encode_to_vec();
     let plan = plan::read(&bytes).unwrap();
-    let scenes = Scenes::new(SceneConfig::default(), Robots::load().unwrap(), None);
+    let scenes = Scenes::new(SceneConfig::default(), Robots::load().unwrap(), Vec::new());
     let gains = scenes.robot(plan.robot).gains(plan.gains);
     let built = scenes.get(plan.robot, plan.episode(0).scene(gains)).unwrap();
     let now = Duration::from_secs(100);
