@@ -11,6 +11,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 import circles
 import features
+import hands
 import licences
 
 RULES = {
@@ -79,6 +80,26 @@ class Features(unittest.TestCase):
         self.assertEqual(features.differences(full, full), ([], 1))
         self.assertEqual(features.differences(bare, full), (["registry#syn@3.0.0: without ['fold'], with []"], 1))
         self.assertEqual(features.differences({}, full), ([], 0))
+
+
+class Hands(unittest.TestCase):
+    def test_names_are_those_of_the_robots(self):
+        self.assertEqual(hands.hands(['name = "b"\nhand = "hook"\n', 'base = "b"\nhand = "bare"\n', 'hand = "claw"\n']), ["claw", "hook"])
+
+    def test_a_file_that_names_a_hand(self):
+        own = '#[cfg(test)]\n#[allow(clippy::unwrap_used)]\nmod tests {\n    fn f() { by_name("g1_hook"); }\n}\n'
+        for path, text, lines in [
+            ("a/src/b.rs", 'fn f() {}\nfn g() { by_name("g1_hook"); }\n', ["a/src/b.rs:2: hook"]),
+            ("a/src/b.rs", f"{own}// A Hook.\n", ["a/src/b.rs:6: Hook"]),
+            ("a/src/b.rs", own, []),
+            ("a/src/hook.rs", "", ["a/src/hook.rs: its name says hook"]),
+            ("a/tests/it/b.rs", "hook", []),
+            ("a/weights/b.json", "hook", []),
+            ("crates/robot/robots/g1_hook.toml", "hook", []),
+            ("docs/robots.md", "hook", []),
+        ]:
+            with self.subTest(path=path, text=text):
+                self.assertEqual(list(hands.faults(["claw", "hook"], path, text)), lines)
 
 
 class Circles(unittest.TestCase):

@@ -158,7 +158,7 @@ struct Stage {
 
 impl Stage {
     fn new() -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
+        let robot = Arc::new(Robot::benchmark().map_err(|e| BenchError::Scene(e.into()))?);
         let config = SceneConfig::default();
         let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::Fiatlux));
         let scene = Scene::build(&config, robot.clone(), spec).map_err(|e| BenchError::Scene(e.into()))?;

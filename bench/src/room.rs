@@ -27,7 +27,7 @@ const ROUNDS: usize = 20;
 pub(crate) fn run() -> Result<RoomReport, BenchError> {
     eprintln!("bench: the whole room against a bare robot on a floor");
     let mut bare = Waver::new("g1_bare", SceneParts::FLOOR)?;
-    let mut room = Waver::new("g1_inspire", SceneKind::CoupledLadder.into())?;
+    let mut room = Waver::new(Robot::NAMES[0], SceneKind::CoupledLadder.into())?;
     let (mut bare_us, mut room_us) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..ROUNDS {
         bare_us = bare_us.min(bare.measure());

@@ -102,7 +102,7 @@ struct Stage {
 
 impl Stage {
     fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
+        let robot = Arc::new(Robot::benchmark().map_err(scene)?);
         let gains = robot.gains(GainSet::Fiatlux);
         let spec = EpisodeSpec::new(task, 0, 0);
         let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);

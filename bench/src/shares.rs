@@ -120,7 +120,7 @@ pub fn run(options: &ShareOptions) -> Result<ShareReport, BenchError> {
 
 fn play(options: &ShareOptions, folder: &Path) -> Result<Clock, BenchError> {
     let &ShareOptions { task, chunks } = options;
-    let robot = Arc::new(Robot::g1_inspire().map_err(scene)?);
+    let robot = Arc::new(Robot::benchmark().map_err(scene)?);
     let spec = EpisodeSpec::new(task, 0, 0);
     let built = spec.scene(robot.gains(GainSet::Fiatlux));
     let built = Arc::new(Scene::build(&SceneConfig::default(), robot, built).map_err(scene)?);

@@ -30,7 +30,7 @@ def main():
     parser.add_argument("--steps", type=int, default=20, help="control steps from the start states")
     parser.add_argument("--rounds", type=int, default=5, help="measurements, taken in turns; the best of each counts")
     parser.add_argument("--task", default="S07")
-    parser.add_argument("--robot", default="g1_inspire")
+    parser.add_argument("--robot", default=fiatlux.ROBOTS[0])
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
 

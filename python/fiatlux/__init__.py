@@ -18,7 +18,7 @@ from .env import Env
 from .evaluation import Evaluation, evaluate
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
-from .settings import Settings
+from .settings import ROBOTS, Settings
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import ClimbingVectorEnv, Start, VectorEnv, WalkingVectorEnv
@@ -31,6 +31,7 @@ _register()
 
 __all__ = [
     "BENCHMARK_VERSION",
+    "ROBOTS",
     "TASKS",
     "Bag",
     "Client",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from .settings import ROBOTS
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ class Kinematics:
     Args:
         task: A task, for the robot in its room with that seed; without it, the robot on a bare floor.
         seed: Seed of the room.
-        robot: Name of the robot.
+        robot: Name of the robot, one of ``fiatlux.ROBOTS``, or of its hands.
         gains: Drives, as of :class:`fiatlux.Settings`.
 
     Raises:
@@ -108,7 +109,7 @@ class Kinematics:
     """
 
     def __init__(
-        self, task: str | None = None, *, seed: int = 0, robot: str = "g1_inspire", gains: str = "fiatlux"
+        self, task: str | None = None, *, seed: int = 0, robot: str = ROBOTS[0], gains: str = "fiatlux"
     ) -> None:
         self._native = _native.Kinematics(task, seed, robot, gains)
         layout = self._native.layout()

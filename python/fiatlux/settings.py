@@ -7,6 +7,9 @@ from typing import Any, TypedDict
 from . import _native
 from ._numbers import size_of, whole
 
+ROBOTS: tuple[str, ...] = tuple(_native.robots())
+"""Names of all robots. The first is the benchmark's."""
+
 
 class Settings(TypedDict, total=False):
     """Settings that every way of playing the benchmark takes; all are optional.
@@ -19,7 +22,7 @@ class Settings(TypedDict, total=False):
         reward: ``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward.
         protocol: Which judge ends the episode: ``"strict"`` or ``"published"``.
         noise: Whether the sensors have noise.
-        robot: Name of the robot: ``"g1_inspire"``, ``"g1_dex3"``, or ``"g1_bare"`` with welded fingers.
+        robot: Name of the robot, one of ``fiatlux.ROBOTS``, or of its hands; by default the first, the benchmark's.
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
         image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
         weights: Weights of the camera's features, a safetensors file; seeded ones by default.
@@ -56,7 +59,7 @@ _DEFAULTS: dict[str, Any] = {
     "reward": "benchmark",
     "protocol": "strict",
     "noise": True,
-    "robot": "g1_inspire",
+    "robot": ROBOTS[0],
     "gains": "fiatlux",
     "image_size": (256, 256),
     "weights": None,

@@ -415,7 +415,7 @@ class WalkingVectorEnv(_Batch):
         hand_force_n: Largest force that pulls at a hand along each of the world's axes, N.
         reward_weights: Weights of the reward's terms, a second, where they are not to be the usual ones.
         scene: ``floor``, or ``room`` for a task's whole scene with ladder, bulbs and furniture. There the robot walks outside
-            the walls, since 20 s are longer than the room; it can have its fingers (``robot="g1_inspire"``).
+            the walls, since 20 s are longer than the room; it can have its fingers (``robot=fiatlux.ROBOTS[0]``).
 
     :attr:`reward_weights` has the weight of each term.
     """

@@ -17,6 +17,12 @@ pub(crate) fn tasks() -> Vec<(&'static str, &'static str, &'static str, &'static
     tasks.map(|task| (task.short_id(), task.id(), task.name(), task.instruction(), task.horizon_steps())).collect()
 }
 
+/// Names of all robots, the benchmark's first.
+#[pyfunction]
+pub(crate) fn robots() -> Vec<&'static str> {
+    Robot::NAMES.into()
+}
+
 /// Names of all sensors.
 #[pyfunction]
 pub(crate) fn sensors() -> Vec<&'static str> {

@@ -38,6 +38,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<kinematics::Kinematics>()?;
     module.add_class::<wbc::WholeBody>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
+    module.add_function(wrap_pyfunction!(build::robots, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;

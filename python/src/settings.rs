@@ -207,7 +207,7 @@ fn session_args(lists: &[(&str, &[String])]) -> PyResult<SessionArgs> {
 }
 
 pub(crate) fn robot(name: &str, gains: &str) -> PyResult<(Arc<Robot>, Gains)> {
-    let robot = Robot::by_name(name).map_err(|error| refused(&error))?;
+    let robot = Robot::known(name).and_then(Robot::by_name).map_err(|error| refused(&error))?;
     let set: GainSet = gains.parse().map_err(|error| PyValueError::new_err(format!("gains: {error}")))?;
     let gains = robot.gains(set);
     Ok((Arc::new(robot), gains))

@@ -58,9 +58,9 @@ struct Export {
     /// With --robot-only: add a floor under its feet.
     #[arg(long, requires = "robot_only")]
     floor: bool,
-    /// Robot.
-    #[arg(long, default_value = Robot::NAMES[0], value_parser = Robot::NAMES)]
-    robot: String,
+    /// Robot, by its name or that of its hands.
+    #[arg(long, default_value = Robot::NAMES[0], value_parser = Robot::known, visible_alias = "hands")]
+    robot: &'static str,
     /// Length of a physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
@@ -106,8 +106,8 @@ fn main() -> ExitCode {
 
 fn run_export(export: &Export) -> anyhow::Result<()> {
     let scene = match export.task {
-        Some(task) => ExportScene::task(task, export.seed, &export.robot)?,
-        None => ExportScene::robot_only(&export.robot, export.floor)?,
+        Some(task) => ExportScene::task(task, export.seed, export.robot)?,
+        None => ExportScene::robot_only(export.robot, export.floor)?,
     };
     let options = MjcfOptions {
         name: scene.name,

@@ -23,7 +23,7 @@ pub fn at_full_length() -> bool {
 
 /// The robot, read once per call.
 pub fn robot() -> Arc<Robot> {
-    Arc::new(Robot::g1_inspire().unwrap())
+    Arc::new(Robot::benchmark().unwrap())
 }
 
 /// The published gains with those of the joints whose names contain one of `parts` scaled.

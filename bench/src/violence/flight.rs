@@ -50,7 +50,7 @@ pub(super) fn starts(model: &Model, joint_speed: f64) -> impl Iterator<Item = St
 
 /// The robot without drives, joint limits, shapes and gravity.
 pub(super) fn robot_in_space() -> Result<Model, BenchError> {
-    let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
+    let robot = Arc::new(Robot::benchmark().map_err(|e| BenchError::Scene(e.into()))?);
     let spec = SceneSpec::floor(robot.gains(GainSet::Fiatlux));
     let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|e| BenchError::Scene(e.into()))?;
     let build = || -> Result<Model, ModelError> {

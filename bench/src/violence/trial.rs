@@ -84,7 +84,7 @@ pub(super) struct Trials {
 
 impl Trials {
     pub fn new() -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::g1_inspire().map_err(|e| BenchError::Scene(e.into()))?);
+        let robot = Arc::new(Robot::benchmark().map_err(|e| BenchError::Scene(e.into()))?);
         let config = SceneConfig::default();
         let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::Fiatlux));
         let room = Scene::build(&config, Arc::clone(&robot), spec).map_err(|e| BenchError::Scene(e.into()))?;

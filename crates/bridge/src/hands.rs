@@ -74,7 +74,7 @@ struct FileFinger {
 }
 
 /// The retargetings that come with this program, by name.
-const SHIPPED: [(&str, &str); 1] = [("dex3-inspire-1", include_str!("../hands/dex3-inspire-1.toml"))];
+const SHIPPED: [(&str, &str); 1] = include!("../hands/shipped.in");
 
 impl Hands {
     /// Opens a retargeting by its name, or by the path of a file.
@@ -186,7 +186,7 @@ mod tests {
     /// Retargeting there and back is the identity, and each of our finger joints moves.
     #[test]
     fn dex3_and_inspire_are_retargeted_both_ways() {
-        let robot = Robot::g1_inspire().unwrap();
+        let robot = Robot::benchmark().unwrap();
         let hands = Hands::open("dex3-inspire-1", &robot).unwrap();
         for (side, fingers) in [(Side::Left, 29..41), (Side::Right, 41..53)] {
             let mut joints = hands.joints(side);

@@ -38,7 +38,7 @@ type LinkPoses = (Vec<Isometry3<f64>>, Isometry3<f64>);
 
 /// Poses of all links, with the index of the wrist.
 fn chain(robot: &Robot, side: Side, q: &[f64]) -> Result<LinkPoses, BridgeError> {
-    let missing = |what: String| BridgeError::Sensed { what, remedy: "use the robot g1_inspire or g1_bare" };
+    let missing = |what: String| BridgeError::Sensed { what, remedy: "use a robot of this version" };
     let links = robot.forward_kinematics(q, &Isometry3::identity()).map_err(|error| missing(error.to_string()))?;
     let wrist = robot.link_index(side.wrist()).ok_or_else(|| missing(format!("a link {}", side.wrist())))?;
     let pose = links[wrist];
@@ -84,7 +84,7 @@ mod tests {
     /// Nine numbers restore a pose, and the arm returns to it.
     #[test]
     fn a_wrist_is_reached_again() {
-        let robot = Robot::g1_inspire().unwrap();
+        let robot = Robot::benchmark().unwrap();
         for side in [Side::Left, Side::Right] {
             let mut bent = robot.q0().to_vec();
             for (at, joint) in side.arm().enumerate() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use fiatlux_cli::whole;
 use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
+use fiatlux_robot::Robot;
 
 /// Flags that describe a session. Each flag that is given overrides the request's own value.
 #[derive(Debug, Clone, Default, Args)]
@@ -13,8 +14,8 @@ pub struct SessionArgs {
     /// Set of gains for the joints' drives: fiatlux, sonic, gear or gear-lerobot
     #[arg(long, value_name = "NAME")]
     gains: Option<String>,
-    /// Robot: g1_inspire (53 joints), g1_dex3 (43), or g1_bare, whose fingers are welded (29) [default: g1_inspire]
-    #[arg(long, value_name = "NAME")]
+    /// Robot, by its name or that of its hands, such as bare for g1_bare, whose fingers are welded [default: the benchmark's]
+    #[arg(long, value_name = "NAME", visible_alias = "hands", value_parser = robot)]
     robot: Option<String>,
     /// Sensors, such as proprioception,lidar@10,camera@look: with a rate in Hz, or only when the policy looks; by
     /// default in every observation. proprioception, hand_contact, limb_contact, last_action, lidar (lidar+room also
@@ -170,6 +171,11 @@ fn sensor(text: &str) -> Result<Sensor, String> {
     Ok(sensor)
 }
 
+/// The robot's own name. One that this version lacks, the server may know.
+fn robot(text: &str) -> Result<String, String> {
+    Ok(Robot::known(text).unwrap_or(text).into())
+}
+
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides.ok_or_else(|| format!("'{text}' is not a size; write WIDTHxHEIGHT, such as 256x256"))
@@ -248,6 +254,15 @@ mod tests {
         assert!(random.fixed_start && random.exact_sensors && !random.fixed_light && !random.fixed_layout);
         assert_eq!(request.prop_scale.map(|scale| (scale.ladder_z, scale.socket)), Some((1.05, 0.95)));
         assert_eq!((request.gains.as_str(), request.reward.as_str()), ("sonic", "training"));
+    }
+
+    #[test]
+    fn a_robot_is_named_by_itself_or_its_hands() {
+        for (flags, expected) in
+            [("--hands bare", "g1_bare"), ("--robot g1_bare", "g1_bare"), ("--robot h1", "h1"), ("", "")]
+        {
+            assert_eq!(applied(flags, OpenRequest::default()).robot, expected, "{flags}");
+        }
     }
 
     #[test]

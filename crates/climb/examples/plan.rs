@@ -59,7 +59,7 @@ struct Ladder {
 
 impl Ladder {
     fn new(way: Way) -> Self {
-        let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+        let robot = Arc::new(Robot::benchmark().unwrap());
         let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::default()));
         let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
         let mut mechanics = Mechanics::new(&scene.model);

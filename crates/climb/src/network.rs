@@ -18,7 +18,7 @@ use crate::tracker::{OBSERVATION, OBSERVED, Tracker};
 /// Name and version of the contract's layout.
 const FORMAT: &str = "fiatlux-climb/1";
 /// Robots that a policy plays: the same legs, waist and arms, and hands that weigh the same.
-const ROBOTS: [&str; 2] = ["g1_bare", "g1_inspire"];
+const ROBOTS: [&str; 2] = ["g1_bare", Robot::NAMES[0]];
 /// Largest difference from what the network gave when it was exported.
 const TOLERANCE: f32 = 1e-4;
 /// Largest layer.

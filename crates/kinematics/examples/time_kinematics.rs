@@ -80,7 +80,7 @@ impl Stage {
 fn main() -> Result<()> {
     println!("| call{:42} |  calls | mean us | p50, us | p99, us | solved, % |", "");
     println!("|-{:-<46}-|-------:|--------:|--------:|--------:|----------:|", "");
-    let mut stage = Stage::new("g1_inspire")?;
+    let mut stage = Stage::new(Robot::NAMES[0])?;
     readings(&stage)?;
     for side in ["left", "right"] {
         for (with, waist) in [("", false), (" and waist", true)] {

@@ -13,7 +13,7 @@
 //! use nalgebra::Vector3;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let robot = Robot::by_name("g1_inspire")?;
+//! let robot = Robot::benchmark()?;
 //! let mut builder = ModelBuilder::new();
 //! let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot))?;
 //! let model = builder.build()?;

@@ -178,7 +178,7 @@ fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
 /// In the standing posture at rest, no target is far from the posture.
 #[test]
 fn stand_answers_with_targets_of_all_joints() {
-    let robot = Robot::g1_inspire().expect("loads");
+    let robot = Robot::benchmark().expect("loads");
     let (info, first) = standing(&robot, GainSet::default());
     let count = info.joints.len();
     let mut stand = Policies::default().make("stand").expect("known");
@@ -239,7 +239,7 @@ fn foreign_controllers_move_their_own_joints() {
 /// Every action's record has the policy's command to its whole-body controller.
 #[test]
 fn commands_are_recorded() {
-    let robot = Robot::g1_inspire().expect("loads");
+    let robot = Robot::benchmark().expect("loads");
     let (info, first) = standing(&robot, GainSet::Fiatlux);
     for (name, height) in [("wbc:vx=0.25,wz=-0.5".to_owned(), 0.75), (format!("gear:{NETWORKS},vx=0.25,wz=-0.5"), 0.74)]
     {
@@ -259,7 +259,7 @@ fn commands_are_recorded() {
 /// The targets that are sent hold the arms' weight, and those of the policy stay what it asked for.
 #[test]
 fn a_body_can_hold_its_arms() {
-    let robot = Robot::g1_inspire().expect("loads");
+    let robot = Robot::benchmark().expect("loads");
     let (info, observation) = standing(&robot, GainSet::Fiatlux);
     let sent = |mut body: WholeBody| {
         let (asked, command) = (body.targets.clone(), body.upright());
@@ -284,7 +284,7 @@ fn a_body_can_hold_its_arms() {
 
 #[test]
 fn foreign_controllers_refuse_what_does_not_fit() {
-    let robot = Robot::g1_inspire().expect("loads");
+    let robot = Robot::benchmark().expect("loads");
     for (words, gains, said) in [
         ("sonic", GainSet::Fiatlux, "open the session with --gains sonic"),
         ("gear,reading=lerobot", GainSet::Gear, "--gains gear-lerobot"),

@@ -242,7 +242,7 @@ fn it_stands_when_pushed() {
 
 #[test]
 fn what_it_cannot_use_is_refused() {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::default());
     let q0 = robot.q0().to_vec();
     let error = Balance::new(Arc::clone(&robot), gains.clone(), &q0[1..]).unwrap_err();

@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = std::env::args().nth(1).unwrap_or_else(|| "target/stills".into());
     let out = Path::new(&out);
     std::fs::create_dir_all(out)?;
-    let robot = Arc::new(Robot::by_name("g1_inspire")?);
+    let robot = Arc::new(Robot::benchmark()?);
     let meshes = std::env::args().nth(2).map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
     let mut large = Renderer::supersampled(1280, 960, 3);
     let mut eye = Renderer::new(HEAD_PIXELS, HEAD_PIXELS);

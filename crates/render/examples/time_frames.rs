@@ -18,7 +18,7 @@ use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, star
 const FRAMES: usize = 200;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let robot = Arc::new(Robot::by_name("g1_inspire")?);
+    let robot = Arc::new(Robot::benchmark()?);
     let begun = Instant::now();
     let meshes = std::env::args().nth(1).map(|folder| RobotMeshes::open(folder, &robot)).transpose()?;
     if let Some(meshes) = &meshes {

@@ -18,7 +18,7 @@
 //! use fiatlux_robot::{GainSet, Robot};
 //! use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, World};
 //!
-//! let robot = Arc::new(Robot::by_name("g1_inspire")?);
+//! let robot = Arc::new(Robot::benchmark()?);
 //! let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, robot.gains(GainSet::default()));
 //! let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);
 //! let world = World::new(Arc::clone(&scene));

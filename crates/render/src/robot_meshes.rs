@@ -43,9 +43,9 @@ impl RobotMeshes {
     /// Positions are in the link's frame, m.
     ///
     /// A file is named after its link (`left_knee_link.STL`, any case of the ending). Names of Unitree's description are
-    /// known too: of `torso_link.STL` and `torso_link_rev_1_0.STL` the later revision counts; `L_hand_base_link` and
-    /// `Link11_L` to `Link22_R` are the Inspire hands. Files with other names are ignored. A link without a file keeps
-    /// our own shape; a palm is part of its hand's base.
+    /// known too: of `torso_link.STL` and `torso_link_rev_1_0.STL` the later revision counts; `aliases.txt` lists the
+    /// others. Files with other names are ignored. A link without a file keeps our own shape; a palm is part of its
+    /// hand's base.
     ///
     /// # Errors
     /// [`MeshError`]: a folder or a file that cannot be read, a folder in which no file fits a link, two files for one

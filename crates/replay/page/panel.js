@@ -50,7 +50,7 @@ export class Panel {
     if (!this.isOneOfTwo) document.title = `${episode.task}, seed ${episode.seed}: Fiatlux replay`;
     const facts = [`Policy ${episode.policy || "without a name"}`, `seed ${episode.seed}`];
     if (episode.episode !== "0") facts.push(`episode ${episode.episode}`);
-    facts.push(episode.robot || "g1_inspire", `benchmark version ${episode.benchmark_version}`);
+    facts.push(episode.robot, `benchmark version ${episode.benchmark_version}`);
     const bag = isFile()
       ? element("p", { className: "soft small" }, `Recorded in ${episode.bag}.`)
       : element(

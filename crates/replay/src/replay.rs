@@ -6,6 +6,7 @@ use std::sync::Arc;
 use fiatlux_bag::{Bag, BagError, Completeness, Patience};
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_render::Lighting;
+use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, Task};
 use fiatlux_wire::{light_of, robot_of, scene_of};
 use fiatlux_world::Scene;
@@ -246,7 +247,7 @@ impl EpisodeInfo {
             seed: header.seed.to_string(),
             episode: header.episode.to_string(),
             policy: short(&header.policy),
-            robot: short(&header.robot),
+            robot: short(Robot::known(&header.robot).unwrap_or(&header.robot)),
             benchmark_version: header.benchmark_version,
             horizon_steps: header.horizon_steps,
         }

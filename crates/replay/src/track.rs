@@ -18,7 +18,7 @@ pub const MAGIC: [u8; 4] = *b"FLTR";
 pub const TRACK_VERSION: u32 = 1;
 /// Numbers of a pose: position x, y, z in m, then the quaternion w, x, y, z.
 pub const POSE: usize = 7;
-/// Maximum number of rows whose poses are kept: 42 MB for the robot with Inspire hands.
+/// Maximum number of rows whose poses are kept: 42 MB for the benchmark's robot.
 pub const MAX_KEPT_ROWS: usize = 20_000;
 
 /// A contact force that every kept row has, in the world frame, N.

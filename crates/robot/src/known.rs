@@ -7,7 +7,7 @@ impl Robot {
     /// Names of the robots that [`Robot::by_name`] knows, one for each file of `robots/`. The first is the benchmark's.
     pub const NAMES: [&str; ROBOTS.len()] = NAMES;
 
-    /// Reads and checks a robot file: a whole robot, as `g1_inspire.toml`, or one made from a known robot, as `g1_bare.toml`.
+    /// Reads and checks a robot file: a whole robot, or one made from a known robot, as `g1_bare.toml`.
     /// The headers of these files describe the formats.
     ///
     /// # Errors
@@ -16,7 +16,7 @@ impl Robot {
         if names_base(text) { crate::variant::load(text, text_of) } else { crate::load::load(text) }
     }
 
-    /// A robot that comes with the library.
+    /// A robot that comes with the library, by its own name or that of its hands.
     ///
     /// # Errors
     /// [`RobotError::Name`] for any other name; it lists the known ones.
@@ -24,16 +24,13 @@ impl Robot {
         Self::from_toml(text_of(name)?)
     }
 
-    /// The name of a known robot as [`Robot::NAMES`] has it; of the benchmark's where none is given.
+    /// The name of a known robot as [`Robot::NAMES`] has it, for that name or the name of its hands; of the benchmark's where none is
+    /// given.
     ///
     /// # Errors
     /// [`RobotError::Name`] for any other name; it lists the known ones.
     pub fn known(name: &str) -> Result<&'static str, RobotError> {
-        match NAMES.into_iter().find(|known| *known == name) {
-            None if name.is_empty() => Ok(NAMES[0]),
-            None => Err(RobotError::Name(name.into())),
-            Some(known) => Ok(known),
-        }
+        if name.is_empty() { Ok(NAMES[0]) } else { Ok(found(name)?.0) }
     }
 
     /// The robot that has these joints in this order, for peers that know the joints alone.
@@ -50,19 +47,24 @@ impl Robot {
         Err(RobotError::Joints { found: names.count() })
     }
 
-    /// The Unitree G1 with 29 body joints and two Inspire hands of 12 joints each.
+    /// The benchmark's robot, the first of [`Robot::NAMES`].
     ///
     /// # Errors
     /// As [`Robot::from_toml`].
-    pub fn g1_inspire() -> Result<Self, RobotError> {
+    pub fn benchmark() -> Result<Self, RobotError> {
         Self::by_name(NAMES[0])
     }
 }
 
 /// The embedded file of a known robot.
 fn text_of(name: &str) -> Result<&'static str, RobotError> {
-    let known = ROBOTS.into_iter().find(|(known, _)| *known == name);
-    known.map(|(_, text)| text).ok_or_else(|| RobotError::Name(name.into()))
+    Ok(found(name)?.1)
+}
+
+/// Name and embedded file of the robot of that name, or with hands of that name.
+fn found(name: &str) -> Result<(&'static str, &'static str), RobotError> {
+    let known = ROBOTS.into_iter().find(|(known, hand, _)| [*known, *hand].contains(&name));
+    known.map(|(known, _, text)| (known, text)).ok_or_else(|| RobotError::Name(name.into()))
 }
 
 /// True if a text says that it is made from another robot. One that is not TOML says nothing; its reader will complain.

@@ -1,6 +1,5 @@
 //! A humanoid as data: links, joints, limits, gains and collision shapes, read from one editable TOML file, checked, and
-//! handed to the dynamics engine. [`Robot::by_name`] knows two: `g1_inspire`, the Unitree G1 with two Inspire hands, and
-//! `g1_bare`, the same robot with its fingers welded.
+//! handed to the dynamics engine. [`Robot::by_name`] knows those of `robots/`; [`Robot::benchmark`] is the first of them.
 //!
 //! ```
 //! use fiatlux_dynamics::ModelBuilder;

@@ -1,6 +1,6 @@
 //! The robots that come with the library.
 
-// `ROBOTS`: name and text of each file of `robots/`; the build script writes the list.
+// `ROBOTS`: name, hands and text of each file of `robots/`; the build script writes the list.
 include!(concat!(env!("OUT_DIR"), "/robots.rs"));
 
 /// Their names. The first is the benchmark's.

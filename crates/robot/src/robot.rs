@@ -113,7 +113,7 @@ impl Robot {
         &self.name
     }
 
-    /// The hands that it carries, such as `inspire`, as its file calls them.
+    /// Name of the hands that it carries, as its file has it.
     pub fn hand(&self) -> &str {
         &self.hand
     }

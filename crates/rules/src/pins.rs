@@ -23,14 +23,10 @@ use crate::thresholds::Thresholds;
 pub const ENGINE_VERSION: u32 = 4;
 
 /// Digest of each robot's file, by its name. Robots that are not here play, but are not ranked.
-pub const MODELS: [(&str, &str); 3] = [
-    ("g1_inspire", "b2c649989718ecf5c08c5f5268b2af303eedeb5a13cff2650a4033147c12f058"),
-    ("g1_dex3", "bb814aa2abc6d8c360e31dd8bce41f308d75c81911b8c9917cd56efa2553109f"),
-    ("g1_bare", "eb20f17cf29daa79b2af0194fb277aba4151e1f95192c4710795cd49fc456861"),
-];
+pub const MODELS: [(&str, &str); 3] = include!("../pins/models.in");
 
 /// Robots that results are ranked by, each in divisions of its own. The first is the benchmark's.
-pub const RANKED_ROBOTS: [&str; 2] = ["g1_inspire", "g1_dex3"];
+pub const RANKED_ROBOTS: [&str; 2] = include!("../pins/ranked.in");
 
 /// Digest of the scene config with the published values.
 pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";

@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Vector3};
 const SCANS: usize = 2000;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let robot = Arc::new(Robot::by_name("g1_inspire")?);
+    let robot = Arc::new(Robot::benchmark()?);
     let gains = robot.gains(GainSet::Fiatlux);
     let spec = SceneSpec::new(SceneKind::CoupledLadder, 0, gains);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec)?);

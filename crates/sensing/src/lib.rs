@@ -10,7 +10,7 @@
 //! use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 //! use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
 //!
-//! let robot = Arc::new(Robot::by_name("g1_inspire")?);
+//! let robot = Arc::new(Robot::benchmark()?);
 //! let spec = EpisodeSpec::new(Task::S07, 3, 0);
 //! let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(robot.gains(GainSet::default())))?;
 //! let episode = Episode::start(Arc::new(scene), &spec)?;

@@ -16,7 +16,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn sensing_into_a_buffer_allocates_nothing() {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = EpisodeSpec::new(Task::S07, 1, 0);
     let gains = robot.gains(GainSet::default());
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());

@@ -8,7 +8,7 @@ use crate::{ACTION_CLAMP, ARMS, CONTROL_DT, FRAME, FRAME_LENGTH, MOVED, SCALES, 
 /// Name and version of the contract's layout.
 const FORMAT: &str = "fiatlux-wbc/2";
 /// The robots that a controller plays: the same legs and waist, and hands that weigh the same.
-const ROBOTS: [&str; 2] = ["g1_bare", "g1_inspire"];
+const ROBOTS: [&str; 2] = ["g1_bare", Robot::NAMES[0]];
 
 /// The contract of a controller; it stands in its file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

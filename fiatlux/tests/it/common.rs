@@ -23,7 +23,7 @@ pub fn folder(name: &str) -> PathBuf {
 }
 
 pub fn episode() -> Episode {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = EpisodeSpec::new(Task::S05, 0, 0);
     let gains = robot.gains(GainSet::Fiatlux);
     let scene = Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap();
@@ -37,7 +37,7 @@ pub fn header() -> EpisodeHeader {
         task: "S05".into(),
         gains: "fiatlux".into(),
         robot: "g1_inspire".into(),
-        model_digest: Robot::g1_inspire().unwrap().digest().into(),
+        model_digest: Robot::benchmark().unwrap().digest().into(),
         scene_digest: SceneConfig::default().digest(),
         ..EpisodeHeader::default()
     }

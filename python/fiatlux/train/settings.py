@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from .. import _native
+from ..settings import ROBOTS
 from ..tasks import TASKS
 
 PARTS = ("history", "clock", "symmetry")
 """Parts of the method that training can leave out."""
-SCENES = {"floor": {"robot": "g1_bare"}, "room": {"scene": "room", "robot": "g1_inspire"}}
+SCENES = {"floor": {"robot": "g1_bare"}, "room": {"scene": "room", "robot": ROBOTS[0]}}
 """Where robots walk: arguments of :class:`fiatlux.WalkingVectorEnv`."""
 
 
@@ -117,7 +118,7 @@ class Baseline(Settings):
     reward: str = _of("training", "training: the shaped reward; benchmark: what the task's score pays")
     protocol: str = _of("published", "which judge ends an episode: published or strict")
     sensors: tuple[str, ...] = _of((), "sensors of the policy, such as lidar; without names, the task's usual ones")
-    robot: str = _of("g1_inspire", "robot")
+    robot: str = _of(ROBOTS[0], "robot")
     rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)
     episodes: int = _of(4, "start states in each room", 1)
     stagger: int = _of(

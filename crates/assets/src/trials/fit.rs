@@ -26,7 +26,7 @@ pub(super) fn trials(
     bulb: &Object,
     fixture: &Object,
 ) -> Result<Vec<Trial>, TrialError> {
-    let robot = Arc::new(Robot::by_name("g1_inspire")?);
+    let robot = Arc::new(Robot::benchmark()?);
     let mut done = Vec::new();
     for seed in SEEDS {
         let spec = SceneSpec::new(SceneKind::CoupledLadder, seed, robot.gains(GainSet::default()));

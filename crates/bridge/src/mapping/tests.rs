@@ -4,7 +4,7 @@ use super::*;
 use crate::{ActionTerms, CameraTerms, Contract, Frames, ModelChunk, Sensed, check_chunk, check_contract};
 
 fn robot() -> Robot {
-    Robot::g1_inspire().unwrap()
+    Robot::benchmark().unwrap()
 }
 
 fn shipped(name: &str) -> Mapping {

@@ -96,7 +96,7 @@ fn start(python: &Path, dialect: Dialect, mapping: &str, args: &[&str]) -> Doubl
 #[test]
 fn every_dialect_is_spoken() {
     let Some(python) = python() else { return skip() };
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     for (dialect, name) in cases() {
         let double = start(&python, dialect, name, &["--navigate", "0.25,0,0.5"]);
         let mapping = Mapping::open(name, &robot).unwrap();
@@ -177,7 +177,7 @@ fn golden_messages_are_of_real_packages() {
 #[test]
 fn faults_are_errors_with_a_reason() {
     let Some(python) = python() else { return skip() };
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     for dialect in [Dialect::Gr00t, Dialect::Openpi, Dialect::Behavior, Dialect::Roboarena] {
         let mapping = Mapping::open(default_mapping(dialect), &robot).unwrap();
         let observation = observed(&mapping, &robot);

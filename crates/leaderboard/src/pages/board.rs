@@ -82,7 +82,7 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     let choices = choices.map(|choice| DivisionChoice { is_shown: choice.slug == slug, ..choice }).collect();
     let is_papers = |division: &Division| {
         (division.time, division.observations, division.robot.as_str())
-            == (Time::Lockstep, Observations::Standard, "g1_inspire")
+            == (Time::Lockstep, Observations::Standard, fiatlux_rules::pins::RANKED_ROBOTS[0])
             && division.assets.is_empty()
     };
     let has_paper = table.is_none_or(|table| is_papers(&table.division));

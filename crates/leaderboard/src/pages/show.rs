@@ -107,7 +107,7 @@ pub(super) fn observations(observations: Observations) -> &'static str {
     }
 }
 
-/// A robot in words, such as `G1 with Inspire hands` for `g1_inspire`: its body and its hands.
+/// A robot in words, its body and its hands: `G1 with Bare hands` for `g1_bare`.
 pub(super) fn robot(name: &str) -> String {
     match name.split_once('_') {
         Some((body, hands)) if !hands.is_empty() && hands.is_ascii() => {
@@ -117,7 +117,7 @@ pub(super) fn robot(name: &str) -> String {
     }
 }
 
-/// A division in words, such as `Lockstep, standard observations, G1 with Inspire hands`.
+/// A division in words, such as `Lockstep, standard observations, ` and the robot.
 pub(super) fn division(division: &Division) -> String {
     let mut time = time(division.time).to_owned();
     time[..1].make_ascii_uppercase();
@@ -146,7 +146,7 @@ pub(super) fn brief(division: &Division) -> String {
     words.join(", ") + &objects(division, ", with ", " ")
 }
 
-/// A division in an address, such as `7-lockstep-standard-g1_inspire`; the number is the benchmark's version.
+/// A division in an address, such as `7-lockstep-standard-g1_bare`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
     let time = time(division.time).replace(' ', "-");
     let objects = objects(division, "-", "-");

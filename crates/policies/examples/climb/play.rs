@@ -45,7 +45,7 @@ pub fn play(
     seed: u64,
     mut watch: impl FnMut(&Episode, Option<f64>),
 ) -> Result<Played, Box<dyn Error>> {
-    let robot = Arc::new(Robot::g1_inspire()?);
+    let robot = Arc::new(Robot::benchmark()?);
     let gains = robot.gains(GainSet::default());
     let spec = EpisodeSpec::new(task, seed, 0);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone()))?);

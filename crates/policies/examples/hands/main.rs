@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [task, seeds, rest @ ..] = arguments.as_slice() else { return Err("TASK FIRST..LAST [trace] [FILE]".into()) };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     if seeds == "drive" {
-        return drive::drive(Hands::new()?, &session(task, &Robot::g1_inspire()?));
+        return drive::drive(Hands::new()?, &session(task, &Robot::benchmark()?));
     }
     let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
     let trace = rest.iter().any(|word| word == "trace");

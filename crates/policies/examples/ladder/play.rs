@@ -69,7 +69,7 @@ pub struct Game {
 impl Game {
     /// Starts the first episode of a room; with other causes that end it, in place of the task's.
     pub fn start(seed: u64, end_on: Option<Causes>) -> Result<Self, Box<dyn Error>> {
-        let robot = Arc::new(Robot::g1_inspire()?);
+        let robot = Arc::new(Robot::benchmark()?);
         let gains = robot.gains(GainSet::default());
         let spec = EpisodeSpec { end_on, ..EpisodeSpec::new(Task::S01, seed, 0) };
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone()))?);

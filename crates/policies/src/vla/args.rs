@@ -74,7 +74,7 @@ impl VlaArgs {
         let (Some(dialect), Some(url)) = (self.dialect, &self.model) else {
             return Err(unfit("it needs a model server; give --dialect and --model".into()));
         };
-        let robot = Robot::g1_inspire().map_err(|error| unfit(error.to_string()))?;
+        let robot = Robot::benchmark().map_err(|error| unfit(error.to_string()))?;
         let name = self.map.as_deref().unwrap_or(default_mapping(dialect));
         let mapping = Mapping::open(name, &robot).map_err(PolicyError::of("vla"))?;
         let wrong =

@@ -30,7 +30,7 @@ fn export(robot: &Robot, folder: &Path) {
 fn our_own_shapes_come_back() {
     let folder = std::env::temp_dir().join(format!("fiatlux-own-meshes-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     export(&robot, &folder);
     let meshes = RobotMeshes::open(&folder, &robot).unwrap();
     let drawn =

@@ -14,7 +14,7 @@ fn stage(task: Task, seed: u64) -> (Arc<Scene>, Row) {
 }
 
 fn stage_scaled(task: Task, seed: u64, scale: PropScale) -> (Arc<Scene>, Row) {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = SceneSpec { scale, ..SceneSpec::new(SceneKind::of(task), seed, robot.gains(GainSet::Fiatlux)) };
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
     let world = start(Arc::clone(&scene), task, 0, &StartOptions::default()).unwrap();

@@ -30,7 +30,7 @@ impl Folder {
     }
 
     fn open(&self) -> Result<RobotMeshes, MeshError> {
-        RobotMeshes::open(&self.0, &Robot::g1_inspire().unwrap())
+        RobotMeshes::open(&self.0, &Robot::benchmark().unwrap())
     }
 
     /// Message of the refusal.
@@ -102,7 +102,7 @@ fn obj([x, y, z]: [f32; 3]) -> String {
 }
 
 fn stage() -> (Arc<Scene>, Row) {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = SceneSpec::new(SceneKind::of(Task::S02), 0, robot.gains(GainSet::Fiatlux));
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
     let world = start(Arc::clone(&scene), Task::S02, 0, &StartOptions::default()).unwrap();
@@ -164,7 +164,7 @@ fn a_mesh_is_where_its_link_is() {
 /// Of a link's files the latest revision counts, Unitree's names of the hands are known, and a hand's base has its palm.
 #[test]
 fn names_find_their_links() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let small = binary("", &cuboid([0.01; 3]));
     let names =
         ["torso_link.STL", "torso_link_rev_1_0.STL", "torso_link_23dof_rev_1_0.STL", "Link14_R.STL", "Link99_R.STL"];
@@ -219,7 +219,7 @@ fn a_folder_without_meshes_of_the_robot_is_refused() {
     let message = empty.refused();
     assert!(message.contains("pelvis.stl") && message.contains("g1_inspire"), "{message}");
     assert!(empty.with("g1.stl", binary("", &cuboid([0.1; 3]))).refused().contains("pelvis.stl"));
-    let missing = RobotMeshes::open("/nowhere/at/all", &Robot::g1_inspire().unwrap()).unwrap_err();
+    let missing = RobotMeshes::open("/nowhere/at/all", &Robot::benchmark().unwrap()).unwrap_err();
     assert!(matches!(missing, MeshError::Folder { .. }), "{missing}");
     let small = binary("", &cuboid([0.1; 3]));
     let twice = Folder::new("twice").with("pelvis.stl", &small).with("pelvis.obj", obj([0.1; 3]));

@@ -5,7 +5,7 @@ use fiatlux_robot::{GainSet, Robot, RobotError};
 use nalgebra::{Isometry3, Vector3};
 
 fn g1() -> Robot {
-    Robot::g1_inspire().expect("the embedded robot loads")
+    Robot::benchmark().expect("the embedded robot loads")
 }
 
 fn close(a: f64, b: f64, tolerance: f64) -> bool {

@@ -105,6 +105,8 @@ fn robots_are_found_by_name_and_by_joints() {
         assert_eq!(Robot::with_joints(robot.joints().iter().map(|joint| joint.name.as_str())).unwrap(), robot);
     }
     assert_eq!(Robot::known(""), Ok("g1_inspire"));
+    assert_eq!((Robot::known("dex3"), Robot::known("bare")), (Ok("g1_dex3"), Ok("g1_bare")));
+    assert_eq!(Robot::by_name("inspire"), Robot::benchmark());
     assert_eq!(Robot::known("g1"), Err(RobotError::Name("g1".into())));
     assert_eq!(Robot::by_name("g1"), Err(RobotError::Name("g1".into())));
     let error = Robot::with_joints(["knee"].into_iter()).unwrap_err();

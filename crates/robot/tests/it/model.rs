@@ -14,7 +14,7 @@ fn build(robot: &Robot, options: &BuildOptions) -> (Model, RobotIds) {
 
 #[test]
 fn every_joint_has_its_body_and_drive() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let (model, ids) = build(&robot, &BuildOptions::new(&robot));
     assert_eq!((model.bodies().len(), model.nq(), model.nv(), model.drives().len()), (55, 60, 59, 53));
     for (joint, at) in robot.joints().iter().zip(&ids.joints) {
@@ -42,7 +42,7 @@ fn every_joint_has_its_body_and_drive() {
 /// Welding must not change what the robot weighs, where its mass is or how it turns.
 #[test]
 fn welded_links_keep_mass_moment_and_inertia() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let (model, _) = build(&robot, &BuildOptions::new(&robot));
     let poses = robot.forward_kinematics(&[0.0; 53], &Isometry3::identity()).unwrap();
     let about_origin = |mass: f64, com: Vector3<f64>, pose: &Isometry3<f64>, inertia: &nalgebra::Matrix3<f64>| {
@@ -72,7 +72,7 @@ fn welded_links_keep_mass_moment_and_inertia() {
 
 #[test]
 fn shapes_keep_the_label_of_their_link() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let mut options = BuildOptions::new(&robot);
     (options.first_label, options.first_cull_group, options.hand_friction) = (100, 7, Some(0.8));
     let (model, ids) = build(&robot, &options);
@@ -94,7 +94,7 @@ fn shapes_keep_the_label_of_their_link() {
 
 #[test]
 fn gains_can_be_changed_before_building() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let mut options = BuildOptions::new(&robot);
     options.gains = robot.gains(GainSet::Sonic);
     let ankle = robot.joint_index("left_ankle_pitch_joint").unwrap();
@@ -110,7 +110,7 @@ fn gains_can_be_changed_before_building() {
 
 #[test]
 fn a_second_robot_of_the_same_name_is_refused() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let options = BuildOptions::new(&robot);
     let mut builder = ModelBuilder::new();
     robot.add_to(&mut builder, &options).unwrap();
@@ -131,14 +131,14 @@ fn overlaps(robot: &Robot, q: &[f64]) -> Vec<(String, String)> {
 
 #[test]
 fn nothing_overlaps_while_standing_or_at_zero() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     assert_eq!(overlaps(&robot, robot.q0()), []);
     assert_eq!(overlaps(&robot, &[0.0; 53]), []);
 }
 
 #[test]
 fn an_arm_does_not_pass_through_the_trunk() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let mut q = robot.q0().to_vec();
     q[robot.joint_index("left_shoulder_roll_joint").unwrap()] = -0.8;
     let found = overlaps(&robot, &q);

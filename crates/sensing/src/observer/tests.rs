@@ -15,7 +15,7 @@ const JOINTS: usize = 53;
 const SEED: Option<NoiseSeed> = Some(NoiseSeed { seed: 3, episode: 1 });
 
 fn row_and_q0() -> (Row, Vec<f64>) {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::default());
     let spec = SceneSpec::new(SceneKind::FreeLadder, 0, gains);
     let q0 = robot.q0().to_vec();

@@ -16,7 +16,7 @@ const JOINTS: usize = 53;
 const HAND_BODIES: usize = 34;
 
 fn episode(task: Task) -> Episode {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
     let spec = EpisodeSpec::new(task, 3, 1);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap());

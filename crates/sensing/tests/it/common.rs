@@ -14,7 +14,7 @@ use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, Worl
 
 /// The scene that a task plays in, layout seed 0, with all gains multiplied.
 pub fn scene(task: Task, stiffer: f64) -> Arc<Scene> {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let mut gains: Gains = robot.gains(GainSet::Fiatlux);
     for drive in &mut gains.0 {
         drive.stiffness *= stiffer;

@@ -14,7 +14,7 @@ use fiatlux_world::{
 const JOINTS: usize = 53;
 
 fn scene_of(spec: &EpisodeSpec) -> Arc<Scene> {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = spec.scene(robot.gains(GainSet::default()));
     Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap())
 }
@@ -300,7 +300,7 @@ fn tasks_start_at_every_corner_of_the_sizes() {
 /// A carried bulb is held at the start with every friction and every size that an episode may draw: 216 starts.
 #[test]
 fn carried_bulbs_are_held_with_any_friction() {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let [low, high] = HandFriction::DYNAMIC;
     for task in [Task::S04, Task::S05, Task::S06, Task::S09, Task::S10, Task::S11] {
         for (friction, fresh_bulb) in [(low, 1.0), (0.8, 1.0), (0.9, 0.9), (high, 1.0), (low, 0.9), (high, 1.1)] {

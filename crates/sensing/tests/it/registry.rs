@@ -121,7 +121,7 @@ fn terms_are_sized_by_the_robot() {
 /// The G1's cameras are described with their mounts.
 #[test]
 fn cameras_are_described() {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let cameras = camera_messages(Sensors::of(&[Sensor::Camera, Sensor::Lidar]), &robot);
     assert_eq!(cameras.len(), 1);
     assert_eq!((cameras[0].sensor.as_str(), cameras[0].link.as_str()), ("camera", "d435_link"));

@@ -9,7 +9,7 @@ use fiatlux_world::{SceneConfig, SceneKind, SceneSpec, StartOptions, start};
 use super::*;
 
 fn build(task: Task) -> (Arc<Scene>, Row) {
-    let robot = Arc::new(Robot::g1_inspire().expect("the robot"));
+    let robot = Arc::new(Robot::benchmark().expect("the robot"));
     let gains = robot.gains(GainSet::default());
     let spec = SceneSpec::new(SceneKind::of(task), 3, gains);
     let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).expect("a scene"));

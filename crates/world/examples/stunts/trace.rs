@@ -95,7 +95,7 @@ pub struct Stage {
 impl Stage {
     /// Builds a room and stages an episode in it, judged by both protocols.
     pub fn new(task: Task, room: u64, episode: u64) -> Result<Self, Box<dyn Error>> {
-        let robot = Arc::new(Robot::g1_inspire()?);
+        let robot = Arc::new(Robot::benchmark()?);
         let spec = EpisodeSpec { protocol: Protocol::Strict, ..EpisodeSpec::new(task, room, episode) };
         let scene = spec.scene(robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), scene)?);

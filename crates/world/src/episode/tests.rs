@@ -9,7 +9,7 @@ use crate::{Random, SceneConfig, Stream};
 const JOINTS: usize = 53;
 
 fn scene(spec: &EpisodeSpec) -> Arc<Scene> {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = spec.scene(robot.gains(GainSet::default()));
     Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap())
 }

@@ -15,7 +15,7 @@ mod published;
 use published::geometry;
 
 fn scene_of(kind: SceneKind, seed: u64) -> Scene {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
     Scene::build(&SceneConfig::default(), robot, SceneSpec::new(kind, seed, gains)).unwrap()
 }

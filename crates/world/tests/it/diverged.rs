@@ -9,7 +9,7 @@ use fiatlux_world::{AppliedWrench, ControlInput, Push, Scene, SceneConfig, Scene
 use nalgebra::Vector3;
 
 fn world() -> World {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let spec = SceneSpec::new(SceneKind::FreeLadder, 0, robot.gains(GainSet::Fiatlux));
     World::new(Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap()))
 }

@@ -7,7 +7,7 @@ use fiatlux_rules::{GRAVITY, LIMBS, Protocol, Support, Task, errand, strict};
 use fiatlux_world::{Episode, EpisodeSpec, PropScale, Scene, SceneConfig};
 
 fn episode(spec: &EpisodeSpec) -> Episode {
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
     let scene = Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).unwrap();
     Episode::start(Arc::new(scene), spec).unwrap()

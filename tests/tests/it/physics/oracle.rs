@@ -163,7 +163,7 @@ fn a_tumble_in_the_air_is_that_of_mujoco_and_nearer_to_its_limit_at_5_ms_than_it
 
 /// The robot over a floor, as exported, stiffness and damping of its ankles scaled.
 fn robot_on_floor(ankles: f64) -> Model {
-    let robot = Robot::g1_inspire().unwrap();
+    let robot = Robot::benchmark().unwrap();
     let mut options = BuildOptions::new(&robot);
     options.gains.scale((0..robot.joints().len()).filter(|j| robot.joints()[*j].name.contains("ankle")), ankles);
     let mut builder = ModelBuilder::new();

@@ -6,7 +6,7 @@ use fiatlux_rules::errand;
 fn scaled(socket: f64, fresh_bulb: f64, mount: Mount) -> Scene {
     let config = SceneConfig::default();
     let hangs = |seed: &u64| Layout::of(&config, SceneKind::CoupledLadder, *seed).unwrap().mount == mount;
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let gains = robot.gains(GainSet::Fiatlux);
     let scale = PropScale { socket, fresh_bulb, ..PropScale::default() };
     let seed = (0..100).find(hangs).unwrap();
@@ -77,7 +77,7 @@ fn a_seated_bulb_stays() {
 #[test]
 fn geometry_is_that_of_the_scaled_props() {
     let config = SceneConfig::default();
-    let robot = Arc::new(Robot::g1_inspire().unwrap());
+    let robot = Arc::new(Robot::benchmark().unwrap());
     let scale = PropScale { ladder: [1.05, 0.95, 1.1], socket: 0.9, fresh_bulb: 1.08 };
     let spec = SceneSpec { scale, ..SceneSpec::new(SceneKind::FreeLadder, 0, robot.gains(GainSet::Fiatlux)) };
     let scene = Scene::build(&config, robot, spec).unwrap();
