@@ -25,7 +25,7 @@ pub(super) const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 const AVERAGE_GAIN: f64 = 0.15;
 /// Largest difference between a joint's commanded and sensed angle, rad, with which the arm goes on along a way of postures. Held up
 /// for so long, s, it is blocked.
-const MAX_AHEAD: f64 = 0.15;
+const MAX_AHEAD: f64 = 0.25;
 const BLOCKED: f64 = 0.4;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
 pub(super) const TURN_M: f64 = 0.3;

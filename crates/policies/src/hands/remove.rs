@@ -232,11 +232,13 @@ impl Skill for Remove {
                 } else {
                     self.has_arrived = arm.move_to(&goal, grasp.speed)? < ARRIVED;
                 }
-                let is_pushed = !is_near && seen.palm_force > TOUCHED;
-                if self.has_arrived && arm.distance_to(&goal) < grasp.error {
+                if !is_near && seen.palm_force > TOUCHED {
+                    self.taking.goes_back();
+                    Some(Phase::Take)
+                } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
                 } else {
-                    (elapsed > grasp.patience || is_pushed).then_some(Phase::Retreat)
+                    (elapsed > grasp.patience).then_some(Phase::Retreat)
                 }
             }
             Phase::Close => {

@@ -16,6 +16,10 @@ use super::skill::Seen;
 pub(super) const REST: ArmAngles = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
 /// Force on the palm or the wrist, N, from which on the arm goes back.
 pub(super) const TOUCHED: f64 = 1.0;
+/// Shares of the margin with which a way is looked for, one after the other.
+const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
+/// So often the arm is held up on its way before another stance is looked for.
+const MAX_BLOCKS: u32 = 2;
 /// Error of a posture from which it is no use to go on, m.
 const LOST: f64 = 0.012;
 
@@ -83,6 +87,8 @@ pub(super) struct Taking {
     reaches_from: ArmAngles,
     leans_since: f64,
     changes: u32,
+    /// How often the arm was held up.
+    blocks: u32,
     /// The hand holds the bulb.
     holds: bool,
 }
@@ -188,6 +194,7 @@ impl Taking {
             reaches_from: REST,
             leans_since: 0.0,
             changes: 0,
+            blocks: 0,
             holds,
         }
     }
@@ -252,7 +259,9 @@ impl Taking {
                 arm.assume(&stance.command, &from);
                 let middle = stance.postures[stance.postures.len() / 2];
                 arm.rest_at(&middle)?;
-                let way = arm.way(&from, &stance.postures[0], self.lean.margin, self.holds);
+                let way = MARGINS
+                    .into_iter()
+                    .find_map(|share| arm.way(&from, &stance.postures[0], share * self.lean.margin, self.holds));
                 self.stance = Some(stance);
                 match way {
                     Some(mut way) => {
@@ -264,14 +273,21 @@ impl Taking {
                 }
             }
             Stage::Reach if !self.holds && seen.palm_force > TOUCHED => self.goes_back(),
-            Stage::Reach if arm.gives_way() => (self.stage, self.leans_since) = (Stage::Lean, seen.time),
+            Stage::Reach if arm.gives_way() => {
+                self.blocks += 1;
+                (self.stage, self.leans_since) = (Stage::Lean, seen.time);
+                if self.blocks.is_multiple_of(MAX_BLOCKS) {
+                    self.search(arm, self.command(), judge)?;
+                    self.stage = Stage::Clear;
+                }
+            }
             Stage::Reach => return Ok(self.goes(arm)),
         }
         Ok(false)
     }
 
     /// Takes the arm back to where the way to the first posture began; it is looked for again there.
-    fn goes_back(&mut self) {
+    pub fn goes_back(&mut self) {
         self.before = self.command();
         (self.stage, self.way) = (Stage::Clear, vec![self.reaches_from]);
     }
