@@ -14,7 +14,7 @@ class Policy(Protocol):
     """Answers each observation with an action.
 
     A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
-    ``seed`` and ``episode``. An attribute ``action_form``, if it has one, says what its actions are, as in
+    ``seed`` and ``episode``. Attributes ``action_form``, ``sensors`` and ``robot``, if it has them, are settings that it needs, as in
     :class:`fiatlux.Settings`.
     """
 
@@ -26,11 +26,12 @@ PolicyLike = Policy | Callable[[Any], Any] | type
 
 
 def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings that are given, in the policy's own form of actions if it has one."""
-    own = getattr(policy, "action_form", None)
+    """The settings that are given, with those that the policy has of its own."""
     settings = dict(given)
-    if own is not None and settings.setdefault("action_form", own) != own:
-        raise ValueError(f"action_form is {settings['action_form']!r}, but the policy's own is {own!r}; leave it out")
+    for name in ("action_form", "sensors", "robot"):
+        own = getattr(policy, name, None)
+        if own is not None and settings.setdefault(name, own) != own:
+            raise ValueError(f"{name} is {settings[name]!r}, but the policy's own is {own!r}; leave it out")
     return settings
 
 

@@ -102,16 +102,6 @@ class ClimbRun(Run):
     def models(self) -> tuple[MLPModel, MLPModel]:
         return models(self.worlds, self.settings)
 
-    def algorithm(self) -> dict[str, Any]:
-        settings = self.settings
-        return {
-            "num_learning_epochs": settings.epochs,
-            "num_mini_batches": settings.batches,
-            "desired_kl": settings.desired_kl,
-            "entropy_coef": settings.entropy,
-            "use_clipped_value_loss": False,
-        }
-
     def test(self) -> dict[str, float]:
         actor = self.ppo.actor
         found, holds = measure(actor, self.settings, self.device, self.threads)

@@ -1,5 +1,6 @@
 """A trained policy as one file that carries its contract."""
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import torch
 from safetensors.torch import save_file
 
 from .. import _native
+from ..baseline import FORMAT
 from .climb import ClimbingWorlds
 from .climb import models as climbing_models
 from .run import kind_of, load_checkpoint, settings_of
@@ -31,7 +33,9 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     """
     _check_name(file, overwrites)
     state = load_checkpoint(checkpoint)
-    if kind_of(state) == "climb":
+    if kind_of(state) == "ppo":
+        tensors, contract, play = _baseline(state, hardware)
+    elif kind_of(state) == "climb":
         tensors, contract, play = _climber(checkpoint, state, hardware)
     else:
         tensors, contract, play = _controller(checkpoint, hardware)
@@ -58,6 +62,36 @@ def _check_name(file: Path, overwrites: bool) -> None:
 
 Exported = tuple[dict[str, torch.Tensor], str, str]
 """Tensors, contract, and a command that plays the file."""
+
+
+def _baseline(state: dict[str, Any], hardware: str) -> Exported:
+    settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
+    sensors = list(settings.sensors or _native.body_sensors(settings.task))
+    tensors, layers = {}, [name for name in weights if name.startswith("mlp.") and name.endswith(".weight")]
+    for number, name in enumerate(layers):
+        tensors[f"layer{number}.weight"] = weights[name].float().cpu().contiguous()
+        tensors[f"layer{number}.bias"] = weights[name.replace(".weight", ".bias")].float().cpu().contiguous()
+    random = torch.Generator().manual_seed(0)
+    numbers = tensors["check.observation"] = torch.randn(tensors["layer0.weight"].shape[1], generator=random)
+    for number in range(len(layers)):
+        numbers = tensors[f"layer{number}.weight"] @ numbers + tensors[f"layer{number}.bias"]
+        numbers = torch.nn.functional.elu(numbers) if number < len(layers) - 1 else numbers
+    tensors["check.action"] = numbers
+    contract = {
+        "format": FORMAT,
+        "task": settings.task,
+        "robot": settings.robot,
+        "sensors": sensors,
+        "hidden": list(settings.hidden),
+        "training": {
+            "seed": settings.seed,
+            "samples": progress["samples"],
+            "minutes": progress["seconds"] / 60,
+            "hardware": hardware,
+        },
+    }
+    play = f'fiatlux.evaluate(fiatlux.Baseline("{{}}"), tasks=["{settings.task}"])'
+    return tensors, json.dumps(contract), play
 
 
 def _climber(checkpoint: Path, state: dict[str, Any], hardware: str) -> Exported:

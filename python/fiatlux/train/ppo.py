@@ -82,20 +82,15 @@ class BaselineRun(Run):
         return models(self.worlds, self.settings)
 
     def algorithm(self) -> dict[str, Any]:
-        settings = self.settings
-        return {
-            "num_learning_epochs": settings.epochs,
-            "num_mini_batches": settings.batches,
+        return super().algorithm() | {
             "clip_param": 0.2,
             "gamma": 0.99,
             "lam": 0.95,
             "value_loss_coef": 1.0,
-            "entropy_coef": settings.entropy,
-            "learning_rate": settings.learning_rate,
+            "learning_rate": self.settings.learning_rate,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
             "schedule": "adaptive",
-            "desired_kl": settings.desired_kl,
         }
 
     def state(self) -> dict[str, Any]:

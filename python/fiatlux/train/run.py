@@ -75,7 +75,14 @@ class Run:
 
     def algorithm(self) -> dict[str, Any]:
         """Arguments of PPO."""
-        raise NotImplementedError
+        settings = self.settings
+        return {
+            "num_learning_epochs": settings.epochs,
+            "num_mini_batches": settings.batches,
+            "desired_kl": settings.desired_kl,
+            "entropy_coef": settings.entropy,
+            "use_clipped_value_loss": False,
+        }
 
     def test(self) -> dict[str, float]:
         """A short test of the mean policy, which has a ``score``: higher is better."""

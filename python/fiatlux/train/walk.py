@@ -71,16 +71,6 @@ class WalkRun(Run):
     def models(self) -> tuple[MLPModel, MLPModel]:
         return models(self.worlds, self.settings)
 
-    def algorithm(self) -> dict[str, Any]:
-        settings = self.settings
-        return {
-            "num_learning_epochs": settings.epochs,
-            "num_mini_batches": settings.batches,
-            "desired_kl": settings.desired_kl,
-            "entropy_coef": settings.entropy,
-            "use_clipped_value_loss": False,
-        }
-
     def begin_iterations(self) -> None:
         """Less exploration the longer a run lasts; a new critic first learns alone."""
         settings, ppo = self.settings, self.ppo

@@ -13,12 +13,14 @@ import sys
 import time
 
 import fiatlux
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from fiatlux.train.run import load_checkpoint  # noqa: E402
+from fiatlux.train import ppo  # noqa: E402
+from fiatlux.train.run import load_checkpoint, settings_of  # noqa: E402
 from fiatlux.train.settings import Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import models  # noqa: E402
@@ -239,8 +241,21 @@ def test_a_baseline_that_is_resumed_goes_on_as_if_it_had_not_stopped(tmp_path):
     code, said, _ = run("evaluate", whole / "last.pt", "--episodes", 2, "--json")
     found = json.loads(said)
     assert code == 0 and found["task"] == "climb" and found["episodes"] == 2 and 0 < found["seconds"] <= 120
-    code, _, error = run("export", whole / "last.pt", tmp_path / "x.safetensors")
-    assert code == 2 and "is of a run of ppo; this needs one of walk" in error
+    file = tmp_path / "climb.safetensors"
+    code, said, _ = run("export", whole / "last.pt", file)
+    assert code == 0 and 'fiatlux.Baseline("' in said
+    policy = fiatlux.Baseline(file)
+    env = fiatlux.Env("climb", sensors=policy.sensors, observation="flat")
+    numbers = env.reset(seed=5000)[0]
+    state = load_checkpoint(whole / "last.pt", "ppo")
+    worlds = ppo.worlds_of(settings_of(state, {}), "cpu", 1, 5000, 1, 1)
+    actor, _ = ppo.models(worlds, settings_of(state, {}))
+    actor.load_state_dict(state["ppo"]["actor_state_dict"])
+    actor.eval()
+    expected = actor.mlp(torch.from_numpy(numbers)[None])[0].detach().numpy()
+    np.testing.assert_allclose(policy(numbers), expected, atol=1e-5)
+    played = fiatlux.evaluate(policy, ["climb"], [0], max_steps=5)
+    assert len(played.episodes) == 1
     code, _, error = run("ppo", "--out", whole, "--resume", "--task", "S02")
     assert code == 2 and "task is S02, but the checkpoint's is climb" in error
     code, _, error = run("ppo", "--out", tmp_path / "new", "--task", "S99")
