@@ -12,6 +12,7 @@ from pkgutil import extend_path as _extend_path
 from ._native import BENCHMARK_VERSION, FiatluxError, __version__
 from ._register import register as _register
 from .bag import Bag
+from .baseline import Baseline
 from .client import Client
 from .dataset import export_lerobot
 from .env import Env
@@ -21,7 +22,7 @@ from .policy import Policy, PolicyLike
 from .settings import ROBOTS, Settings
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
-from .vector import ClimbingVectorEnv, Start, VectorEnv, WalkingVectorEnv
+from .vector import ClimbingVectorEnv, SharedSettings, Start, VectorEnv, WalkingVectorEnv
 from .whole_body import WholeBody
 
 # Generated messages (fiatlux.v3) may be in another folder of the path.
@@ -34,6 +35,7 @@ __all__ = [
     "ROBOTS",
     "TASKS",
     "Bag",
+    "Baseline",
     "Client",
     "ClimbingVectorEnv",
     "Env",
@@ -43,6 +45,7 @@ __all__ = [
     "Policy",
     "PolicyLike",
     "Settings",
+    "SharedSettings",
     "Start",
     "SubmissionError",
     "Task",

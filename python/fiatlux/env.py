@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import seed_of, size_of
+from .kinematics import Contacts
 from .settings import Settings, complete
 from .spaces import Layout, ObservationForm, as_actions
 from .tasks import TASKS, Task
@@ -145,12 +146,17 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self._check_begun()
         return self._episode.row()
 
+    def contacts(self) -> Contacts:
+        """Contact points of the last physics step, with their forces; before the first step those of the staging."""
+        self._check_begun()
+        return Contacts.of_numbers(*self._episode.contacts())
+
     def to_mjcf(self, nearest: bool = True) -> str:
         """The scene as MJCF for MuJoCo; its keyframe is the present state with the present joint targets.
 
         With ``nearest`` it has the options of MuJoCo that are closest to this simulator, otherwise MuJoCo's defaults. It does not
-        model how the socket holds a bulb. Joints and actuators have the names of the links that they move, such as
-        ``left_knee_link``.
+        model how the socket holds a bulb. Sites have the names of :attr:`Kinematics.sites`,
+        cameras those of the robot's, joints and actuators those of :attr:`action_names`.
         """
         self._check_begun()
         return self._episode.mjcf(nearest)

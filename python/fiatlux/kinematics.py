@@ -76,7 +76,7 @@ class Contacts:
     """Contact points of states, one after the other."""
 
     state: NDArray[np.int64]
-    """Index of the state, where its leading axes count as one."""
+    """Index of the state, where its leading axes count as one; of a vector of worlds, the world."""
     shapes: list[tuple[str, str]]
     """Names of the two shapes."""
     distance: Array
@@ -85,6 +85,14 @@ class Contacts:
     """Half-way between the surfaces, world, m, shape (contacts, 3)."""
     normal: Array
     """Unit vector from the first shape to the second, shape (contacts, 3)."""
+    force: Array
+    """Force of the first shape on the second, world, N, shape (contacts, 3); NaN where no step was taken."""
+
+    @classmethod
+    def of_numbers(cls, shapes: list[tuple[str, str]], numbers: Array) -> "Contacts":
+        """From 11 numbers for each point: state, distance, point, normal, force."""
+        made = numbers.reshape(-1, 11)
+        return cls(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:8], made[:, 8:])
 
 
 class Kinematics:
@@ -215,10 +223,11 @@ class Kinematics:
         return Nearest(made[..., 0], made[..., 1:7].reshape(*made.shape[:-1], 2, 3), made[..., 7:])
 
     def contacts(self, qpos: ArrayLike, margin: float = 0.0) -> Contacts:
-        """Contact points with a gap of at most ``margin``, m; their forces follow only from a step."""
+        """Contact points with a gap of at most ``margin``, m; their forces follow only from a step: see :meth:`VectorEnv.contacts`."""
         shapes, numbers = self._native.contacts(self._rows("qpos", qpos)[0], margin)
-        made = numbers.reshape(-1, 8)
-        return Contacts(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:])
+        made = Contacts.of_numbers(shapes, numbers)
+        made.force[:] = np.nan
+        return made
 
     def inverse(
         self,

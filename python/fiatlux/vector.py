@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import MAX_SEED, seed_of, seeds_of, whole
+from .kinematics import Contacts
 from .settings import Settings, complete
 from .spaces import Layout, ObservationForm, as_actions
 
@@ -35,32 +36,95 @@ def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     return found
 
 
-def _common(
-    worlds: int,
-    threads: int | None,
-    seed: int,
-    autoreset_mode: AutoresetMode | str,
-    ranges: Mapping[str, Any] | None,
-    variations: int,
-    disturbances: Mapping[str, Any] | None,
-) -> dict[str, Any]:
-    """Settings that all batches share; without a number of threads, one for each core."""
-    if threads is None:
-        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return {
-        "worlds": whole("num_envs", worlds, 1, _native.MAX_WORLDS),
-        "threads": whole("num_threads", threads, 1, _native.MAX_THREADS),
-        "seed": seed_of(seed),
-        "autoreset": _autoreset(autoreset_mode).value,
-        "ranges": None if ranges is None else dict(ranges),
-        "variations": whole("variations", variations, 1, _native.MAX_STARTS),
-        "disturbances": None if disturbances is None else dict(disturbances),
-    }
-
-
 Judgement = Callable[[Any, dict[str, Any]], tuple[Any, Any]]
 """A reward and an end of one's own over all worlds: from an observation and ``info`` to the rewards and to whether each episode ends.
 Either may be ``None``, for what the task says."""
+
+
+class SharedSettings(TypedDict, total=False):
+    """Arguments that all vectors of worlds take; all are optional.
+
+    Attributes:
+        num_threads: Number of threads; by default one for each core. Results do not depend on it.
+        seed: Seed of the worlds' random streams.
+        observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
+        ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
+            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
+            ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
+            each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), ``gravity``, m/s^2 downwards, and, in
+            the benchmark's tasks, ``action_delay``, ms, and ``noise``, a factor of its width. :meth:`VectorEnv.drawn` has what
+            was drawn.
+        variations: Number of variations drawn for each start.
+        disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
+            "force_n", "torque_nm"}}``; missing keys have defaults.
+        links: Sites and links, by the names of :attr:`Kinematics.sites`, whose poses and velocities are observed: field
+            ``privileged.links`` has for each position, quaternion, velocity and angular velocity.
+        forces: Whether the forces that rows measure are observed, N: fields such as ``privileged.floor_force`` and
+            ``privileged.ladder_force``, on left and right foot, left and right palm.
+        contacts: Whether worlds keep the contact points of their last step, for :meth:`VectorEnv.contacts`.
+        copy: Whether returned arrays are copies; otherwise the next step overwrites them.
+        final_obs: Whether to observe the last row of each episode too; only ``SAME_STEP`` needs it.
+        autoreset_mode: When the next episode of a world begins: ``"same_step"``, ``"next_step"`` or ``"disabled"``, or
+            Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
+        judge: A reward and an end of your own: called after each step with the observation that it led to, before any episode begins
+            anew, and with ``info``; returns rewards and ends.
+    """
+
+    num_threads: int | None
+    seed: int
+    observation: ObservationForm
+    ranges: Mapping[str, Any] | None
+    variations: int
+    disturbances: Mapping[str, Any] | None
+    links: Sequence[str]
+    forces: bool
+    contacts: bool
+    copy: bool
+    final_obs: bool
+    autoreset_mode: AutoresetMode | str
+    judge: Judgement | None
+
+
+class VectorSettings(SharedSettings, Settings, total=False):
+    """All optional arguments of :class:`VectorEnv` that another class has too."""
+
+
+_SHARED: dict[str, Any] = {
+    "num_threads": None,
+    "seed": 0,
+    "observation": "flat",
+    "ranges": None,
+    "variations": 64,
+    "disturbances": None,
+    "links": (),
+    "forces": False,
+    "contacts": False,
+    "copy": True,
+    "final_obs": True,
+    "autoreset_mode": AutoresetMode.SAME_STEP,
+    "judge": None,
+}
+
+
+def _native_settings(num_envs: int, shared: Mapping[str, Any]) -> dict[str, Any]:
+    """The shared settings in the form that the native part takes; without a number of threads, one for each core."""
+    threads, links = shared["num_threads"], shared["links"]
+    if threads is None:
+        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if isinstance(links, str):
+        raise ValueError(f"links is {links!r}; give a list of names")
+    return {
+        "worlds": whole("num_envs", num_envs, 1, _native.MAX_WORLDS),
+        "threads": whole("num_threads", threads, 1, _native.MAX_THREADS),
+        "seed": seed_of(shared["seed"]),
+        "autoreset": _autoreset(shared["autoreset_mode"]).value,
+        "ranges": None if shared["ranges"] is None else dict(shared["ranges"]),
+        "variations": whole("variations", shared["variations"], 1, _native.MAX_STARTS),
+        "disturbances": None if shared["disturbances"] is None else dict(shared["disturbances"]),
+        "links": list(links),
+        "forces": bool(shared["forces"]),
+        "contacts": bool(shared["contacts"]),
+    }
 
 
 @dataclass(frozen=True)
@@ -113,23 +177,21 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(
-        self,
-        batch: _native.Batch,
-        observation: ObservationForm,
-        copy: bool,
-        final_obs: bool,
-        autoreset_mode: AutoresetMode | str,
-        judge: Judgement | None = None,
-    ) -> None:
-        self._batch = batch
-        self._judge = judge
-        self.autoreset_mode = _autoreset(autoreset_mode)
+    def __init__(self, kind: str, arguments: Sequence[Any], num_envs: int, given: Mapping[str, Any]) -> None:
+        for name in given:
+            if name not in _SHARED:
+                raise TypeError(f"unexpected argument {name!r}; those of all vectors are {', '.join(_SHARED)}")
+        shared = {**_SHARED, **given}
+        copy, judge = shared["copy"], shared["judge"]
+        self._batch = batch = _native.Batch(kind, (*arguments, _native_settings(num_envs, shared)))
+        self._judge: Judgement | None = judge
+        self._has_contacts = bool(shared["contacts"])
+        self.autoreset_mode = _autoreset(shared["autoreset_mode"])
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = batch.num_worlds
         self.num_threads = batch.num_threads
         self.horizon_steps: int = batch.spec["horizon_steps"]
-        self._layout = layout = Layout(batch.spec, observation)
+        self._layout = layout = Layout(batch.spec, shared["observation"])
         self.copies = copy
         self.single_observation_space = layout.space
         self.single_action_space = layout.action_space
@@ -137,7 +199,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.action_space = batch_space(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.length
         self._observation = np.zeros((worlds, length), np.float32)
-        has_final = (final_obs or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
+        has_final = (shared["final_obs"] or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final = np.zeros((worlds, length), np.float32) if has_final else None
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
@@ -152,7 +214,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed.
 
-        ``options={"reset_mask": mask}``, a boolean array with a number for each world, resets the marked worlds alone.
+        ``options={"reset_mask": mask}``, a boolean array with a number for each world, resets the marked worlds alone. Without it,
+        ``info["drawn"]`` is what :meth:`drawn` returns.
         """
         self._check_open()
         if isinstance(seed, (list, tuple, np.ndarray)):
@@ -164,7 +227,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         mask = (options or {}).get("reset_mask")
         marks = np.ones(self.num_envs, np.bool_) if mask is None else self._marks("reset_mask", mask)
         self._batch.reset(marks, self._observation, seed)
-        return self._layout.show(self._observation, self.copies), {}
+        return self._layout.show(self._observation, self.copies), {"drawn": self.drawn()} if mask is None else {}
 
     def reset_worlds(self, mask: Any, like: int | Mapping[str, Any] | None = None) -> Any:
         """Begins an episode in the marked worlds, and returns the observation of all.
@@ -312,6 +375,34 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._check_open()
         return self._batch.row(whole("world", world, 0, self.num_envs - 1))
 
+    def drawn(self) -> dict[str, NDArray[Any]]:
+        """What was drawn for the present episodes, arrays over all worlds by name.
+
+        ``seed`` and ``episode`` are those of the start; names that begin with ``light.`` are its light. The others are the keys of
+        ``ranges``, with an axis of bodies or drives where each has its own number, and ``noise`` and ``action_delay_ms``. What a
+        world did not draw is NaN.
+        """
+        self._check_open()
+        worlds = self._batch.drawn()
+        table: dict[str, NDArray[Any]] = {"seed": np.array([seed for seed, _ in worlds], np.uint64)}
+        for name in sorted({name for _, drawn in worlds for name in drawn}):
+            width = max(len(drawn.get(name, ())) for _, drawn in worlds)
+            rows = np.array([drawn.get(name, [np.nan] * width) for _, drawn in worlds])
+            table[name] = rows[:, 0] if width == 1 else rows
+        return table
+
+    def contacts(self) -> Contacts:
+        """Contact points of the last step of all worlds, with their forces; ``state`` is the world. Make the vector with
+        ``contacts=True``.
+
+        They are those of the last physics step of 5 ms. The step that ends an episode has its own; after a reset, a copy or a
+        restore a world has none.
+        """
+        self._check_open()
+        if not self._has_contacts:
+            raise ValueError("contacts are not kept; make the vector with contacts=True")
+        return Contacts.of_numbers(*self._batch.contacts())
+
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the worlds and their threads."""
         self._is_closed = True
@@ -344,25 +435,10 @@ class VectorEnv(_Batch):
         seeds: The benchmark's seeds of the rooms. The worlds are spread over the rooms and stay in them, so there must be at
             least as many worlds as rooms. By default the rooms are 1000 to 1015, or as many of them as there are worlds.
         episodes: Number of start states in each room; an episode begins at one of them.
-        num_threads: Number of threads; by default one for each core. Results do not depend on it.
-        seed: Seed of the worlds' random streams.
-        ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
-            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
-            ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
-            each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), and ``action_delay``, ms.
-        variations: Number of variations drawn for each start.
-        disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
-            "force_n", "torque_nm"}}``; missing keys have defaults.
-        copy: Whether returned arrays are copies; otherwise the next step overwrites them.
-        final_obs: Whether to observe the last row of each episode too; only ``SAME_STEP`` needs it.
-        autoreset_mode: When the next episode of a world begins: ``"same_step"``, ``"next_step"`` or ``"disabled"``, or
-            Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
         starts: Where episodes begin, mixed by weight; by default at the task's own starts.
         horizon_steps: Control steps until time-out, at most the task's own.
         reward_weights: Weights of the reward's terms where they are not to be the usual ones; :attr:`reward_weights` has all.
-        judge: A reward and an end of your own: called after each step with the observation that it led to, before any episode begins
-            anew, and with ``info``; returns rewards and ends.
-        settings: See :class:`fiatlux.Settings`.
+        settings: See :class:`SharedSettings` and :class:`fiatlux.Settings`.
     """
 
     def __init__(
@@ -375,31 +451,23 @@ class VectorEnv(_Batch):
         starts: Sequence[Start] | None = None,
         horizon_steps: int | None = None,
         reward_weights: Mapping[str, float] | None = None,
-        judge: Judgement | None = None,
-        num_threads: int | None = None,
-        seed: int = 0,
-        observation: ObservationForm = "dict",
-        ranges: Mapping[str, Any] | None = None,
-        variations: int = 16,
-        disturbances: Mapping[str, Any] | None = None,
-        copy: bool = True,
-        final_obs: bool = True,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
-        **settings: "Unpack[Settings]",
+        **settings: "Unpack[VectorSettings]",
     ) -> None:
-        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
-        rooms = seeds_of(ROOMS[: common["worlds"]] if seeds is None else seeds, common["worlds"])
+        num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
+        shared: dict[str, Any] = {"observation": "dict", "variations": 16}
+        shared |= {name: value for name, value in settings.items() if name in _SHARED}
+        rooms = seeds_of(ROOMS[:num_envs] if seeds is None else seeds, num_envs)
         episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
-        given = complete(task, observation, settings)
+        own = {name: value for name, value in settings.items() if name not in _SHARED}
+        given = complete(task, shared["observation"], own)
         given["horizon_steps"] = None if horizon_steps is None else whole("horizon_steps", horizon_steps, 1, MAX_SEED)
         given["reward_weights"] = dict(reward_weights or {})
         expanded = _expanded(task, rooms, episodes, [Start()] if starts is None else starts)
-        batch = _native.Batch("rulebook", (task, expanded, given, common))
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
+        super().__init__("rulebook", (task, expanded, given), num_envs, shared)
 
 
 class WalkingVectorEnv(_Batch):
-    """Many worlds of walking by velocity command. Arguments not listed here are as in :class:`VectorEnv`.
+    """Many worlds of walking by velocity command. Arguments not listed here are those of :class:`SharedSettings`.
 
     Fields of the observation whose names begin with ``privileged.`` are for a critic.
 
@@ -424,9 +492,6 @@ class WalkingVectorEnv(_Batch):
         self,
         num_envs: int = 1,
         *,
-        num_threads: int | None = None,
-        seed: int = 0,
-        observation: ObservationForm = "flat",
         frames: int = 4,
         horizon_steps: int = 1000,
         command: Sequence[tuple[float, float]] = ((-0.5, 1.0), (-0.4, 0.4), (-1.0, 1.0)),
@@ -437,17 +502,11 @@ class WalkingVectorEnv(_Batch):
         load_kg: float = 1.0,
         hand_force_n: float = 20.0,
         reward_weights: Mapping[str, float] | None = None,
-        judge: Judgement | None = None,
         noise: bool = True,
         scene: Literal["floor", "room"] = "floor",
         robot: str = "g1_bare",
         gains: str = "fiatlux",
-        ranges: Mapping[str, Any] | None = None,
-        variations: int = 64,
-        disturbances: Mapping[str, Any] | None = None,
-        copy: bool = True,
-        final_obs: bool = True,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        **shared: "Unpack[SharedSettings]",
     ) -> None:
         settings: dict[str, Any] = {
             "scene": scene,
@@ -465,13 +524,11 @@ class WalkingVectorEnv(_Batch):
             "hand_force_n": hand_force_n,
             "reward_weights": dict(reward_weights or {}),
         }
-        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
-        batch = _native.Batch("walking", (settings, common))
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
+        super().__init__("walking", (settings,), num_envs, shared)
 
 
 class ClimbingVectorEnv(_Batch):
-    """Many worlds in which a robot follows the plan of the ladder. Arguments not listed here are as in :class:`VectorEnv`.
+    """Many worlds in which a robot follows the plan of the ladder. Arguments not listed here are those of :class:`SharedSettings`.
 
     The policy corrects the targets of legs and waist. Fields of the observation whose names begin with ``privileged.`` are for a
     critic.
@@ -494,9 +551,6 @@ class ClimbingVectorEnv(_Batch):
         self,
         num_envs: int = 1,
         *,
-        num_threads: int | None = None,
-        seed: int = 0,
-        observation: ObservationForm = "flat",
         horizon_steps: int = 500,
         until: float = 1000.0,
         starts: Sequence[tuple[float, float]] = ((0.0, 1000.0),),
@@ -506,16 +560,10 @@ class ClimbingVectorEnv(_Batch):
         arms: Sequence[Sequence[float]] = (),
         carries: float = 0.0,
         reward_weights: Mapping[str, float] | None = None,
-        judge: Judgement | None = None,
         noise: bool = True,
         robot: str = "g1_bare",
         gains: str = "fiatlux",
-        ranges: Mapping[str, Any] | None = None,
-        variations: int = 64,
-        disturbances: Mapping[str, Any] | None = None,
-        copy: bool = True,
-        final_obs: bool = True,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        **shared: "Unpack[SharedSettings]",
     ) -> None:
         settings: dict[str, Any] = {
             "robot": robot,
@@ -531,6 +579,4 @@ class ClimbingVectorEnv(_Batch):
             "carries": carries,
             "reward_weights": dict(reward_weights or {}),
         }
-        common = _common(num_envs, num_threads, seed, autoreset_mode, ranges, variations, disturbances)
-        batch = _native.Batch("climbing", (settings, common))
-        super().__init__(batch, observation, copy, final_obs, autoreset_mode, judge)
+        super().__init__("climbing", (settings,), num_envs, shared)

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use fiatlux_batch::{
     Autoreset, Bank, Batch as Worlds, BatchConfig, BatchError, Begin, Buffers, Climbing, ClimbingOptions, Disturbances,
-    MAX_STARTS, Rulebook, Snapshot as Saved, Start, Task, Walking, WalkingOptions,
+    Drawn, MAX_STARTS, Rulebook, Snapshot as Saved, Start, Task, Walking, WalkingOptions, Watch,
 };
 use fiatlux_rules::Row;
 use fiatlux_world::{EpisodeSpec, LadderPart, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
-use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -18,7 +18,7 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use crate::build;
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::{self, Settings};
-use crate::state::{Parts, describe_row, set_part, set_parts};
+use crate::state::{self, Parts, describe_row, set_part, set_parts};
 
 /// Time between two checks for Ctrl-C during a step.
 const SIGNALS: Duration = Duration::from_millis(50);
@@ -72,6 +72,9 @@ struct Common<'py> {
     ranges: Option<Bound<'py, PyDict>>,
     variations: usize,
     disturbances: Option<Bound<'py, PyDict>>,
+    links: Vec<String>,
+    forces: bool,
+    contacts: bool,
 }
 
 impl Common<'_> {
@@ -83,7 +86,18 @@ impl Common<'_> {
             name => return Err(PyValueError::new_err(format!("autoreset_mode is '{name}'"))),
         };
         let Self { worlds, threads, seed, .. } = *self;
-        Ok(BatchConfig { worlds, threads, seed, banks, disturbances, autoreset })
+        let watch = Watch { links: self.links.clone(), forces: self.forces, contacts: self.contacts };
+        Ok(BatchConfig { worlds, threads, seed, banks, disturbances, autoreset, watch })
+    }
+
+    /// Refuses ranges that the benchmark's tasks alone draw from.
+    fn refuse_task_ranges(&self, task: &str) -> PyResult<()> {
+        let (delay, noise) = build::task_ranges(self.ranges.as_ref())?;
+        if delay.is_some() || noise.is_some() {
+            let rule = format!("are for the benchmark's tasks; {task} has neither");
+            return Err(PyValueError::new_err(format!("ranges: action_delay and noise {rule}")));
+        }
+        Ok(())
     }
 
     /// Draws what varies from start to start.
@@ -371,6 +385,26 @@ impl Batch {
     fn row<'py>(&self, py: Python<'py>, world: usize) -> PyResult<Bound<'py, PyDict>> {
         describe_row(py, &self.copy_of(world)?)
     }
+
+    /// Contact points of the last step of all worlds: the shapes; and the world, distance, point, normal and force: 11 numbers each.
+    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<state::Contacts<'py>> {
+        let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
+        for world in 0..self.worlds.worlds() {
+            let Some(scene) = self.worlds.scene(world) else { continue };
+            let contacts = self.worlds.contacts(world).map_err(error)?;
+            state::describe_contacts(&scene.model, world, &contacts, &mut shapes, &mut numbers);
+        }
+        Ok((shapes, numbers.into_pyarray(py)))
+    }
+
+    /// What was drawn for each world's present episode, by name, and the seed of its room.
+    fn drawn(&self) -> PyResult<Vec<(u64, Drawn)>> {
+        let drawn = |world: usize| {
+            let seed = self.worlds.scene(world).map_or(0, |scene| scene.spec.seed);
+            self.worlds.drawn(world).map(|drawn| (seed, drawn)).map_err(error)
+        };
+        (0..self.worlds.worlds()).map(drawn).collect()
+    }
 }
 
 impl Batch {
@@ -385,7 +419,9 @@ impl Batch {
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
         let mut options = settings.rulebook(task)?;
-        if let Some([least, most]) = build::action_delay(common.ranges.as_ref())? {
+        let (delay, noise) = build::task_ranges(common.ranges.as_ref())?;
+        options.noise_scale = noise.unwrap_or(options.noise_scale);
+        if let Some([least, most]) = delay {
             options.action_delay = [settings::delay_steps(least)?, settings::delay_steps(most)?];
             if least > most {
                 return Err(PyValueError::new_err("ranges: action_delay must be [least, most], ms"));
@@ -447,9 +483,7 @@ impl Batch {
         let scene = Scene::build(&SceneConfig::default(), robot, spec);
         let scene = Arc::new(scene.map_err(|error| refused(&error))?);
         let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
-        if build::action_delay(common.ranges.as_ref())?.is_some() {
-            return Err(PyValueError::new_err("ranges: action_delay is for the benchmark's tasks; walking has none"));
-        }
+        common.refuse_task_ranges("walking")?;
         let options = WalkingOptions {
             frames: settings.frames,
             noise: settings.noise,
@@ -474,9 +508,7 @@ impl Batch {
         let scene = Scene::build(&SceneConfig::default(), robot, SceneSpec::new(parts, 0, gains));
         let scene = Arc::new(scene.map_err(|error| refused(&error))?);
         let banks = common.vary(vec![Bank::standing(Arc::clone(&scene))])?;
-        if build::action_delay(common.ranges.as_ref())?.is_some() {
-            return Err(PyValueError::new_err("ranges: action_delay is for the benchmark's tasks; climbing has none"));
-        }
+        common.refuse_task_ranges("climbing")?;
         let options = ClimbingOptions {
             noise: settings.noise,
             horizon_steps: settings.horizon_steps,

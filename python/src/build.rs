@@ -103,9 +103,14 @@ fn nothing_left(field: &str, settings: &Bound<'_, PyDict>, known: &str) -> PyRes
     }
 }
 
-/// The range of the delay of actions among the ranges, ms.
-pub(crate) fn action_delay(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<[u32; 2]>> {
-    settings.map_or(Ok(None), |settings| take(&settings.copy()?, "action_delay"))
+/// Delay of actions, ms, and factor of the noise.
+pub(crate) type TaskRanges = (Option<[u32; 2]>, Option<[f64; 2]>);
+
+/// The ranges that a task draws from, not a bank: the delay of actions, ms, and the factor of the noise.
+pub(crate) fn task_ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<TaskRanges> {
+    let Some(settings) = settings else { return Ok((None, None)) };
+    let settings = settings.copy()?;
+    Ok((take(&settings, "action_delay")?, take(&settings, "noise")?))
 }
 
 /// Reads the ranges of what varies between worlds from a dictionary.
@@ -113,8 +118,7 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
     let Some(settings) = settings else { return Ok(None) };
     let settings = settings.copy()?;
     let nominal = Ranges::NOMINAL;
-    // A task draws it, not a bank.
-    let _: Option<[u32; 2]> = take(&settings, "action_delay")?;
+    let _: TaskRanges = (take(&settings, "action_delay")?, take(&settings, "noise")?);
     let ranges = Ranges {
         hand_friction: take(&settings, "hand_friction")?,
         floor_friction: take(&settings, "floor_friction")?,
@@ -126,9 +130,10 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
         friction: take(&settings, "friction")?.unwrap_or_default(),
         thing_mass: take(&settings, "thing_mass")?.unwrap_or_default(),
         light: take(&settings, "light")?.unwrap_or_default(),
+        gravity: take(&settings, "gravity")?,
     };
     let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit, friction, thing_mass, light, \
-                 action_delay";
+                 gravity, action_delay, noise";
     nothing_left("ranges", &settings, known)?;
     Ok(Some(ranges))
 }

@@ -10,13 +10,13 @@ use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig};
 use nalgebra::Vector3;
-use numpy::{PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::fault::{failed, guarded, not_contiguous, refused};
 use crate::settings::Settings;
-use crate::state::describe_row;
+use crate::state::{Contacts, describe_contacts, describe_row};
 use crate::{bag, build};
 
 /// Position of the camera of rendered pictures relative to the robot, m, and its vertical field of view, rad.
@@ -209,6 +209,14 @@ impl Episode {
     /// The parts of the present row that a learner or a test reads.
     fn row<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         describe_row(py, self.play.row())
+    }
+
+    /// Contact points of the last physics step, as of [`Batch::contacts`](crate::batch::Batch).
+    fn contacts<'py>(&self, py: Python<'py>) -> Contacts<'py> {
+        let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
+        let contacts = self.play.world().dynamics().contacts();
+        describe_contacts(&self.play.scene().model, 0, contacts, &mut shapes, &mut numbers);
+        (shapes, numbers.into_pyarray(py))
     }
 
     /// The scene as MJCF for MuJoCo; its keyframe `start` is the present state with the present targets.

@@ -17,6 +17,7 @@ use pyo3::types::PyDict;
 use crate::build;
 use crate::fault::{guarded, not_contiguous, refused};
 use crate::settings;
+use crate::state::{Contacts, describe_contacts};
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
 type Numbers<'py> = Bound<'py, PyArray1<f64>>;
@@ -187,24 +188,15 @@ impl Kinematics {
         })
     }
 
-    /// Contact points with a gap of at most `margin` m: the shapes; and the state, distance, point and normal: 8 numbers each.
-    fn contacts<'py>(
-        &self,
-        py: Python<'py>,
-        qpos: Array<'py>,
-        margin: f64,
-    ) -> PyResult<(Vec<(String, String)>, Numbers<'py>)> {
+    /// Contact points with a gap of at most `margin` m: the shapes; and the state, distance, point, normal and a force of 0: 11 numbers each.
+    fn contacts<'py>(&self, py: Python<'py>, qpos: Array<'py>, margin: f64) -> PyResult<Contacts<'py>> {
         let model = &self.scene.model;
         let positions = contiguous("qpos", &qpos, model.nq(), count(&qpos))?;
         let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
         for (state, qpos) in positions.chunks(model.nq()).enumerate() {
             let found = py.detach(|| guarded(|| model.contacts_at(qpos, margin)))?;
-            for contact in found.map_err(|error| refused(&error))? {
-                let name = |shape: ShapeId| model.shapes()[shape.0].name.clone();
-                shapes.push((name(contact.shape_a), name(contact.shape_b)));
-                numbers.extend([state as f64, contact.distance]);
-                numbers.extend(contact.position.iter().chain(contact.normal.iter()));
-            }
+            let found = found.map_err(|error| refused(&error))?;
+            describe_contacts(model, state, &found, &mut shapes, &mut numbers);
         }
         Ok((shapes, numbers.into_pyarray(py)))
     }

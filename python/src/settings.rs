@@ -92,6 +92,7 @@ impl Settings {
             end_on,
             sensors: self.sensors(task)?,
             noise: randomize.sensors,
+            noise_scale: [1.0; 2],
             action_delay: [delay_steps(self.action_delay)?; 2],
             image_size: self.image_size,
             action_form: self.action_form()?,

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use fiatlux_dynamics::{Contact, Model, ShapeId};
 use fiatlux_rules::{BodyRow, Motion, Row, manifest};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use numpy::{IntoPyArray, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -47,6 +48,25 @@ pub(crate) fn describe_row<'py>(py: Python<'py>, row: &Row) -> PyResult<Bound<'p
         dict.set_item(name, numbers.clone().into_pyarray(py))?;
     }
     Ok(dict)
+}
+
+/// Names of the shapes of contact points, and 11 numbers for each.
+pub(crate) type Contacts<'py> = (Vec<(String, String)>, Bound<'py, PyArray1<f64>>);
+
+/// Adds contact points: the shapes; and the number of their state, distance, point, normal and force: 11 numbers each.
+pub(crate) fn describe_contacts(
+    model: &Model,
+    state: usize,
+    contacts: &[Contact],
+    shapes: &mut Vec<(String, String)>,
+    numbers: &mut Vec<f64>,
+) {
+    let name = |shape: ShapeId| model.shapes()[shape.0].name.clone();
+    for contact in contacts {
+        shapes.push((name(contact.shape_a), name(contact.shape_b)));
+        numbers.extend([state as f64, contact.distance]);
+        numbers.extend(contact.position.iter().chain(&contact.normal).chain(&contact.force));
+    }
 }
 
 /// Sets the parts of a world's row; the others stay.

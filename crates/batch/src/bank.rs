@@ -7,7 +7,7 @@ use fiatlux_robot::{Gains, Robot};
 use fiatlux_rules::Row;
 use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Randomization, Scene, SceneConfig, SceneSpec, Stream, World};
 
-use crate::{BankError, Ranges};
+use crate::{BankError, Drawn, Ranges};
 
 /// A scene, and the starts of worlds in it.
 #[derive(Debug, Clone)]
@@ -31,13 +31,16 @@ pub struct Start {
     pub light: Light,
     /// Relative likelihood among the bank's starts: finite, at least 0, and above 0 for one start of the bank.
     pub weight: f64,
+    /// What was drawn for it, besides the light: by name, for [`Batch::drawn`](crate::Batch::drawn).
+    pub drawn: Drawn,
 }
 
 impl Bank {
     /// A scene with its reference state as the only start: the robot in its standing posture.
     pub fn standing(scene: Arc<Scene>) -> Self {
         let row = World::new(Arc::clone(&scene)).row().clone();
-        let start = Start { row, variation: Variation::default(), light: Light::default(), weight: 1.0 };
+        let (variation, light) = (Variation::default(), Light::default());
+        let start = Start { row, variation, light, weight: 1.0, drawn: Drawn::new() };
         Self { scene, starts: vec![start], ranges: Ranges::NOMINAL }
     }
 
@@ -71,15 +74,17 @@ impl Bank {
             };
             let scene = Arc::clone(&banks[index].scene);
             let mut variation = Variation::default();
+            let mut drawn = Drawn::from([("episode".to_owned(), vec![episode.episode as f64])]);
             let own = match wanted.hand_friction {
                 Some(friction) => {
                     scene.set_hand_friction(friction, &mut variation);
+                    drawn.insert("hand_friction".to_owned(), vec![friction]);
                     build(wanted)?
                 }
                 None => scene,
             };
             let row = Episode::start(own, episode)?.row().clone();
-            banks[index].starts.push(Start { row, variation, light: episode.light(), weight: 1.0 });
+            banks[index].starts.push(Start { row, variation, light: episode.light(), weight: 1.0, drawn });
         }
         Ok(banks)
     }
@@ -94,7 +99,7 @@ impl Bank {
                 let draw = (index * times + time) as u64;
                 let mut random = Random::of_term(Stream::Batch, "variation", seed, draw);
                 let mut start = start.clone();
-                ranges.draw(&scene, &mut random, &mut start.variation);
+                start.drawn.extend(ranges.draw(&scene, &mut random, &mut start.variation));
                 if ranges.light {
                     start.light = Light::draw(seed, draw, &Randomization::default());
                 }

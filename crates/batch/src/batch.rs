@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use fiatlux_dynamics::Contact;
 use fiatlux_rules::Row;
 use fiatlux_world::Scene;
 
@@ -11,7 +12,7 @@ use crate::job::{Job, Order, Worker};
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
-use crate::{Autoreset, BatchConfig, BatchError, Begin, Buffers, Outputs, Snapshot, Spec, Task};
+use crate::{Autoreset, BatchConfig, BatchError, Begin, Buffers, Drawn, Outputs, Snapshot, Spec, Task};
 
 /// Many worlds in step; see the crate's documentation. It keeps its threads, which sleep between calls, until it is dropped.
 pub struct Batch {
@@ -49,18 +50,22 @@ impl Batch {
         config.check()?;
         let settings_of_banks = config.banks.chunks(1).map(|bank| settings(&config, 1, bank, task)).collect();
         let settings = settings(&config, config.worlds, &config.banks, task);
-        let BatchConfig { worlds, threads, seed, banks, disturbances, autoreset } = config;
-        check_memory(task.spec(), worlds)?;
+        let BatchConfig { worlds, threads, seed, banks, disturbances, autoreset, watch } = config;
         let expected = banks[0].scene.robot_layout();
         let odd = banks.iter().position(|bank| bank.scene.robot_layout() != expected);
         if let Some(bank) = odd {
             return Err(BatchError::Robots { bank, found: banks[bank].scene.robot_layout(), expected });
         }
+        let mut spec = task.spec().clone();
+        let observation_length = spec.observation_length();
+        spec.observation.extend(watch.fields(expected));
+        check_memory(&spec, worlds)?;
         disturbances.check(banks[0].scene.robot.links().len())?;
         banks.iter().try_for_each(|bank| bank.ranges.check())?;
-        let ready = banks.iter().enumerate().map(|(index, bank)| ReadyBank::new(bank, index).map(Arc::new));
+        let ready = banks.iter().enumerate().map(|(index, bank)| ReadyBank::new(bank, index, &watch).map(Arc::new));
         let banks = ready.collect::<Result<Vec<_>, _>>()?;
-        let (spec, shared) = (Arc::new(task.spec().clone()), Arc::new(Shared { disturbances, autoreset }));
+        let spec = Arc::new(spec);
+        let shared = Arc::new(Shared { disturbances, autoreset, watch, observation_length });
         let threads = threads.min(worlds);
         let job = |world: usize| {
             let bank = world * banks.len() / worlds;
@@ -147,7 +152,10 @@ impl Batch {
     /// [`BatchError`]: no such world, marks or a buffer of another length, a world of another bank, a task that cannot be saved.
     pub fn copy_world(&mut self, world: usize, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         let snapshot = self.save_world(world)?;
-        self.restore_worlds(&snapshot, marks, observation)
+        self.check_fits(&snapshot, marks, observation)?;
+        let original = self.workers.job(world).map(|job| job.slot.original());
+        let original = original.ok_or(BatchError::NoWorld { world, worlds: self.worlds })?;
+        self.carry_out_where(&Order::Copy(Arc::new((snapshot, original))), marks, observation)
     }
 
     /// The state of one world, for [`Batch::restore_worlds`].
@@ -171,6 +179,12 @@ impl Batch {
         marks: &[bool],
         observation: &mut [f32],
     ) -> Result<(), BatchError> {
+        self.check_fits(snapshot, marks, observation)?;
+        self.carry_out_where(&Order::Load(Arc::new(snapshot.clone())), marks, observation)
+    }
+
+    /// Refuses a snapshot from which the marked worlds cannot continue.
+    fn check_fits(&self, snapshot: &Snapshot, marks: &[bool], observation: &[f32]) -> Result<(), BatchError> {
         check_length("marks", marks.len(), self.worlds)?;
         check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
         check_length("worlds of the snapshot", snapshot.worlds.len(), 1)?;
@@ -185,7 +199,7 @@ impl Batch {
                 snapshot.check(&self.settings_of_banks[bank])?;
             }
         }
-        self.carry_out_where(&Order::Load(Arc::new(snapshot.clone())), marks, observation)
+        Ok(())
     }
 
     /// Ends the present episodes of the marked worlds, for ends of the caller's own. The next ones begin as [`Autoreset`] says; the
@@ -260,6 +274,27 @@ impl Batch {
         self.workers.check_process()?;
         let row = self.workers.job(world).map(|job| job.slot.row().clone());
         row.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
+    }
+
+    /// What was drawn for a world's present episode, by name: the start of its bank, light, what varies, and what the task draws.
+    ///
+    /// # Errors
+    /// As for [`Batch::row`].
+    pub fn drawn(&self, world: usize) -> Result<Drawn, BatchError> {
+        self.workers.check_process()?;
+        let drawn = self.workers.job(world).map(|job| job.slot.drawn(&self.banks[job.slot.bank]));
+        drawn.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
+    }
+
+    /// The contact points of a world's last step, if [`Watch::contacts`](crate::Watch::contacts) says so: those of its last physics step, 5 ms,
+    /// each with its part of the mean force. The step that ends an episode has its own. None after a reset or a copy.
+    ///
+    /// # Errors
+    /// As for [`Batch::row`].
+    pub fn contacts(&self, world: usize) -> Result<Vec<Contact>, BatchError> {
+        self.workers.check_process()?;
+        let contacts = self.workers.job(world).map(|job| job.contacts.clone());
+        contacts.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
     }
 
     /// The state of all worlds, between two steps.

@@ -1,6 +1,6 @@
 //! Settings of a batch.
 
-use crate::{Bank, BatchError, Disturbances};
+use crate::{Bank, BatchError, Disturbances, Watch};
 
 /// Most worlds of a batch.
 pub const MAX_WORLDS: usize = 1 << 20;
@@ -37,13 +37,16 @@ pub struct BatchConfig {
     pub disturbances: Disturbances,
     /// When the next episode of a world begins.
     pub autoreset: Autoreset,
+    /// Exact readings besides the task's observation.
+    pub watch: Watch,
 }
 
 impl BatchConfig {
     /// One world for each bank, on the caller's thread, without disturbances.
     pub fn new(banks: Vec<Bank>) -> Self {
         let (disturbances, autoreset) = (Disturbances::default(), Autoreset::default());
-        Self { worlds: banks.len(), threads: 1, seed: 0, banks, disturbances, autoreset }
+        let watch = Watch::default();
+        Self { worlds: banks.len(), threads: 1, seed: 0, banks, disturbances, autoreset, watch }
     }
 
     pub(crate) fn check(&self) -> Result<(), BatchError> {

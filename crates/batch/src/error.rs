@@ -38,6 +38,8 @@ pub enum BatchError {
     Robots { bank: usize, found: RobotLayout, expected: RobotLayout },
     #[error("bank {bank}, start {start}: no world starts there")]
     Start { bank: usize, start: usize, source: WorldError },
+    #[error("links: the scene has no site or link '{name}'; `Kinematics.sites` lists them")]
+    Link { name: String },
     #[error("bank {bank}: the weights of starts must be finite and at least 0, and one of them above 0")]
     Weights { bank: usize },
     #[error("cannot start a thread; use fewer threads")]

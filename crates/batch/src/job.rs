@@ -3,10 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use fiatlux_dynamics::Contact;
 use fiatlux_rules::Row;
 use fiatlux_world::World;
 
-use crate::slot::{ReadyBank, Results, Shared, Slot, Stage, Stopped};
+use crate::slot::{Original, ReadyBank, Results, Shared, Slot, Stage, Stopped};
 use crate::snapshot::{Snapshot, WorldState};
 use crate::{BatchError, Control, Outcome, Spec};
 
@@ -14,12 +15,14 @@ use crate::{BatchError, Control, Outcome, Spec};
 const MAX_SHARED_BANKS: usize = 16;
 
 /// A job for one world.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(crate) enum Order {
     /// Begin an episode, as `begin` says.
     Reset,
     /// Continue from the one world of a snapshot, if marked.
     Load(Arc<Snapshot>),
+    /// The same, with the world that the snapshot is of.
+    Copy(Arc<(Snapshot, Original)>),
     /// End the episode, if marked.
     End,
     /// Take a control step with its action.
@@ -56,6 +59,8 @@ pub(crate) struct Job {
     pub final_observation: Vec<f32>,
     pub reward: f32,
     pub reward_terms: Vec<f32>,
+    /// Contact points of the last step, if they are watched.
+    pub contacts: Vec<Contact>,
     pub outcome: Outcome,
     pub error: Option<BatchError>,
 }
@@ -74,6 +79,7 @@ impl Job {
             final_observation: numbers(spec.observation_length()),
             reward: 0.0,
             reward_terms: numbers(spec.rewards.len()),
+            contacts: Vec::new(),
             outcome: Outcome::Continues,
             error: None,
         }
@@ -86,6 +92,7 @@ impl Job {
 
     /// Continues from a state; the observation is not changed.
     pub fn load(&mut self, state: &WorldState, bank: &ReadyBank) -> Result<(), BatchError> {
+        self.contacts.clear();
         self.slot.load(state, bank).map_err(|source| BatchError::Task { world: self.world, source })
     }
 }
@@ -133,6 +140,15 @@ impl Worker {
     pub fn run(&mut self, job: &mut Job) -> Result<(), BatchError> {
         let stage = &mut self.stages[job.slot.bank - self.first_bank];
         let (shared, world) = (&*self.shared, job.world);
+        let keeps_contacts = match &job.order {
+            Order::Reset => matches!(job.begin, Begin::Stays),
+            Order::Load(_) | Order::Copy(_) => !job.is_marked,
+            Order::End => true,
+            Order::Step { .. } => false,
+        };
+        if !keeps_contacts {
+            job.contacts.clear();
+        }
         let done = match &job.order {
             Order::Reset => match std::mem::take(&mut job.begin) {
                 Begin::Stays => Ok(()),
@@ -143,13 +159,19 @@ impl Worker {
                 job.observation.copy_from_slice(&snapshot.observation);
                 job.slot.load(&snapshot.worlds[0], &stage.bank).map_err(Stopped::Task)
             }
+            Order::Copy(copied) if job.is_marked => {
+                let (snapshot, original) = &**copied;
+                job.observation.copy_from_slice(&snapshot.observation);
+                job.slot.copy_from(&snapshot.worlds[0], original, &stage.bank).map_err(Stopped::Task)
+            }
             Order::End if job.is_marked => job.slot.end(stage, shared, &mut job.observation),
-            Order::Load(_) | Order::End => Ok(()),
+            Order::Load(_) | Order::Copy(_) | Order::End => Ok(()),
             Order::Step { wants_final } => {
                 let results = Results {
                     observation: &mut job.observation,
                     final_observation: wants_final.then_some(&mut job.final_observation[..]),
                     reward_terms: &mut job.reward_terms,
+                    contacts: shared.watch.contacts.then_some(&mut job.contacts),
                 };
                 let stepped = job.slot.step(stage, shared, &job.action, &mut self.control, results);
                 stepped.map(|(outcome, reward)| (job.outcome, job.reward) = (outcome, reward))

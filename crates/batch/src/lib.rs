@@ -47,6 +47,7 @@ mod slot;
 mod snapshot;
 mod task;
 mod walking;
+mod watch;
 mod workers;
 
 pub use bank::{Bank, Start};
@@ -57,8 +58,9 @@ pub use config::{Autoreset, BatchConfig, MAX_STARTS, MAX_THREADS, MAX_WORLDS};
 pub use disturbance::{Disturbances, Pushes, Wrenches};
 pub use error::{BankError, BatchError, TaskError};
 pub use job::Begin;
-pub use ranges::Ranges;
+pub use ranges::{Drawn, Ranges};
 pub use rulebook::{ActionForm, Rulebook, RulebookOptions};
 pub use snapshot::Snapshot;
 pub use task::{Control, Field, Outcome, Spec, Task, TaskClone};
 pub use walking::{Walking, WalkingOptions};
+pub use watch::Watch;

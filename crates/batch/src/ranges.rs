@@ -15,6 +15,9 @@ const MAX_FACTOR: f64 = 1e6;
 /// Largest [`Ranges::com_shift_m`], m: more than any of the robot's bodies is long.
 const MAX_COM_SHIFT_M: f64 = 1.0;
 
+/// What was drawn for a start, by name.
+pub type Drawn = BTreeMap<String, Vec<f64>>;
+
 /// Ranges from which a world's differences from its scene are drawn, uniformly. Factors multiply the nominal values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranges {
@@ -39,6 +42,8 @@ pub struct Ranges {
     pub thing_mass: BTreeMap<String, [f64; 2]>,
     /// Each variation draws its own light, as episodes do.
     pub light: bool,
+    /// Gravity, downwards, m/s^2; `None` leaves it unchanged.
+    pub gravity: Option<[f64; 2]>,
 }
 
 impl Ranges {
@@ -54,10 +59,11 @@ impl Ranges {
         friction: BTreeMap::new(),
         thing_mass: BTreeMap::new(),
         light: false,
+        gravity: None,
     };
 
     /// Name and value of each.
-    pub(crate) fn listed(&self) -> [(&'static str, String); 10] {
+    pub(crate) fn listed(&self) -> [(&'static str, String); 11] {
         [
             ("hand_friction", format!("{:?}", self.hand_friction)),
             ("floor_friction", format!("{:?}", self.floor_friction)),
@@ -69,6 +75,7 @@ impl Ranges {
             ("friction", format!("{:?}", self.friction)),
             ("thing_mass", format!("{:?}", self.thing_mass)),
             ("light", self.light.to_string()),
+            ("gravity", format!("{:?}", self.gravity)),
         ]
     }
 
@@ -79,6 +86,7 @@ impl Ranges {
         let from_zero = [
             ("hand_friction", self.hand_friction),
             ("floor_friction", self.floor_friction),
+            ("gravity", self.gravity),
             ("stiffness", Some(self.stiffness)),
             ("damping", Some(self.damping)),
         ];
@@ -109,15 +117,22 @@ impl Ranges {
         Ok(())
     }
 
-    /// Draws a world's differences, and overwrites its current ones.
-    pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) {
+    /// Draws a world's differences, and overwrites its current ones. Returns what was drawn: an entry for each field that is not
+    /// nominal, with a number for each body or drive where each has its own.
+    pub fn draw(&self, scene: &Scene, random: &mut Random, variation: &mut Variation) -> Drawn {
         let within = |[low, high]: [f64; 2], random: &mut Random| random.uniform(low, high);
+        let mut drawn = Drawn::new();
+        let mut note =
+            |name: &str, numbers: &[f64]| drawn.entry(name.to_owned()).or_default().extend_from_slice(numbers);
         if let Some(range) = self.hand_friction {
-            scene.set_hand_friction(within(range, random), variation);
+            let friction = within(range, random);
+            scene.set_hand_friction(friction, variation);
+            note("hand_friction", &[friction]);
         }
         if let Some(range) = self.floor_friction {
             // Of two materials the larger coefficient counts, so the soles must change too.
             let friction = within(range, random);
+            note("floor_friction", &[friction]);
             let touches = |owner| match owner {
                 ShapeOwner::Floor => true,
                 ShapeOwner::Robot(link) => scene.robot.feet().contains(&link),
@@ -132,6 +147,8 @@ impl Ranges {
                 let mass = within(self.mass, random);
                 let range = [-self.com_shift_m, self.com_shift_m];
                 let com_offset = Vector3::from_fn(|_, _| within(range, random));
+                note("mass", &[mass]);
+                note("com_shift_m", com_offset.as_slice());
                 variation.bodies.push((fiatlux_dynamics::BodyId(index), BodyVariation { mass, com_offset }));
             }
         }
@@ -140,21 +157,32 @@ impl Ranges {
                 let stiffness = within(self.stiffness, random);
                 let damping = within(self.damping, random);
                 let effort_limit = within(self.effort_limit, random);
+                note("stiffness", &[stiffness]);
+                note("damping", &[damping]);
+                note("effort_limit", &[effort_limit]);
                 variation.drives.push((*body, DriveVariation { stiffness, damping, effort_limit }));
             }
         }
         for (name, range) in &self.friction {
             let friction = within(*range, random);
+            note(&format!("friction.{name}"), &[friction]);
             let shapes = (0..scene.model.shapes().len()).map(ShapeId);
             let of_surface = shapes.filter(|id| scene.owner(*id).name() == name);
             variation.frictions.extend(of_surface.map(|id| (id, friction)));
         }
         for (name, range) in &self.thing_mass {
             let mass = within(*range, random);
+            note(&format!("thing_mass.{name}"), &[mass]);
             let body = free_things().find(|(known, _)| known == name).and_then(|(_, thing)| scene.body(thing));
             let varied = BodyVariation { mass, com_offset: Vector3::zeros() };
             variation.bodies.extend(body.map(|body| (body, varied)));
         }
+        if let Some(range) = self.gravity {
+            let gravity = within(range, random);
+            note("gravity", &[gravity]);
+            variation.gravity = Some(Vector3::new(0.0, 0.0, -gravity));
+        }
+        drawn
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use fiatlux_features::ResNet18;
 use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
 use fiatlux_rules::{
-    Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
+    CONTROL_DT, Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
 };
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::task::check_weights;
 use crate::{Control, Field, Outcome, Spec, Task, TaskError};
+
+/// Largest factor of the noise's width.
+const MAX_NOISE_SCALE: f64 = 100.0;
 
 /// Meaning of the numbers of an action; there is one for each joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -46,6 +49,8 @@ pub struct RulebookOptions {
     pub sensors: Sensors,
     /// Sensors have noise, from the world's random stream; the benchmark's own episodes draw it by seed and episode.
     pub noise: bool,
+    /// Factor of the noise's width: least and most, drawn for each episode; above 0.
+    pub noise_scale: [f64; 2],
     /// Width and height of the cameras' images, pixels.
     pub image_size: [usize; 2],
     /// Meaning of the numbers of an action.
@@ -66,6 +71,7 @@ impl RulebookOptions {
             reward_weights: BTreeMap::new(),
             sensors: Sensors::of_body(task),
             noise: true,
+            noise_scale: [1.0; 2],
             image_size: [HEAD_PIXELS; 2],
             action_form: ActionForm::Action,
             action_delay: [0; 2],
@@ -92,6 +98,8 @@ pub struct Rulebook {
     factors: Arc<[f64]>,
     /// Actions that have yet to act, one after the other, the oldest first.
     delayed: Vec<f64>,
+    /// Factor of the noise in the present episode.
+    noise_scale: f64,
 }
 
 /// State of an episode in one world.
@@ -102,6 +110,7 @@ struct State {
     episode: u64,
     /// Seed and episode.
     noise: Option<(u64, u64)>,
+    noise_scale: f64,
     delayed: Vec<f64>,
 }
 
@@ -130,6 +139,10 @@ impl Rulebook {
         let setup = Setup { protocol, image_size: options.image_size, ..Setup::new(scene, task) };
         let referee = Referee::new(task, scene, &options);
         let usual: Vec<_> = referee.rewards.terms().iter().map(|term| (term.name, term.weight)).collect();
+        let [least, most] = options.noise_scale;
+        if !(0.0 <= least && least <= most && most <= MAX_NOISE_SCALE) {
+            return Err(format!("ranges: noise must be [least, most], from 0 to {MAX_NOISE_SCALE}").into());
+        }
         check_weights(&options.reward_weights, usual.iter().map(|(name, _)| *name))?;
         let given = |name: &str| options.reward_weights.get(name).copied();
         let joints = scene.robot.joints();
@@ -145,7 +158,7 @@ impl Rulebook {
         let terms =
             options.sensors.iter().flat_map(|sensor| sensor.terms(&setup).into_iter().map(move |term| (sensor, term)));
         let field = |(sensor, term): (Sensor, Term)| {
-            Field::of_sensor(sensor.name(), term.name, &term.shape, term.range, term.noise, term.scale)
+            Field::of_sensor(sensor.name(), term.name, &term.shape, term.range, most * term.noise, term.scale)
         };
         let spec = Spec {
             actions: joints.iter().map(|joint| joint.name.clone()).collect(),
@@ -170,6 +183,7 @@ impl Rulebook {
             weights,
             factors,
             delayed: Vec::new(),
+            noise_scale: 1.0,
         })
     }
 
@@ -208,6 +222,9 @@ impl Task for Rulebook {
         self.delayed.clear();
         let [least, most] = self.options.action_delay;
         let delay = if most > least { least + random.index(most - least + 1) } else { least };
+        let [least, most] = self.options.noise_scale;
+        self.noise_scale = if most > least { random.uniform(least, most) } else { least };
+        self.suite.scale_noise(self.noise_scale);
         (0..delay).for_each(|_| self.delayed.extend_from_slice(&world.row().action));
         if self.referee.is_none() {
             let scene = world.scene();
@@ -283,6 +300,7 @@ impl Task for Rulebook {
             reward_weights,
             sensors,
             noise,
+            noise_scale,
             image_size,
             action_form,
             action_delay,
@@ -296,6 +314,7 @@ impl Task for Rulebook {
             ("reward_weights", format!("{reward_weights:?}")),
             ("sensors", sensors.join(", ")),
             ("noise", noise.to_string()),
+            ("noise_scale", format!("{noise_scale:?}")),
             ("image_size", format!("{image_size:?}")),
             ("weights", self.weights.clone()),
             ("action_form", format!("{action_form:?}")),
@@ -305,12 +324,34 @@ impl Task for Rulebook {
         ]
     }
 
+    fn drawn(&self) -> Vec<(&'static str, f64)> {
+        let joints = self.spec.actions.len();
+        let noise = if self.noise.is_some() { self.noise_scale } else { 0.0 };
+        vec![("action_delay_ms", (self.delayed.len() / joints) as f64 * CONTROL_DT * 1e3), ("noise", noise)]
+    }
+
     fn save(&self) -> Result<Vec<u8>, TaskError> {
         let Referee { judges, rewards } = self.referee.as_ref().ok_or("no episode has begun")?;
         let noise = self.noise.map(|noise| (noise.seed, noise.episode));
         let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
-        let delayed = self.delayed.clone();
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, delayed })?)
+        let (noise_scale, delayed) = (self.noise_scale, self.delayed.clone());
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delayed })?)
+    }
+
+    fn copy_from(&mut self, other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
+        let Some(other) = other.as_any().downcast_ref::<Self>() else { return self.load(saved, row, light) };
+        let (Some(own), Some(theirs)) = (&mut self.referee, &other.referee) else {
+            return Err("no episode has begun".into());
+        };
+        own.judges.set_state(theirs.judges.state());
+        if !own.rewards.set_state(theirs.rewards.state(), row) {
+            return Err("the other world has another number of reward terms".into());
+        }
+        self.delayed.clone_from(&other.delayed);
+        (self.episode, self.noise, self.noise_scale) = (other.episode, other.noise, other.noise_scale);
+        self.suite.scale_noise(self.noise_scale);
+        self.suite.restart(self.noise, Lighting::of(light));
+        Ok(())
     }
 
     fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
@@ -325,6 +366,8 @@ impl Task for Rulebook {
         judges.set_state(state.judges);
         self.delayed.clone_from(&state.delayed);
         self.episode = state.episode;
+        self.noise_scale = state.noise_scale;
+        self.suite.scale_noise(state.noise_scale);
         self.noise = state.noise.map(|(seed, episode)| NoiseSeed { seed, episode });
         self.suite.restart(self.noise, Lighting::of(light));
         Ok(())

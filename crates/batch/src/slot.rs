@@ -2,19 +2,21 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::PreparedVariation;
+use fiatlux_dynamics::{Contact, PreparedVariation, Site};
 use fiatlux_rules::{Row, diverged};
 use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
 use crate::disturbance::Disturber;
 use crate::snapshot::WorldState;
-use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Outcome, Task, TaskError};
+use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Drawn, Outcome, Task, TaskError, Watch};
 
 /// A prepared bank, shared by all threads.
 #[derive(Debug)]
 pub(crate) struct ReadyBank {
     pub scene: Arc<Scene>,
     pub starts: Vec<ReadyStart>,
+    /// The links that are watched.
+    sites: Vec<Site>,
     /// Sum of the weights up to and including each start; `None` where all weigh the same.
     sums: Option<Vec<f64>>,
 }
@@ -24,11 +26,12 @@ pub(crate) struct ReadyStart {
     row: Row,
     variation: PreparedVariation,
     light: Light,
+    drawn: Drawn,
 }
 
 impl ReadyBank {
     /// Tries every start. Equal variations in a row are prepared once.
-    pub fn new(bank: &Bank, index: usize) -> Result<Self, BatchError> {
+    pub fn new(bank: &Bank, index: usize, watch: &Watch) -> Result<Self, BatchError> {
         let mut world = World::new(Arc::clone(&bank.scene));
         let mut starts: Vec<ReadyStart> = Vec::with_capacity(bank.starts.len());
         for (number, start) in bank.starts.iter().enumerate() {
@@ -42,7 +45,9 @@ impl ReadyBank {
             let mut row = start.row.clone();
             row.step = 0;
             world.reset_to(&row).map_err(refused)?;
-            starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light: start.light });
+            let (light, mut drawn) = (start.light, start.drawn.clone());
+            drawn.extend(light_by_name(&light).map(|(name, number)| (name.to_owned(), vec![number])));
+            starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light, drawn });
         }
         let weights = bank.starts.iter().map(|start| start.weight);
         let sums = weights.clone().scan(0.0, |sum, weight| {
@@ -51,7 +56,7 @@ impl ReadyBank {
         });
         let is_even = weights.clone().all(|weight| weight == bank.starts[0].weight);
         let sums = (!is_even).then(|| sums.collect());
-        Ok(Self { scene: Arc::clone(&bank.scene), starts, sums })
+        Ok(Self { scene: Arc::clone(&bank.scene), starts, sites: watch.sites(&bank.scene)?, sums })
     }
 
     fn draw(&self, random: &mut Random) -> usize {
@@ -59,6 +64,20 @@ impl ReadyBank {
         let at = random.uniform(0.0, sums[sums.len() - 1]);
         sums.partition_point(|sum| *sum <= at).min(sums.len() - 1)
     }
+}
+
+fn light_by_name(light: &Light) -> [(&'static str, f64); 8] {
+    let Light { dome, dome_yaw, key, key_pitch, key_yaw, tint_hue, tint_saturation, tint_value } = *light;
+    [
+        ("light.dome", dome),
+        ("light.dome_yaw", dome_yaw),
+        ("light.key", key),
+        ("light.key_pitch", key_pitch),
+        ("light.key_yaw", key_yaw),
+        ("light.tint_hue", tint_hue),
+        ("light.tint_saturation", tint_saturation),
+        ("light.tint_value", tint_value),
+    ]
 }
 
 /// Where the worlds of one bank and one thread take turns.
@@ -71,6 +90,9 @@ pub(crate) struct Stage {
 pub(crate) struct Shared {
     pub disturbances: Disturbances,
     pub autoreset: Autoreset,
+    pub watch: Watch,
+    /// Count of the numbers that a task observes.
+    pub observation_length: usize,
 }
 
 /// The state of a world while others have their turn.
@@ -89,6 +111,12 @@ pub(crate) struct Slot {
     stream: (u64, u64),
     random: Random,
     disturber: Disturber,
+}
+
+/// What copies of a world take over as it is, in place of reading it from a snapshot.
+pub(crate) struct Original {
+    task: Box<dyn Task>,
+    random: Random,
 }
 
 /// Why a world stopped in the middle of something.
@@ -124,6 +152,8 @@ pub(crate) struct Results<'a> {
     /// Buffer for the observation of an episode's last row, if wanted.
     pub final_observation: Option<&'a mut [f32]>,
     pub reward_terms: &'a mut [f32],
+    /// Contact points of the step, if wanted.
+    pub contacts: Option<&'a mut Vec<Contact>>,
 }
 
 impl Slot {
@@ -143,6 +173,12 @@ impl Slot {
 
     pub fn row(&self) -> &Row {
         &self.row
+    }
+
+    /// What was drawn for the present episode, in this bank.
+    pub fn drawn(&self, bank: &ReadyBank) -> Drawn {
+        let own = self.task.drawn().into_iter().map(|(name, number)| (name.to_owned(), vec![number]));
+        bank.starts[self.start].drawn.clone().into_iter().chain(own).collect()
     }
 
     /// Begins its random stream anew; the number is that of the world, but for copies of another one.
@@ -178,6 +214,10 @@ impl Slot {
         })
     }
 
+    pub fn original(&self) -> Original {
+        Original { task: self.task.boxed(), random: self.random.clone() }
+    }
+
     /// Continues from a state of a world of the same bank.
     pub fn load(&mut self, state: &WorldState, bank: &ReadyBank) -> Result<(), TaskError> {
         let start = bank.starts.get(state.start).ok_or("the snapshot is damaged: the world's start does not exist")?;
@@ -185,13 +225,25 @@ impl Slot {
             return Err("the snapshot is damaged: the row is of another robot".into());
         }
         self.task.load(&state.task, &state.row, &start.light)?;
-        self.row.clone_from(&state.row);
         let (seed, number) = state.stream;
         self.reseed(seed, number);
         self.random.skip(state.drawn);
+        self.take_over(state);
+        Ok(())
+    }
+
+    /// As [`Slot::load`], from the world of which the state is.
+    pub fn copy_from(&mut self, state: &WorldState, original: &Original, bank: &ReadyBank) -> Result<(), TaskError> {
+        self.task.copy_from(&*original.task, &state.task, &state.row, &bank.starts[state.start].light)?;
+        (self.stream, self.random) = (state.stream, original.random.clone());
+        self.take_over(state);
+        Ok(())
+    }
+
+    fn take_over(&mut self, state: &WorldState) {
+        self.row.clone_from(&state.row);
         (self.start, self.has_ended, self.shortened) = (state.start, state.has_ended, state.shortened);
         self.disturber.clone_from(&state.disturber);
-        Ok(())
     }
 
     /// Begins an episode from a start of the bank, or from a given row.
@@ -214,7 +266,14 @@ impl Slot {
         self.row.clone_from(world.row());
         self.disturber.begin(&shared.disturbances, &mut self.random);
         self.task.begin(world, &start.light, &mut self.random)?;
-        Ok(self.task.observe(world, observation)?)
+        self.observe(stage, shared, observation)
+    }
+
+    fn observe(&mut self, stage: &Stage, shared: &Shared, observation: &mut [f32]) -> Result<(), Stopped> {
+        let (task, rest) = observation.split_at_mut(shared.observation_length);
+        self.task.observe(&stage.world, task)?;
+        shared.watch.observe(&stage.world, &stage.bank.sites, rest);
+        Ok(())
     }
 
     /// Takes a control step; where an episode ends, the next one begins as the batch's autoreset says.
@@ -226,7 +285,7 @@ impl Slot {
         control: &mut Control,
         results: Results<'_>,
     ) -> Result<(Outcome, f32), Stopped> {
-        let Results { observation, final_observation, reward_terms } = results;
+        let Results { observation, final_observation, reward_terms, contacts } = results;
         if self.has_ended {
             reward_terms.fill(0.0);
             self.begin(stage, shared, None, observation)?;
@@ -240,6 +299,7 @@ impl Slot {
         stage.world.vary(&stage.bank.starts[self.start].variation);
         let input = ControlInput { action, joint_target, wrenches, push: *push };
         stage.world.step_row(&mut self.row, &input)?;
+        contacts.into_iter().for_each(|contacts| contacts.extend_from_slice(stage.world.dynamics().contacts()));
         let judged = self.task.judge(&stage.world, &mut self.random, reward_terms);
         let outcome = match judged {
             _ if diverged(&self.row) => Outcome::Failure,
@@ -252,11 +312,11 @@ impl Slot {
         self.has_ended = outcome != Outcome::Continues;
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
-                self.task.observe(&stage.world, final_observation)?;
+                self.observe(stage, shared, final_observation)?;
             }
             self.begin(stage, shared, None, observation)?;
         } else {
-            self.task.observe(&stage.world, observation)?;
+            self.observe(stage, shared, observation)?;
         }
         Ok((outcome, reward))
     }

@@ -10,7 +10,7 @@ use crate::disturbance::Disturber;
 use crate::{Bank, BatchConfig, BatchError, Task};
 
 /// First bytes of a snapshot: a name and the version of the layout that follows.
-const MAGIC: &[u8] = b"fiatlux-snapshot/2\n";
+const MAGIC: &[u8] = b"fiatlux-snapshot/3\n";
 /// Length of the digest of the rest, which comes next.
 const DIGEST: usize = 32;
 /// Largest number of joints, and of sensed bodies of a hand, in a snapshot's row.
@@ -151,7 +151,7 @@ impl Snapshot {
 
 /// Name and value of everything that a snapshot of this many worlds in these banks must share with the batch that restores it.
 pub(crate) fn settings(config: &BatchConfig, worlds: usize, banks: &[Bank], task: &dyn Task) -> Vec<(String, String)> {
-    let BatchConfig { disturbances, autoreset, .. } = config;
+    let BatchConfig { disturbances, autoreset, watch, .. } = config;
     let first = &banks[0];
     let seeds: Vec<_> = banks.iter().map(|bank| bank.scene.spec.seed.to_string()).collect();
     let version = format!("{}, benchmark {BENCHMARK_VERSION}", env!("CARGO_PKG_VERSION"));
@@ -165,6 +165,8 @@ pub(crate) fn settings(config: &BatchConfig, worlds: usize, banks: &[Bank], task
         ("autoreset", format!("{autoreset:?}")),
         ("seeds of the rooms", seeds.join(", ")),
         ("disturbances", format!("{disturbances:?}")),
+        ("links", watch.links.join(", ")),
+        ("forces", watch.forces.to_string()),
     ];
     let shared = shared.map(|(name, value)| (name.to_owned(), value));
     own.chain(shared).chain(ranges).chain([("starts".to_owned(), digest_of(banks))]).collect()

@@ -1,5 +1,6 @@
 //! The interface of tasks for the worlds of a batch.
 
+use std::any::Any;
 use std::collections::BTreeMap;
 
 use fiatlux_rules::Row;
@@ -48,6 +49,11 @@ pub trait Task: TaskClone + Send + Sync {
     /// The task's own reasons, such as a camera that the robot lacks; they end the batch's call.
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError>;
 
+    /// Name and value of each quantity that it drew for the episode.
+    fn drawn(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
     /// Name and value of each of its settings. A snapshot is restored only where all of them are equal.
     fn settings(&self) -> Vec<(&'static str, String)>;
 
@@ -66,17 +72,33 @@ pub trait Task: TaskClone + Send + Sync {
     fn load(&mut self, _saved: &[u8], _row: &Row, _light: &Light) -> Result<(), TaskError> {
         Err("this task cannot be restored; implement Task::save and Task::load for it".into())
     }
+
+    /// Continues exactly as another task of the same settings and scene does, of which `saved` is what [`Task::save`] returned at this
+    /// row. Copying one world into a thousand reads the bytes a thousand times unless a task overrides this.
+    ///
+    /// # Errors
+    /// As for [`Task::load`].
+    fn copy_from(&mut self, _other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
+        self.load(saved, row, light)
+    }
 }
 
 /// Copies a boxed task; implemented for every task that is `Clone`.
 pub trait TaskClone {
     /// A copy with the same state.
     fn boxed(&self) -> Box<dyn Task>;
+
+    /// The task itself, for [`Task::copy_from`].
+    fn as_any(&self) -> &dyn Any;
 }
 
 impl<T: Task + Clone + 'static> TaskClone for T {
     fn boxed(&self) -> Box<dyn Task> {
         Box::new(self.clone())
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
     }
 }
 

@@ -176,6 +176,7 @@ impl ModelBuilder {
             drives,
             materials: self.shapes.iter().map(|shape| shape.material).collect(),
             inverse_weights: InverseWeights::default(),
+            gravity: self.gravity,
         };
         let node = |body: &Body| Node {
             parent: body.spec.parent.0,
@@ -188,7 +189,6 @@ impl ModelBuilder {
             nodes: self.bodies.iter().map(node).collect(),
             bodies: self.bodies,
             shapes: self.shapes,
-            gravity: self.gravity,
             nq: self.nq,
             nv: self.nv,
             dof_body,

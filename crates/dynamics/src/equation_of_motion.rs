@@ -108,7 +108,7 @@ impl EquationOfMotion {
         velocity: &[f64],
     ) {
         // Gravity as an upward acceleration of the world.
-        self.acceleration[0] = Motion { angular: V3::zeros(), linear: -model.gravity };
+        self.acceleration[0] = Motion { angular: V3::zeros(), linear: -parameters.gravity };
         for (index, node) in model.nodes.iter().enumerate().skip(1) {
             let motion = &self.motion[index];
             let mut acceleration = self.acceleration[node.parent];

@@ -30,7 +30,6 @@ pub struct Model {
     /// Where each body stands, apart from all else that is known of it, for loops over all bodies.
     pub(crate) nodes: Vec<Node>,
     pub(crate) shapes: Vec<ShapeSpec>,
-    pub(crate) gravity: Vector3<f64>,
     pub(crate) nq: usize,
     pub(crate) nv: usize,
     /// Body that owns each degree of freedom.
@@ -92,7 +91,7 @@ impl Model {
 
     /// Gravity, m/s^2 in world axes.
     pub fn gravity(&self) -> Vector3<f64> {
-        self.gravity
+        self.nominal.gravity
     }
 
     /// Length of `qpos`, the generalised positions.

@@ -13,6 +13,8 @@ pub(crate) struct Parameters {
     /// Surface of each shape.
     pub materials: Vec<Material>,
     pub inverse_weights: InverseWeights,
+    /// World, m/s^2.
+    pub gravity: Vector3<f64>,
 }
 
 /// Mass properties of one body.

@@ -21,6 +21,8 @@ pub struct Variation {
     pub drives: Vec<(BodyId, DriveVariation)>,
     /// Coefficient of friction in place of the shape's own, at least 0. The priority of its material stays.
     pub frictions: Vec<(ShapeId, f64)>,
+    /// Gravity in place of the model's, world, m/s^2.
+    pub gravity: Option<Vector3<f64>>,
 }
 
 /// A body's mass properties relative to the nominal ones.
@@ -63,7 +65,7 @@ impl Default for DriveVariation {
 impl Variation {
     /// True if it changes nothing.
     fn is_empty(&self) -> bool {
-        self.bodies.is_empty() && self.drives.is_empty() && self.frictions.is_empty()
+        *self == Self::default()
     }
 
     /// Works it out for a model. That takes about as long as building the model's constants.
@@ -115,6 +117,10 @@ impl Variation {
             let name = &model.shapes.get(id.0).ok_or_else(|| missing("shape", id.0))?.name;
             check_friction(name, friction)?;
             varied.materials[id.0].friction = friction;
+        }
+        if let Some(gravity) = self.gravity {
+            check_finite("model", "world", "varied gravity", gravity.as_slice())?;
+            varied.gravity = gravity;
         }
         varied.inverse_weights = inverse_weights(model, &varied);
         Ok(varied)

@@ -61,6 +61,7 @@ fn a_varied_world() {
         bodies: vec![(base, BodyVariation { mass: 1.2, com_offset: Vector3::new(0.01, 0.0, 0.0) })],
         drives: vec![(arm, DriveVariation { stiffness: 0.8, damping: 1.1, effort_limit: 0.5 })],
         frictions: vec![(ShapeId(1), 0.9)],
+        gravity: None,
     };
     let mut dynamics = Dynamics::new(&model);
     dynamics.set_variation(&model, &variation).unwrap();

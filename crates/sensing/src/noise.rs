@@ -25,6 +25,8 @@ impl NoiseSeed {
 #[derive(Debug, Clone)]
 pub(crate) struct Noise {
     seed: Option<NoiseSeed>,
+    /// Factor of every half-width.
+    pub scale: f64,
     streams: Vec<TermStream>,
 }
 
@@ -48,7 +50,7 @@ const TERMS: usize = 32;
 impl Noise {
     /// Without a seed it adds nothing.
     pub fn new(seed: Option<NoiseSeed>) -> Self {
-        let mut noise = Self { seed: None, streams: Vec::new() };
+        let mut noise = Self { seed: None, scale: 1.0, streams: Vec::new() };
         noise.restart(seed);
         noise
     }
@@ -78,6 +80,7 @@ impl Noise {
         if left_out > 0 {
             stream.random.skip(left_out.saturating_mul(values.len() as u64));
         }
-        values.iter_mut().for_each(|value| *value += stream.random.uniform(-half_width, half_width));
+        let width = half_width * self.scale;
+        values.iter_mut().for_each(|value| *value += stream.random.uniform(-width, width));
     }
 }

@@ -67,6 +67,11 @@ impl SensorSuite {
         self.devices.restart(noise, lighting);
     }
 
+    /// Multiplies the half-width of all noise, also of the episodes that follow. The published noise has 1.
+    pub fn scale_noise(&mut self, factor: f64) {
+        self.devices.noise.scale = factor;
+    }
+
     /// Count of a sensor's numbers.
     pub fn length(&self, sensor: Sensor) -> usize {
         self.lengths[sensor as usize]

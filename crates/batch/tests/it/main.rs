@@ -8,3 +8,4 @@ mod rulebook;
 mod states;
 mod threads;
 mod walking;
+mod watch;

@@ -26,6 +26,7 @@ fn model(variation: &Variation) -> Model {
             inertia: inertia * varied.mass,
         }
     };
+    variation.gravity.into_iter().for_each(|gravity| builder.set_gravity(gravity));
     builder.add_body(body(TORSO, "torso", BodyId::WORLD, 0.62, Joint::Free, 3.0)).unwrap();
     let gains = variation.drives.iter().rfind(|(body, _)| *body == LEG).map_or_else(Default::default, |(_, v)| *v);
     let hip = Hinge {
@@ -93,6 +94,7 @@ fn a_variation_of_ones_and_none_at_all_change_no_bit() {
         bodies: vec![(TORSO, BodyVariation::default()), (LEG, BodyVariation::default())],
         drives: vec![(LEG, DriveVariation::default())],
         frictions: vec![(FOOT, 0.3)],
+        gravity: None,
     };
     assert_eq!(motion(&nominal, &mut varied(&nominal, &ones)), expected);
     assert_eq!(motion(&nominal, &mut varied(&nominal, &Variation::default())), expected);
@@ -117,7 +119,8 @@ fn a_varied_world_moves_as_a_model_built_that_way() {
         Variation { drives: drives.clone(), ..none.clone() },
         Variation { drives: vec![gains(0.0, 0.0, 1.0)], ..none.clone() },
         Variation { frictions: frictions.clone(), ..none.clone() },
-        Variation { bodies: masses, drives, frictions },
+        Variation { gravity: Some(Vector3::new(0.0, 0.0, -5.0)), ..none.clone() },
+        Variation { bodies: masses, drives, frictions, gravity: None },
     ];
     let nominal = model(&none);
     let unvaried = motion(&nominal, &mut Dynamics::new(&nominal));

@@ -355,6 +355,7 @@ fn a_world_can_differ_from_its_scene() {
         bodies: vec![(torso, BodyVariation { mass: 1.3, com_offset: Vector3::new(0.02, 0.0, 0.0) })],
         drives: vec![(knee, DriveVariation { stiffness: 0.8, damping: 1.2, effort_limit: 1.0 })],
         frictions: vec![],
+        gravity: None,
     };
     let heavier = roll(Some(&variation));
     let load = |row: &Row| row.force(errand::FLOOR_FORCE)[0].z + row.force(errand::FLOOR_FORCE)[1].z;
