@@ -3,10 +3,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
 use fiatlux_wbc::{BodyCommand, Joint, Network, Proprioception, Sensed};
 
 use fiatlux_client::PolicyError;
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 /// Joints of a session, in the form in which controllers compare them with their own.
 pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
@@ -33,6 +34,20 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
     }
     let target = |(joint, action): (&fiatlux_proto::v3::Joint, &f32)| joint.q0 + info.action_scale * f64::from(*action);
     Ok(info.joints.iter().zip(&first.last_action).map(target).collect())
+}
+
+/// A pose of the privileged observation.
+///
+/// # Errors
+/// It is missing.
+pub(super) fn pose(policy: &'static str, pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
+    let missing = || PolicyError::Unfit { policy, reason: "the privileged observation lacks a pose".into() };
+    let pose = pose.ok_or_else(missing)?;
+    let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
+        return Err(missing());
+    };
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation))
 }
 
 /// Converts observations for controllers.

@@ -7,11 +7,11 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, ladder, stand};
-use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
 use crate::body;
 use crate::entry::Entry;
@@ -91,6 +91,12 @@ impl Climb {
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
     }
 
+    /// The climb is at its end, and the robot stands.
+    pub(crate) fn is_over(&self) -> bool {
+        let climbs = self.episode.as_ref().is_some_and(|episode| episode.climbs);
+        climbs && self.progress().is_some_and(|(time, all)| time >= all)
+    }
+
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
     pub fn progress(&self) -> Option<(f64, f64)> {
         let Episode { follower, player, .. } = self.episode.as_ref()?;
@@ -160,7 +166,8 @@ impl Policy for Climb {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("climb"))?;
         let seen = observation.privileged.as_ref();
         let seen = seen.ok_or(PolicyError::Sensor { policy: "climb", sensor: "privileged" })?;
-        let (pelvis, world_from_ladder) = (pose(seen.robot.as_ref())?, pose(seen.ladder.as_ref())?);
+        let (pelvis, world_from_ladder) =
+            (body::pose("climb", seen.robot.as_ref())?, body::pose("climb", seen.ladder.as_ref())?);
         let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
         let sensed = observation.proprioception.as_ref();
         let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
@@ -272,14 +279,4 @@ impl Episode {
         }
         Ok(player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec())
     }
-}
-
-fn pose(pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
-    let missing = || PolicyError::Unfit { policy: "climb", reason: "the privileged observation lacks a pose".into() };
-    let pose = pose.ok_or_else(missing)?;
-    let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
-        return Err(missing());
-    };
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation))
 }

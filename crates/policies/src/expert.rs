@@ -1,39 +1,109 @@
-//! The policy `expert`: every task by the skill that plays it, `walk`, `hands`, `ladder` or `climb`.
+//! The policy `expert`: every task by the skill that plays it, `walk`, `hands`, `ladder` or `climb`; the whole errand by one after the other, as
+//! the room asks for it.
+
+mod errand;
+
+use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, Thresholds};
+use fiatlux_wbc::{BodyCommand, Network};
+use nalgebra::Vector3;
 
+use self::errand::Facts;
 use crate::entry::Entry;
-use crate::{Climb, Hands, Ladder, Walk};
+use crate::{Climb, Hands, Ladder, Walk, WholeBody, body};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "expert",
-    does: "plays each task by walk, hands, ladder or climb, by exact poses; S04, S10 and replace are not played yet",
+    does: "plays each task by walk, hands, ladder or climb, and replace by all of them, by exact poses; stands where none of them plays a task",
     make: |_| Ok(Box::new(Expert::new()?)),
 };
 
-/// Tasks of all skills, in the order of the errand.
-const TASKS: [Task; 11] = [
-    Task::S01,
-    Task::S02,
-    Task::S03,
-    Task::S05,
-    Task::S06,
-    Task::S07,
-    Task::S08,
-    Task::S09,
-    Task::S11,
-    Task::S12,
-    Task::Climb,
-];
+/// Control steps for which a skill has nothing left to do before the next one takes over: a robot that stands has come to rest.
+const RESTS: u64 = 150;
+/// Control steps after which a skill that is not over begins again, from where things are: the length of an episode of its task.
+const PATIENCE: u64 = 6_000;
+/// Control steps for which a hand counts as touching after it felt a bulb.
+const TOUCHED: u64 = 25;
 
-/// Plays each task by the skill that plays it.
+/// Plays each task by the skill that plays it, and the errand by all of them.
 pub struct Expert {
-    skills: Vec<Box<dyn Policy>>,
-    /// The skill of the episode.
-    playing: Option<usize>,
+    skills: Vec<Box<dyn Part>>,
+    network: Arc<Network>,
+    episode: Option<Episode>,
+}
+
+/// A skill, as a part of the errand.
+trait Part: Policy {
+    /// Nothing is left to do: the robot stands with what it has.
+    fn is_over(&self) -> bool;
+
+    /// Name of what it does now.
+    fn phase(&mut self) -> String;
+}
+
+impl Part for Walk {
+    fn is_over(&self) -> bool {
+        Walk::is_over(self)
+    }
+
+    fn phase(&mut self) -> String {
+        "walk".into()
+    }
+}
+
+impl Part for Hands {
+    fn is_over(&self) -> bool {
+        Hands::is_over(self)
+    }
+
+    fn phase(&mut self) -> String {
+        self.progress().map_or_else(String::new, |(phase, _)| phase)
+    }
+}
+
+impl Part for Ladder {
+    fn is_over(&self) -> bool {
+        Ladder::is_over(self)
+    }
+
+    fn phase(&mut self) -> String {
+        Ladder::phase(self).unwrap_or_default()
+    }
+}
+
+impl Part for Climb {
+    fn is_over(&self) -> bool {
+        Climb::is_over(self)
+    }
+
+    fn phase(&mut self) -> String {
+        self.progress().map_or_else(|| "walk".into(), |(time, all)| format!("{time:.1} of {all:.1} s"))
+    }
+}
+
+/// State of an episode.
+struct Episode {
+    info: SessionInfo,
+    /// The whole errand is asked for.
+    is_errand: bool,
+    plays: Plays,
+    /// The subtask that is played, if any, and the step at which it began.
+    task: Option<Task>,
+    since: u64,
+    rests: u64,
+    /// Step of the last touch of a hand and a bulb.
+    touched: Option<u64>,
+}
+
+enum Plays {
+    /// A skill, by its place in the list.
+    Skill(usize),
+    /// The robot stands; no skill plays what is due.
+    Stands(Box<WholeBody>),
 }
 
 impl Expert {
@@ -42,25 +112,71 @@ impl Expert {
     /// # Errors
     /// A skill's weights or plans cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
+        let (_, network) = body::network("expert", "", "")?;
         Ok(Self {
             skills: vec![
-                Box::new(Walk::new("")?),
+                Box::new(Walk::new("")?.for_work()),
                 Box::new(Hands::new()?),
                 Box::new(Ladder::new("")?),
                 Box::new(Climb::new()?),
             ],
-            playing: None,
+            network,
+            episode: None,
         })
     }
+
+    /// The subtask of the errand that is played now, and whether a skill plays it; `None` where nothing is due.
+    pub fn progress(&self) -> Option<(Task, bool)> {
+        let episode = self.episode.as_ref()?;
+        Some((episode.task?, matches!(episode.plays, Plays::Skill(_))))
+    }
+
+    /// Name of what the skill does now.
+    pub fn phase(&mut self) -> Option<String> {
+        match self.episode.as_ref()?.plays {
+            Plays::Skill(index) => Some(self.skills[index].phase()),
+            Plays::Stands(_) => None,
+        }
+    }
+
+    /// Begins a task from what an observation shows: the first one of an episode, or one in the midst of it.
+    fn begin(&mut self, info: &SessionInfo, task: Option<Task>, first: &Observation) -> Result<Plays, PolicyError> {
+        let plays = |skill: &dyn Part| task.is_some_and(|task| skill.tasks().contains(&task));
+        let Some(index) = self.skills.iter().position(|skill| plays(skill.as_ref())) else {
+            let stands = WholeBody::own("expert", Arc::clone(&self.network), info, first)?;
+            return Ok(Plays::Stands(Box::new(if is_up(first) { stands.without_steps() } else { stands })));
+        };
+        let mut info = info.clone();
+        if let (Some(of_skill), Some(task)) = (&mut info.task, task) {
+            of_skill.task = task.short_id().into();
+        }
+        self.skills[index].reset(&info, &since(first, first.step))?;
+        Ok(Plays::Skill(index))
+    }
+}
+
+/// An observation as it is in an episode that began at a step.
+fn since(observation: &Observation, step: u64) -> Observation {
+    Observation { step: observation.step.saturating_sub(step), ..observation.clone() }
+}
+
+fn is_up(observation: &Observation) -> bool {
+    let robot = observation.privileged.as_ref().and_then(|seen| seen.robot.as_ref());
+    let height = robot.and_then(|pose| pose.position.get(2)).copied().unwrap_or_default();
+    height > Thresholds::default().working_height_m
+}
+
+/// A bulb presses on a body of a hand.
+fn touches(observation: &Observation) -> bool {
+    let forces = observation.hand_contact_force.as_chunks().0.iter();
+    forces
+        .map(|&[x, y, z]| Vector3::new(x, y, z).cast::<f64>().norm())
+        .any(|force| force > Thresholds::default().touch_n)
 }
 
 impl Policy for Expert {
     fn name(&self) -> String {
         "expert".into()
-    }
-
-    fn tasks(&self) -> &'static [Task] {
-        &TASKS
     }
 
     fn sensors(&self) -> Vec<Sensor> {
@@ -75,24 +191,66 @@ impl Policy for Expert {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let plays = |skill: &dyn Policy| skill.tasks().iter().any(|known| known.short_id() == task);
-        self.playing = self.skills.iter().position(|skill| plays(skill.as_ref()));
-        match self.playing {
-            Some(index) => self.skills[index].reset(info, first),
-            None => {
-                let reason = format!("no skill plays {task}; use another policy");
-                Err(PolicyError::Unfit { policy: "expert", reason })
-            }
-        }
+        let known = Task::ALL.into_iter().find(|known| known.short_id() == task);
+        let is_errand = known == Some(Task::Replace);
+        let touched = touches(first).then_some(first.step);
+        let task = if is_errand { Facts::of(first, touched.is_some())?.due() } else { known };
+        let plays = self.begin(info, task, first)?;
+        let since = first.step;
+        self.episode = Some(Episode { info: info.clone(), is_errand, plays, task, since, rests: 0, touched });
+        Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let index = self.playing.ok_or_else(|| PolicyError::not_reset("expert"))?;
-        self.skills[index].act(observation)
+        let mut episode = self.episode.take().ok_or_else(|| PolicyError::not_reset("expert"))?;
+        if episode.is_errand {
+            self.choose(&mut episode, observation)?;
+        }
+        let command = match &mut episode.plays {
+            Plays::Skill(index) if episode.since == 0 => self.skills[*index].act(observation),
+            Plays::Skill(index) => self.skills[*index].act(&since(observation, episode.since)),
+            Plays::Stands(body) => body.step(observation, &BodyCommand::default()),
+        };
+        self.episode = Some(episode);
+        command
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.skills[self.playing?].source()
+        match &self.episode.as_ref()?.plays {
+            Plays::Skill(index) => self.skills[*index].source(),
+            Plays::Stands(body) => body.record(),
+        }
+    }
+}
+
+impl Expert {
+    /// Once the skill that plays has come to rest, begins what is due then.
+    fn choose(&mut self, episode: &mut Episode, observation: &Observation) -> Result<(), PolicyError> {
+        let step = observation.step;
+        if touches(observation) {
+            episode.touched = Some(step);
+        }
+        let is_over = match &episode.plays {
+            Plays::Skill(index) => self.skills[*index].is_over(),
+            Plays::Stands(_) => true,
+        };
+        episode.rests = if is_over { episode.rests + 1 } else { 0 };
+        let is_stuck = step >= episode.since + PATIENCE;
+        if episode.rests < RESTS && !is_stuck {
+            return Ok(());
+        }
+        episode.rests = 0;
+        let touches = episode.touched.is_some_and(|touched| step < touched + TOUCHED);
+        let due = Facts::of(observation, touches)?.due();
+        // Who stands goes on standing.
+        if due == episode.task && matches!(episode.plays, Plays::Stands(_)) {
+            return Ok(());
+        }
+        let info = std::mem::take(&mut episode.info);
+        let plays = self.begin(&info, due, observation);
+        episode.info = info;
+        (episode.plays, episode.task, episode.since) = (plays?, due, step);
+        Ok(())
     }
 }
 
@@ -101,11 +259,14 @@ impl Policy for Expert {
 mod tests {
     use super::*;
 
+    /// Two skills for one task would hide one of them.
     #[test]
-    fn each_of_its_tasks_is_played_by_one_skill() {
+    fn no_task_is_played_by_two_skills() {
         let expert = Expert::new().unwrap();
         let mut played: Vec<Task> = expert.skills.iter().flat_map(|skill| skill.tasks()).copied().collect();
-        played.sort_by_key(|task| Task::ALL.iter().position(|other| other == task));
-        assert_eq!(played, TASKS);
+        let all = played.len();
+        played.sort_unstable();
+        played.dedup();
+        assert!(played.len() == all && all >= 11, "{played:?}");
     }
 }

@@ -17,10 +17,10 @@ mod steps;
 
 use std::sync::Arc;
 
-use fiatlux_proto::v3::{Chunk, Observation, Pose, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Bulb, Task};
 use fiatlux_wbc::{CONTROL_DT, Network};
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 use self::arm::{FINGERS, RightArm};
 use self::grab::Grab;
@@ -72,6 +72,11 @@ impl Hands {
     #[must_use]
     pub fn with_parameters(self, parameters: String) -> Self {
         Self { parameters: Some(parameters), ..self }
+    }
+
+    /// Its task is done, and the robot stands.
+    pub(crate) fn is_over(&self) -> bool {
+        self.episode.as_ref().is_some_and(|played| played.skill.is_over())
     }
 
     /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
@@ -153,26 +158,14 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
     Ok(Seen {
         stands,
         time: observation.step as f64 * CONTROL_DT,
-        pelvis: pose(poses.robot.as_ref())?,
-        ladder: pose(poses.ladder.as_ref())?,
-        socket: pose(poses.socket.as_ref())?,
-        fresh_bulb: pose(poses.fresh_bulb.as_ref())?,
-        old_bulb: pose(poses.old_bulb.as_ref())?,
-        crate_: pose(poses.crate_.as_ref())?,
+        pelvis: body::pose("hands", poses.robot.as_ref())?,
+        ladder: body::pose("hands", poses.ladder.as_ref())?,
+        socket: body::pose("hands", poses.socket.as_ref())?,
+        fresh_bulb: body::pose("hands", poses.fresh_bulb.as_ref())?,
+        old_bulb: body::pose("hands", poses.old_bulb.as_ref())?,
+        crate_: body::pose("hands", poses.crate_.as_ref())?,
         seated: [0, 1].map(|bulb| poses.seated.get(bulb).copied().unwrap_or_default()),
         force,
         palm_force,
     })
-}
-
-fn pose(pose: Option<&Pose>) -> Result<Isometry3<f64>, PolicyError> {
-    let missing = || PolicyError::Unfit { policy: "hands", reason: "the privileged observation lacks a pose".into() };
-    let pose = pose.ok_or_else(missing)?;
-    let (&[x, y, z], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else {
-        return Err(missing());
-    };
-    Ok(Isometry3::from_parts(
-        Vector3::new(x, y, z).into(),
-        UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)),
-    ))
 }

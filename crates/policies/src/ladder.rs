@@ -182,6 +182,11 @@ impl Ladder {
         Ok(Self { name, network, episode: None })
     }
 
+    /// The ladder stands in its place, and the robot before its steps.
+    pub(crate) fn is_over(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.phase == Phase::Away)
+    }
+
     /// Name of the phase that an episode is in.
     pub fn phase(&self) -> Option<String> {
         self.episode.as_ref().map(|episode| format!("{:?}", episode.phase))

@@ -47,6 +47,9 @@ const AT_RAILS: f64 = 0.25;
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
 const NEAR_M: f64 = 0.4;
+/// Where the hand takes the bulb from, from the pelvis, and room that the body needs there from the bench, m.
+const REACH_M: f64 = 0.39;
+const BENCH_ROOM_M: f64 = 0.22;
 /// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
 const FACING: (f64, f64) = (0.15, 0.35);
 const SLACK_M: f64 = 0.025;
@@ -84,6 +87,8 @@ impl Goal {
 pub struct Walk {
     name: String,
     network: Arc<Network>,
+    /// It stops only where the skill that comes next can work.
+    works: bool,
     state: Option<EpisodeState>,
 }
 
@@ -100,6 +105,7 @@ struct EpisodeState {
     has_room: bool,
     /// Walls are in the way of the ladder's rails: any side will do.
     any_side: bool,
+    works: bool,
     has_arrived: bool,
     velocity: [f64; 3],
 }
@@ -111,7 +117,17 @@ impl Walk {
     /// A file that cannot be read or does not fit.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
         let (name, network) = body::network("walk", file, file)?;
-        Ok(Self { name, network, state: None })
+        Ok(Self { name, network, works: false, state: None })
+    }
+
+    /// As a part of the errand: it stops only where the skill that comes next can work.
+    pub(crate) fn for_work(self) -> Self {
+        Self { works: true, ..self }
+    }
+
+    /// The robot stands where it was to go.
+    pub(crate) fn is_over(&self) -> bool {
+        self.state.as_ref().is_some_and(|state| state.has_arrived)
     }
 }
 
@@ -149,6 +165,7 @@ impl Policy for Walk {
             planned: None,
             has_room: false,
             any_side: false,
+            works: self.works,
             has_arrived: false,
             velocity: [0.0; 3],
         });
@@ -191,10 +208,11 @@ impl EpisodeState {
             Goal::Ladder => known(seen.ladder.as_ref())?,
         };
         let stop = self.goal.stop_m();
-        let (map, goal, any_side) = (&self.map, self.goal, self.any_side);
+        let (map, goal, any_side, works) = (&self.map, self.goal, self.any_side, self.works);
         let apart = |at: Point| match goal {
             Goal::Crate => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)),
             Goal::Ladder if !any_side && libm::cos(turn(turned, thing, at)).abs() > AT_RAILS => f64::INFINITY,
+            Goal::FreshBulb if works && !any_side && !has_room_to_reach(map, thing, at) => f64::INFINITY,
             Goal::FreshBulb | Goal::Ladder => distance(at, thing),
         };
         let faces = turn(heading, here, thing);
@@ -233,6 +251,13 @@ impl EpisodeState {
         ];
         Ok(command)
     }
+}
+
+/// From there, steps towards the bulb lead to where the hand reaches it, clear of the bench.
+fn has_room_to_reach(map: &Map, bulb: Point, at: Point) -> bool {
+    let share = REACH_M / distance(at, bulb).max(REACH_M);
+    let place = [0, 1].map(|axis| bulb[axis] + share * (at[axis] - bulb[axis]));
+    map.distance_to("bench", place).is_none_or(|room| room > BENCH_ROOM_M)
 }
 
 fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {

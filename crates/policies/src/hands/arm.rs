@@ -353,6 +353,13 @@ impl RightArm {
         self.angles
     }
 
+    /// Angles of the standing posture, rad.
+    pub fn standing(&self) -> [f64; ARMS / 2] {
+        let mut angles = [0.0; ARMS / 2];
+        angles.copy_from_slice(&self.q0[ARM]);
+        angles
+    }
+
     /// Sets where the joints go to where the hand's pose leaves them free, rad.
     pub fn rest_at(&mut self, angles: &[f64; ARMS / 2]) -> Result<(), PolicyError> {
         self.careful.set_rest(angles).map_err(PolicyError::of("hands"))?;

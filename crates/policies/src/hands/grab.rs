@@ -329,6 +329,10 @@ impl Skill for Grab {
         self.params.motion.rest
     }
 
+    fn is_over(&self) -> bool {
+        self.phase == Phase::Hold
+    }
+
     fn phase(&self) -> String {
         format!("{:?}", self.phase)
     }

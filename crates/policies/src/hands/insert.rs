@@ -309,6 +309,10 @@ impl Skill for Insert {
         REST
     }
 
+    fn is_over(&self) -> bool {
+        self.phase == Phase::Done
+    }
+
     fn phase(&self) -> String {
         if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
     }

@@ -111,8 +111,10 @@ enum Phase {
     Rest,
     /// Opens the hand, by time.
     Open,
-    /// Stands up the same way, and stands.
+    /// Stands up the same way.
     StandUp,
+    /// Takes the arm down: whoever walks to the bench next would have it below the top.
+    TakeDown,
 }
 
 /// Where the robot stands and where the glass is wanted, on the floor.
@@ -134,6 +136,8 @@ pub(super) struct Place {
     postures: Vec<[f64; ARMS / 2]>,
     /// Part of the way down.
     share: f64,
+    /// The arm hangs again.
+    hangs: bool,
     fingers: [Finger; FINGERS.len()],
 }
 
@@ -147,6 +151,7 @@ impl Place {
             spot: None,
             postures: Vec::new(),
             share: 0.0,
+            hangs: false,
             fingers: [Finger { share: 1.0, torque: Some(params.grasp.torque) }; FINGERS.len()],
             params,
         })
@@ -301,6 +306,10 @@ impl Skill for Place {
             }
             Phase::StandUp => {
                 self.share = (self.share - on_way).max(0.0);
+                (self.share == 0.0 && elapsed > params.bend.time + motion.wait).then_some(Phase::TakeDown)
+            }
+            Phase::TakeDown => {
+                self.hangs = arm.turn_to(&arm.standing(), motion.rate) < TURNED;
                 None
             }
         };
@@ -320,6 +329,10 @@ impl Skill for Place {
 
     fn rest(&self) -> [f64; ARMS / 2] {
         self.params.motion.rest
+    }
+
+    fn is_over(&self) -> bool {
+        self.hangs
     }
 
     fn phase(&self) -> String {

@@ -293,6 +293,10 @@ impl Skill for Remove {
         REST
     }
 
+    fn is_over(&self) -> bool {
+        self.phase == Phase::Hold
+    }
+
     fn phase(&self) -> String {
         if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
     }

@@ -72,6 +72,9 @@ pub(super) trait Skill: Send {
     /// Where the arm's joints rest, from the shoulder down, where the hand's pose leaves them free, rad.
     fn rest(&self) -> [f64; ARMS / 2];
 
+    /// Nothing is left to do: the robot stands with what it has.
+    fn is_over(&self) -> bool;
+
     /// Name of the phase that it is in.
     fn phase(&self) -> String;
 }

@@ -1,0 +1,22 @@
+//! The errand in one piece: each skill takes over from the state that the one before left.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../examples/errand/play.rs"]
+mod play;
+
+use fiatlux_rules::Task;
+
+/// From the crate to the bench and back to the ladder, each once, without a start state in between.
+#[test]
+fn skills_take_over_from_each_other() {
+    let played = play::play(Task::S06, 1003, |_, _| ()).unwrap();
+    let stages: Vec<Task> = played.stages.iter().map(|(task, _)| *task).collect();
+    assert!(stages.starts_with(&[Task::S06, Task::S07, Task::S08, Task::S09]), "{stages:?}, {}", played.end);
+}
+
+/// With the old bulb in the crate, the errand ends where the fresh one is seated, by the rules of the whole errand.
+#[test]
+fn the_errand_ends_with_the_bulb_in_the_socket() {
+    let played = play::play(Task::S11, 1000, |_, _| ()).unwrap();
+    assert_eq!((played.stages.len(), played.end.as_str()), (1, "success"));
+}
