@@ -3,8 +3,9 @@
     python python/benchmarks/vector.py --worlds 1024 --threads 2
 
 Four batches of the same worlds take turns: without an observation, with the proprioception of all joints (116 numbers, noise
-included), the latter without the copies that a caller may keep, and with a reward and an end of its own in Python. The time within the native call is measured apart, so that
-the share of Python itself is known. The processor's time is measured besides the clock's: it bears a busy machine better.
+included), the latter without the copies that a caller may keep, and with a reward and an end of its own in Python. The time within the
+native call is measured apart, so that the share of Python itself is known. The processor's time is measured besides the clock's: it
+bears a busy machine better. Then one world is copied into all others of a room, often.
 """
 
 import argparse
@@ -27,6 +28,7 @@ def main():
     parser.add_argument("--task", default="S07")
     parser.add_argument("--steps", type=int, default=4, help="control steps of a measurement")
     parser.add_argument("--rounds", type=int, default=8, help="measurements, taken in turns; the best of each counts")
+    parser.add_argument("--copies", type=int, default=600, help="times that a world is copied; the best counts")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
 
@@ -58,6 +60,7 @@ def main():
         "share_of_proprioception_by_processor_time": 1 - processor["no observation"] / processor["proprioception"],
         "share_of_a_judge": 1 - seconds["proprioception"] / seconds["proprioception, a judge in Python"],
         "share_of_python_itself": 1 - native["proprioception"] / seconds["proprioception"],
+        "copy_seconds": copying(args),
     }
     if args.json:
         print(json.dumps(report))
@@ -70,6 +73,19 @@ def main():
     print(f"  without copies {100 * report['share_of_proprioception_without_copies']:.1f} %")
     print(f"a judge in Python takes {100 * report['share_of_a_judge']:.1f} %")
     print(f"Python outside the native call takes {100 * report['share_of_python_itself']:.1f} %")
+    print(f"a world is copied into {args.worlds - 1} others in {1e3 * report['copy_seconds']:.2f} ms")
+
+
+def copying(args):
+    """Seconds for copying a world into all others, at best."""
+    env = fiatlux.VectorEnv(args.task, args.worlds, seeds=[1000], num_threads=args.threads, copy=False)
+    env.step(np.zeros(env.action_space.shape))
+    others, best = np.arange(args.worlds) > 0, float("inf") if args.worlds > 1 else 0.0
+    for _ in range(args.copies if args.worlds > 1 else 0):
+        begun = time.perf_counter()
+        env.copy_world(0, others)
+        best = min(best, time.perf_counter() - begun)
+    return best
 
 
 def measure(env, steps):
