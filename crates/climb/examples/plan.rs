@@ -2,13 +2,14 @@
 //! down.
 //!
 //!     cargo run -p fiatlux-climb --example plan -- ladder crates/climb/src/ladder.txt
+//!     cargo run -p fiatlux-climb --example plan -- ladder-bulb crates/climb/src/ladder_bulb.txt
 //!     cargo run -p fiatlux-climb --example plan -- descent crates/climb/src/descent.txt
 #![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use fiatlux_climb::{Foothold, Places, Plan, Planner};
+use fiatlux_climb::{Arm, Foothold, JOINTS, Places, Plan, Planner};
 use fiatlux_dynamics::{Mechanics, ShapeId};
 use fiatlux_kinematics::Clearance;
 use fiatlux_robot::{GainSet, Robot};
@@ -25,6 +26,9 @@ const PLATFORM_DEPTH: f64 = 0.35;
 const ASIDE: f64 = 0.11;
 const OFFSET: f64 = -0.01;
 
+/// Legs and waist have the joints before it.
+const FIRST_OF_ARMS: usize = 15;
+
 /// The way in which the robot goes up.
 #[derive(Debug, Clone, Copy)]
 struct Way {
@@ -35,16 +39,30 @@ struct Way {
     out: f64,
     /// Where the feet stand on the floor, before the middle of the lowest tread, m.
     before: f64,
-    /// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air to the ladder.
-    gaps: [f64; 3],
+    /// Smallest gaps, m: of two parts of the robot, to the ladder, and of a foot in the air, and of the arms to the
+    /// ladder.
+    gaps: [f64; 4],
     /// As of [`Planner::arms`], if not its own.
-    arms: Option<[f64; 3]>,
+    arms: Option<[Arm; 2]>,
+    /// The arms on the platform, where they must not meet the guard rail; elsewhere they then move out of the ladder's way.
+    on_platform: Option<[Arm; 2]>,
 }
 
-const LADDER: Way = Way { face: -1.0, out: 1.5, before: 0.12, gaps: [0.001, 0.010, 0.010], arms: None };
-const DESCENT: Way =
-    Way { face: 1.0, out: 1.57, before: 0.14, gaps: [0.001, 0.003, 0.010], arms: Some([0.6, 0.3, -0.9]) };
-
+const LADDER: Way =
+    Way { face: -1.0, out: 1.5, before: 0.12, gaps: [0.001, 0.010, 0.010, 0.010], arms: None, on_platform: None };
+const AHEAD: Arm = Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO };
+/// The wrist is turned as a bulb in the hand starts, upright.
+const LADDER_BULB: Way = Way { arms: Some([AHEAD, Arm { wrist_roll: -1.57, ..AHEAD }]), ..LADDER };
+const FOLDED: Arm = Arm { pitch: 0.6, roll: 0.3, elbow: -0.9, ..Arm::ZERO };
+const DRAWN_BACK: Arm = Arm { pitch: 1.1, roll: 0.35, elbow: -0.4, ..Arm::ZERO };
+const DESCENT: Way = Way {
+    face: 1.0,
+    out: 1.57,
+    before: 0.14,
+    gaps: [0.001, 0.003, 0.010, 0.030],
+    arms: Some([DRAWN_BACK; 2]),
+    on_platform: Some([FOLDED; 2]),
+};
 impl Way {
     fn heading(&self) -> f64 {
         if self.face > 0.0 { 0.0 } else { PI }
@@ -108,9 +126,14 @@ impl Ladder {
             )
         };
         let swings = |id: ShapeId| foot(id).is_some_and(|side| places[side].is_none());
+        let is_arm = |id: ShapeId| {
+            let name = &model.bodies()[shape(id).body.0].spec.name;
+            is_robot(id) && ["shoulder", "elbow", "wrist", "L_", "R_"].iter().any(|part| name.contains(part))
+        };
         let gap = |a: ShapeId, b: ShapeId| match is_robot(a) && is_robot(b) {
             true => self.way.gaps[0],
             false if swings(a) || swings(b) => self.way.gaps[2],
+            false if is_arm(a) || is_arm(b) => self.way.gaps[3],
             false => self.way.gaps[1],
         };
         let pairs =
@@ -121,11 +144,12 @@ impl Ladder {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [name, file] = arguments.as_slice() else { panic!("name the way, ladder or descent, and the file to write") };
+    let [name, file] = arguments.as_slice() else { panic!("name the way and the file to write") };
     let way = match name.as_str() {
         "ladder" => LADDER,
+        "ladder-bulb" => LADDER_BULB,
         "descent" => DESCENT,
-        _ => panic!("{name} is not a way; name ladder or descent"),
+        _ => panic!("{name} is not a way; name ladder, ladder-bulb or descent"),
     };
     let ladder = Ladder::new(way);
     let scene = &ladder.scene;
@@ -136,6 +160,9 @@ fn main() {
     let middle = (feet[0].sole.translation.vector + feet[1].sole.translation.vector) / 2.0;
     planner.out = way.out;
     planner.arms = way.arms.unwrap_or(planner.arms);
+    if way.on_platform.is_some() {
+        planner.move_arms();
+    }
     let pelvis =
         Isometry3::new(middle + Vector3::z() * (scene.robot.standing_height() - 0.03), Vector3::z() * way.heading());
     state.set_pose(&scene.model, scene.robot_ids.root, &pelvis);
@@ -153,6 +180,15 @@ fn main() {
             (state, feet[side]) = (next, to);
             println!("{}: {:.1} s", SURFACES[surface], plan.seconds());
         }
+    }
+    if let Some(arms) = way.on_platform {
+        planner.arms = arms;
+        let rest = planner.rest([0.4; 2]);
+        for index in FIRST_OF_ARMS..JOINTS {
+            state.qpos[scene.robot_ids.joints[index].qpos] = rest[index];
+        }
+        let (_, last) = planner.stand(&state, feet).expect("no posture on the platform");
+        plan.extend([last]);
     }
     // Into the ladder's frame: its origin on the floor, x from the steps into it.
     let origin = ladder.site("ladder_platform").translation.vector;

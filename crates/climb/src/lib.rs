@@ -17,7 +17,7 @@ pub use approach::{approach, stand};
 pub use body::Body;
 pub use network::{Contract, Follower, Network, NetworkError};
 pub use plan::{JOINTS, Keyframe, Plan, PlanError};
-pub use planner::{Apart, Foothold, Places, Planner};
+pub use planner::{Apart, Arm, Foothold, Places, Planner};
 pub use player::Player;
 pub use reference::{MOVED, Pose, Reference};
 pub use tracker::{ACTION_CLAMP, OBSERVATION, OBSERVED, Tracker, TrackerMemory};
@@ -39,4 +39,12 @@ pub fn ladder() -> Result<Plan, PlanError> {
 /// None, unless the file that comes with this version is broken.
 pub fn descent() -> Result<Plan, PlanError> {
     Ok(Plan::read(include_str!("descent.txt"))?.reversed())
+}
+
+/// The same as [`ladder`], with the right hand as it holds a bulb.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn ladder_with_bulb() -> Result<Plan, PlanError> {
+    Plan::read(include_str!("ladder_bulb.txt"))
 }

@@ -56,6 +56,26 @@ impl Foothold {
     }
 }
 
+/// Angles of an arm, rad; its other joints are at 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arm {
+    /// Of the shoulder.
+    pub pitch: f64,
+    /// Outwards.
+    pub roll: f64,
+    /// Outwards.
+    pub yaw: f64,
+    /// Of the elbow.
+    pub elbow: f64,
+    /// Of the wrist, outwards.
+    pub wrist_roll: f64,
+}
+
+impl Arm {
+    /// All joints at 0.
+    pub const ZERO: Self = Self { pitch: 0.0, roll: 0.0, yaw: 0.0, elbow: 0.0, wrist_roll: 0.0 };
+}
+
 /// Surfaces under the feet; `None` for a foot in the air.
 pub type Places = [Option<usize>; 2];
 /// Shapes that are to keep apart with the feet on these surfaces.
@@ -79,12 +99,12 @@ pub struct Planner<'a> {
     apart: Box<Apart<'a>>,
     mechanics: Mechanics,
     inverse: BTreeMap<Places, InverseKinematics>,
-    /// Joints that move: legs and waist.
+    /// Joints that move: legs and waist, and on request the arms.
     moving: Vec<usize>,
     /// Turn of the toes outwards, rad.
     pub out: f64,
-    /// Pitch and roll of the shoulders, the roll outwards, and bend of the elbows at rest, rad: by default the arms are ahead.
-    pub arms: [f64; 3],
+    /// The arms at rest, left first: by default they are ahead.
+    pub arms: [Arm; 2],
     /// Distance that the rolls of the ankles keep from their limits, rad.
     roll: f64,
 }
@@ -105,23 +125,35 @@ impl<'a> Planner<'a> {
         let moving = robot.joints().iter().enumerate().filter(|(_, joint)| moves(&joint.name));
         let moving = moving.map(|(index, _)| index).collect();
         let (mechanics, inverse) = (Mechanics::new(model), BTreeMap::new());
-        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms: [-0.8, 0.3, 0.6], roll: ROLLS[0] }
+        let arms = [Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO }; 2];
+        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms, roll: ROLLS[0] }
+    }
+
+    /// Lets shoulders and elbows move out of the way from here on. Hands stay as they are.
+    pub fn move_arms(&mut self) {
+        let moves = |name: &str| name.contains("shoulder") || name.ends_with("elbow_joint");
+        let arms = self.robot.joints().iter().enumerate().filter(|(_, joint)| moves(&joint.name));
+        self.moving.extend(arms.map(|(index, _)| index));
+        self.inverse.clear();
     }
 
     /// Angles that all joints rest at, the knees bent by so much, rad.
     pub fn rest(&self, bends: [f64; 2]) -> Vec<f64> {
         let angle = |name: &str| {
             let (side, joint) = name.split_once('_').unwrap_or_default();
-            let (outwards, bend) = if side == "left" { (1.0, bends[0]) } else { (-1.0, bends[1]) };
+            let (outwards, bend, arm) =
+                if side == "left" { (1.0, bends[0], self.arms[0]) } else { (-1.0, bends[1], self.arms[1]) };
             match joint {
                 "hip_pitch_joint" => -0.6 * bend * libm::cos(self.out),
                 "hip_roll_joint" => outwards * 0.6 * bend * libm::sin(self.out),
                 "hip_yaw_joint" => outwards * self.out,
                 "knee_joint" => bend,
                 "ankle_pitch_joint" => -0.4 * bend,
-                "shoulder_pitch_joint" => self.arms[0],
-                "shoulder_roll_joint" => outwards * self.arms[1],
-                "elbow_joint" => self.arms[2],
+                "shoulder_pitch_joint" => arm.pitch,
+                "shoulder_roll_joint" => outwards * arm.roll,
+                "shoulder_yaw_joint" => outwards * arm.yaw,
+                "elbow_joint" => arm.elbow,
+                "wrist_roll_joint" => outwards * arm.wrist_roll,
                 _ => 0.0,
             }
         };

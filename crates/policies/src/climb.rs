@@ -1,12 +1,14 @@
-//! The policy `climb`: up the step ladder, backwards, and down from its platform, by exact poses. Before it goes up, the whole-body
-//! controller turns the robot's back to the ladder; a plan is played with balance over each stance, or, upwards, from its first posture
-//! on by a network that follows it.
+//! The policy `climb`: up the step ladder, backwards, also with a bulb, and down from its platform, by exact poses. Before it goes
+//! up, the whole-body controller turns the robot's back to the ladder; a plan is played with balance over each stance, or, upwards,
+//! from its first posture on by a network that follows it.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_climb::{Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, ladder, stand};
+use fiatlux_climb::{
+    Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, ladder, ladder_with_bulb, stand,
+};
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
@@ -20,8 +22,8 @@ use crate::whole_body::WholeBody;
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "climb[:FILE]",
-    does: "climbs the step ladder with free hands, up (S02, climb) and down (S12), by exact poses; climb:FILE goes up by a network of your \
-           own that follows the plan",
+    does: "climbs the step ladder, up (S02, climb) and down (S12), and up with a bulb (S10), by exact poses; climb:FILE goes up \
+           by a network of your own that follows the plan",
     make: |file| Ok(Box::new(if file.is_empty() { Climb::new()? } else { Climb::with_network(file)? })),
 };
 
@@ -64,6 +66,7 @@ struct Episode {
     /// The climb, from where this task begins.
     plan: Plan,
     goes_down: bool,
+    holds_bulb: bool,
     climbs: bool,
     player: Option<Player>,
     /// Follows the plan in place of the player, which goes to the plan's first posture alone.
@@ -114,7 +117,7 @@ impl Policy for Climb {
 
     fn tasks(&self) -> &'static [Task] {
         match self.climber {
-            None => &[Task::S02, Task::S12, Task::Climb],
+            None => &[Task::S02, Task::S10, Task::S12, Task::Climb],
             Some(_) => &[Task::S02, Task::Climb],
         }
     }
@@ -128,9 +131,15 @@ impl Policy for Climb {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let (plan, goes_down) = match task {
             "S02" | "climb" => (ladder(), false),
-            "S12" if self.climber.is_none() => (descent(), true),
-            "S12" => return Err(unfit("a network follows the plan upwards alone; play climb without a file".into())),
-            _ => return Err(unfit(format!("it plays S02, S12 and climb, but this is {task}; use another policy"))),
+            "S10" | "S12" if self.climber.is_some() => {
+                return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
+            }
+            "S10" => (ladder_with_bulb(), false),
+            "S12" => (descent(), true),
+            _ => {
+                let reason = format!("it plays S02, S10, S12 and climb, but this is {task}; use another policy");
+                return Err(unfit(reason));
+            }
         };
         let plan = plan.map_err(PolicyError::of("climb"))?;
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
@@ -154,6 +163,7 @@ impl Policy for Climb {
             stood: 0,
             plan,
             goes_down,
+            holds_bulb: task == "S10",
             climbs: false,
             player: None,
             climber: self.climber.clone(),
@@ -277,6 +287,11 @@ impl Episode {
             tracker.restart(0.0, NETWORK_RATE);
             self.follower = Some(Follower::new(climber, tracker));
         }
-        Ok(player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec())
+        let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
+        if self.holds_bulb {
+            // The fingers press on as they do at the start.
+            targets[JOINTS..].copy_from_slice(&self.walker.targets[JOINTS..]);
+        }
+        Ok(targets)
     }
 }

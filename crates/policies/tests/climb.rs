@@ -7,7 +7,7 @@ mod play;
 use fiatlux_client::Policy;
 use fiatlux_policies::Climb;
 use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
-use fiatlux_rules::{Cause, Task};
+use fiatlux_rules::{Bulb, Cause, Task};
 
 /// Strict, with both feet on treads from 0.47 m on; the ladder stays where it is.
 #[test]
@@ -24,6 +24,20 @@ fn it_climbs_the_ladder() {
         assert!(height > if task == Task::Climb { 1.82 } else { 1.03 } && height <= highest + 1e-9, "{height} m");
         assert!(ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{ladder:?} {effort}");
     }
+}
+
+/// Strict: the bulb is in the grip of the hand at the end, and was never let go.
+#[test]
+fn it_climbs_with_a_bulb() {
+    let mut most = 0.0_f64;
+    let ended = play::play(Climb::new().unwrap(), Task::S10, 1000, |episode, _| {
+        let hands = episode.row().hands(Bulb::Fresh).concat();
+        most = hands.iter().map(|force| force.norm()).fold(most, f64::max);
+    });
+    let play::Played { cause, seconds, progress, height, ladder, .. } = ended.unwrap();
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(height > 1.03 && ladder.0 < 1e-3 && ladder.1 < 1e-3, "{height} m, {ladder:?}");
+    assert!((1.0..35.0).contains(&most), "{most} N");
 }
 
 /// Strict, from the platform to both feet on the floor.
@@ -49,7 +63,7 @@ fn the_network_follows_the_plan() {
     let refused = Climb::with_network(file)
         .unwrap()
         .reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default());
-    assert!(refused.unwrap_err().to_string().contains("upwards alone"));
+    assert!(refused.unwrap_err().to_string().contains("with free hands alone"));
     assert!(Climb::with_network("missing.safetensors").is_err());
 }
 
@@ -58,6 +72,6 @@ fn other_tasks_are_refused() {
     let task = Some(TaskInfo { task: "S04".into(), ..TaskInfo::default() });
     let mut climb = Climb::new().unwrap();
     let refused = climb.reset(&SessionInfo { task, ..SessionInfo::default() }, &Observation::default()).unwrap_err();
-    assert!(refused.to_string().contains("plays S02, S12 and climb, but this is S04"), "{refused}");
-    assert_eq!(climb.tasks(), [Task::S02, Task::S12, Task::Climb]);
+    assert!(refused.to_string().contains("plays S02, S10, S12 and climb, but this is S04"), "{refused}");
+    assert_eq!(climb.tasks(), [Task::S02, Task::S10, Task::S12, Task::Climb]);
 }
