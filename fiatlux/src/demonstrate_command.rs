@@ -72,7 +72,7 @@ pub struct DemonstrateArgs {
 }
 
 impl DemonstrateArgs {
-    /// What is wrong with the command line.
+    /// Mistakes of the command line.
     fn problem(&self, policies: &Policies) -> Option<String> {
         if let Some(problem) = unfit(policies, &self.policy) {
             return Some(format!("--policy {}: {problem}", plain(&self.policy)));

@@ -376,7 +376,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         return self._batch.row(whole("world", world, 0, self.num_envs - 1))
 
     def drawn(self) -> dict[str, NDArray[Any]]:
-        """What was drawn for the present episodes, arrays over all worlds by name.
+        """Values drawn for the present episodes, arrays over all worlds by name.
 
         ``seed`` and ``episode`` are those of the start; names that begin with ``light.`` are its light. The others are the keys of
         ``ranges``, with an axis of bodies or drives where each has its own number, and ``noise`` and ``action_delay_ms``. What a

@@ -397,7 +397,7 @@ impl Batch {
         Ok((shapes, numbers.into_pyarray(py)))
     }
 
-    /// What was drawn for each world's present episode, by name, and the seed of its room.
+    /// Values drawn for each world's present episode, by name, and the seed of its room.
     fn drawn(&self) -> PyResult<Vec<(u64, Drawn)>> {
         let drawn = |world: usize| {
             let seed = self.worlds.scene(world).map_or(0, |scene| scene.spec.seed);

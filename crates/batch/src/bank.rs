@@ -31,7 +31,7 @@ pub struct Start {
     pub light: Light,
     /// Relative likelihood among the bank's starts: finite, at least 0, and above 0 for one start of the bank.
     pub weight: f64,
-    /// What was drawn for it, besides the light: by name, for [`Batch::drawn`](crate::Batch::drawn).
+    /// Values drawn for it besides the light, by name, for [`Batch::drawn`](crate::Batch::drawn).
     pub drawn: Drawn,
 }
 

@@ -276,7 +276,7 @@ impl Batch {
         row.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
     }
 
-    /// What was drawn for a world's present episode, by name: the start of its bank, light, what varies, and what the task draws.
+    /// Values drawn for a world's present episode, by name: the start of its bank, light, what varies, and what the task draws.
     ///
     /// # Errors
     /// As for [`Batch::row`].

@@ -15,7 +15,7 @@ const MAX_FACTOR: f64 = 1e6;
 /// Largest [`Ranges::com_shift_m`], m: more than any of the robot's bodies is long.
 const MAX_COM_SHIFT_M: f64 = 1.0;
 
-/// What was drawn for a start, by name.
+/// Values drawn for a start, by name.
 pub type Drawn = BTreeMap<String, Vec<f64>>;
 
 /// Ranges from which a world's differences from its scene are drawn, uniformly. Factors multiply the nominal values.

@@ -113,7 +113,7 @@ pub(crate) struct Slot {
     disturber: Disturber,
 }
 
-/// What copies of a world take over as it is, in place of reading it from a snapshot.
+/// Parts that copies of a world take over as they are, in place of reading it from a snapshot.
 pub(crate) struct Original {
     task: Box<dyn Task>,
     random: Random,
@@ -175,7 +175,7 @@ impl Slot {
         &self.row
     }
 
-    /// What was drawn for the present episode, in this bank.
+    /// Values drawn for the present episode, in this bank.
     pub fn drawn(&self, bank: &ReadyBank) -> Drawn {
         let own = self.task.drawn().into_iter().map(|(name, number)| (name.to_owned(), vec![number]));
         bank.starts[self.start].drawn.clone().into_iter().chain(own).collect()

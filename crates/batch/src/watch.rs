@@ -9,7 +9,7 @@ use crate::{BatchError, Field};
 /// Numbers of a link: position, quaternion, velocity and angular velocity.
 const LINK: usize = 13;
 
-/// What a batch reads from its worlds besides the task's observation, exactly and whatever the task. The fields follow those of the
+/// Readings of a batch's worlds besides the task's observation, exactly and whatever the task. The fields follow those of the
 /// task, and their names begin with `privileged.`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Watch {

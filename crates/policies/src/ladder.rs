@@ -13,7 +13,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_rules::Task;
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
-use self::site::choose_site;
+use self::site::{choose_site, outside};
 use crate::body;
 use crate::entry::Entry;
 use crate::path::{Map, Point, distance, planar, rectangle, turn, wrapped};
@@ -490,12 +490,6 @@ fn upwards(pose: Option<&Pose>) -> Result<Point, PolicyError> {
 fn inside((origin, yaw): Place, at: Point) -> Point {
     let ([x, y], sin, cos) = ([at[0] - origin[0], at[1] - origin[1]], libm::sin(yaw), libm::cos(yaw));
     [cos * x + sin * y, cos * y - sin * x]
-}
-
-/// A point of the ladder's frame in the world.
-fn outside((origin, yaw): Place, [x, y]: Point) -> Point {
-    let (sin, cos) = (libm::sin(yaw), libm::cos(yaw));
-    [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y]
 }
 
 fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {

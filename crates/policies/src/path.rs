@@ -62,7 +62,7 @@ impl Map {
         Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect(), clear_m }
     }
 
-    /// What never moves in a session's scene and is between two heights, m.
+    /// Everything that never moves in a session's scene and is between two heights, m.
     pub fn outlines(info: &SessionInfo, [low, high]: [f64; 2]) -> impl Iterator<Item = (String, Vec<Point>)> {
         let prints = info.footprints.iter().filter(move |print| print.bottom < high && print.top > low);
         prints.map(|print| (print.name.clone(), corners(&print.outline)))

@@ -17,7 +17,7 @@ pub const PLAYED: &str = "played";
 /// Folder of the demonstrations, inside the output folder.
 pub const BAGS: &str = "bags";
 
-/// What to demonstrate. `evaluation` says how to play: its folder is the output folder, its tasks and seeds are not read.
+/// Settings of demonstrations. `evaluation` says how to play: its folder is the output folder, its tasks and seeds are not read.
 #[derive(Debug, Clone)]
 pub struct DemonstrateOptions {
     pub evaluation: EvaluateOptions,

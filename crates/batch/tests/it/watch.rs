@@ -1,4 +1,4 @@
-//! What is read from worlds besides the task's observation, and what was drawn for them.
+//! Readings of worlds besides the task's observation, and what was drawn for them.
 
 use std::sync::Arc;
 

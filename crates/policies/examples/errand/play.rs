@@ -27,7 +27,7 @@ pub struct Played {
     /// Subtasks in the order in which they began for the first time, and when, s.
     pub stages: Vec<(Task, f64)>,
     pub seconds: f64,
-    /// What ended it, `not played` where no skill plays what is due, or `stuck`.
+    /// The cause of its end, `not played` where no skill plays what is due, or `stuck`.
     pub end: String,
 }
 

@@ -87,7 +87,7 @@ impl Game {
         Ok(Self { episode, info, suite })
     }
 
-    /// What the robot senses now. Every call draws noise anew.
+    /// The robot's sensors now. Every call draws noise anew.
     pub fn observe(&mut self) -> Result<Observation, Box<dyn Error>> {
         Ok(self.suite.observe(&View::of(&self.episode), SENSORS)?)
     }

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::body::pose;
 
-/// What is the case in the room.
+/// The state of the room, as far as a choice depends on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Facts {
     /// The ladder stands below the fixture, as the rulebook asks in S01.
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(is.due(), None);
     }
 
-    /// What goes wrong is done again from where it is, and not from the start.
+    /// A mishap is mended from where it is, and not from the start.
     #[test]
     fn a_setback_makes_an_earlier_subtask_due() {
         let up = Facts { is_up: true, ladder_is_placed: true, ..BEGINS };

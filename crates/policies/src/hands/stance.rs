@@ -87,7 +87,7 @@ pub(super) struct Taking {
     reaches_from: ArmAngles,
     leans_since: f64,
     changes: u32,
-    /// How often the arm was held up.
+    /// Number of times that the arm was held up.
     blocks: u32,
     /// The hand holds the bulb.
     holds: bool,

@@ -2,7 +2,7 @@
 
 use fiatlux_proto::v3::Pose;
 
-use super::{HALF, Place, outside};
+use super::{HALF, Place};
 use crate::path::{Map, Point, rectangle, wrapped};
 
 /// Distances of the ladder's centre from the fixture, m: below the ceiling, and from a wall, which the rear feet must not touch.
@@ -14,6 +14,12 @@ const ROOM_M: f64 = 0.75;
 const PLACES: [(f64, f64); 2] = [(-1.0, 0.45), (1.0, 0.35)];
 /// Costs of a turn, a radian, and of missing room, a metre.
 const COSTS: (f64, f64) = (0.15, 3.0);
+
+/// A point of the ladder's frame in the world.
+pub(super) fn outside((origin, yaw): Place, [x, y]: Point) -> Point {
+    let (sin, cos) = (libm::sin(yaw), libm::cos(yaw));
+    [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y]
+}
 
 /// The place and heading of the ladder from which the fixture is reached as the benchmark's own layouts have it: behind the
 /// guard rail, steps away from it. Below the ceiling, the heading that takes the least turn and has the most room.
