@@ -283,13 +283,13 @@ impl RightArm {
         self.follow(angles, rate)
     }
 
-    /// Turns all joints towards angles so that they arrive together, the fastest at a rate, rad/s; true where they are there. It
-    /// waits while something holds up the arm.
-    pub fn go_to(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> bool {
+    /// Turns all joints towards angles so that they arrive together, the fastest at a rate, rad/s; true where they are there. On
+    /// request it waits while something holds up the arm.
+    pub fn go_to(&mut self, angles: &[f64; ARMS / 2], rate: f64, waits: bool) -> bool {
         self.way = None;
         let sensed = self.sensed_angles();
         let ahead = self.angles.iter().zip(&sensed).map(|(now, sensed)| (now - sensed).abs()).fold(0.0, f64::max);
-        if ahead > MAX_AHEAD {
+        if waits && ahead > MAX_AHEAD {
             self.held_up += CONTROL_DT;
             return false;
         }

@@ -25,16 +25,9 @@ const ARRIVED: f64 = 0.002;
 #[serde(deny_unknown_fields)]
 struct Params {
     lean: Lean,
-    carry: Carry,
     align: Align,
     insert: Inserting,
     open: Opening,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Carry {
-    torque: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -133,7 +126,7 @@ impl Insert {
             held_since: None,
             deepest: (0.0, 0.0),
             goal: Isometry3::identity(),
-            fingers: [Finger { share: 1.0, torque: Some(params.carry.torque) }; FINGERS.len()],
+            fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
             params,
         })
     }
@@ -297,7 +290,9 @@ impl Skill for Insert {
         };
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phase != Phase::Done);
-        arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
+        if matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done) {
+            arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
+        }
         if let Some(next) = next {
             (self.phase, self.since, self.held_since) = (next, seen.time, None);
         }

@@ -172,7 +172,9 @@ impl RightArm {
     /// included. None is found where the search ends before.
     pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> Option<Vec<ArmAngles>> {
         let ends = [from, to].map(|end| (*end, self.gap(end, touching) - 1e-3));
-        let margin = &Margin { usual: margin, ends };
+        // What the hand holds begins close to what is around.
+        let usual = if touching { margin.min(ends[0].1).min(ends[1].1) } else { margin };
+        let margin = &Margin { usual, ends };
         if self.is_clear(from, to, margin, touching) {
             return Some(vec![*from, *to]);
         }

@@ -315,7 +315,7 @@ impl Taking {
     /// Moves the arm along the way; true at its end.
     fn goes(&mut self, arm: &mut RightArm) -> bool {
         if let Some(corner) = self.way.last()
-            && arm.go_to(corner, self.lean.rate)
+            && arm.go_to(corner, self.lean.rate, !self.holds)
         {
             self.way.pop();
         }
