@@ -37,7 +37,7 @@ mod tokens;
 
 pub use channel::{Channel, Label, MAC_BYTES, Refused, SEAL_BYTES};
 pub use error::{AccessError, FormatError};
-pub use file::{check_private, write_new};
+pub use file::{check_private, read_public, read_secret, write_new};
 pub use handshake::{
     Greeting, HandshakeError, PROOF_BYTES, Secrets, Side, SignedReply, VerifiedReply, check_hello, hash, is_proof,
     proof, registration, run_identity, welcome,

@@ -30,7 +30,7 @@ pub use frame::{Frame, Hand, Motion, Order};
 pub use input::{Input, InputError, Reading};
 pub use inputs::Inputs;
 pub use pilot::{Driven, Pilot};
-pub use serve::{Cockpit, ServeError};
+pub use serve::{Cockpit, Secure, ServeError};
 pub use station::{MAX_AGE, Phase, Station, Status};
 pub use takes::{Kept, TakeError, TakeOptions};
 pub use view::{Document, Eye};

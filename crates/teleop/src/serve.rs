@@ -1,8 +1,12 @@
 //! The server of the page. Whoever does not name its token gets nothing that shows or moves the robot.
 
-use std::net::{SocketAddr, TcpListener};
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::io;
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
@@ -14,9 +18,13 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use data_encoding::HEXLOWER;
 use fiatlux_replay::site;
-use hyper_util::rt::TokioIo;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
 use subtle::ConstantTimeEq;
 use thiserror::Error;
+use tokio::io::DuplexStream;
+use tokio::net::TcpStream;
 use tungstenite::handshake::derive_accept_key;
 
 use crate::page;
@@ -30,15 +38,27 @@ const MAX_PAGES: usize = 16;
 /// Bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
+/// Longest handshake of TLS.
+const MAX_HANDSHAKE: Duration = Duration::from_secs(5);
+/// Longest wait for a request on a connection over TLS.
+const MAX_WAIT: Duration = Duration::from_secs(10);
+/// Most connections over TLS at once, and from one address. Those of pages are counted apart.
+const MAX_CONNECTIONS: usize = 128;
+const MAX_CONNECTIONS_OF_PEER: usize = 24;
+
+/// Makes of an accepted connection the stream of what it carries.
+pub type Secure =
+    Box<dyn Fn(TcpStream) -> Pin<Box<dyn Future<Output = io::Result<DuplexStream>> + Send>> + Send + Sync>;
+
 /// Why the page cannot be served.
 #[derive(Debug, Error)]
 pub enum ServeError {
     #[error("cannot listen on {address}: {source}; choose another port")]
-    Listen { address: SocketAddr, source: std::io::Error },
+    Listen { address: SocketAddr, source: io::Error },
     #[error("cannot draw a token")]
     Token(#[from] fiatlux_access::AccessError),
     #[error("the server of the page failed")]
-    Serve(#[source] std::io::Error),
+    Serve(#[source] io::Error),
 }
 
 /// Shared by all requests.
@@ -56,6 +76,8 @@ pub struct Cockpit {
     listener: TcpListener,
     address: SocketAddr,
     site: Arc<Site>,
+    /// The name of this machine in the page's address, and TLS.
+    secure: Option<(String, Secure)>,
 }
 
 impl Cockpit {
@@ -71,12 +93,25 @@ impl Cockpit {
         let token = HEXLOWER.encode(&fiatlux_access::random::<TOKEN_BYTES>()?);
         let is_open = !bound.ip().is_loopback();
         let site = Site { station, token, port: bound.port(), is_open, pages: AtomicUsize::new(0) };
-        Ok(Self { listener, address: bound, site: Arc::new(site) })
+        Ok(Self { listener, address: bound, site: Arc::new(site), secure: None })
+    }
+
+    /// Speaks HTTPS, with an address of this host.
+    #[must_use]
+    pub fn over_tls(mut self, host: &str, secure: Secure) -> Self {
+        self.secure = Some((host.to_owned(), secure));
+        self
     }
 
     /// The address to open in a browser. Whoever has it can drive.
     pub fn url(&self) -> String {
-        format!("http://{}/?token={}", self.address, self.site.token)
+        let token = &self.site.token;
+        let port = self.address.port();
+        match &self.secure {
+            None => format!("http://{}/?token={token}", self.address),
+            Some((host, _)) if host.contains(':') => format!("https://[{host}]:{port}/?token={token}"),
+            Some((host, _)) => format!("https://{host}:{port}/?token={token}"),
+        }
     }
 
     /// Answers requests until `stop` is set.
@@ -87,14 +122,76 @@ impl Cockpit {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ServeError::Serve)?;
         let served = runtime.block_on(async {
             let listener = tokio::net::TcpListener::from_std(self.listener)?;
-            let server = axum::serve(listener, router(self.site));
+            let router = router(self.site);
+            let served = async {
+                match self.secure {
+                    None => axum::serve(listener, router).await,
+                    Some((_, secure)) => serve_tls(&listener, &secure, router).await,
+                }
+            };
             tokio::select! {
-                served = server.into_future() => served,
+                served = served => served,
                 () = stopped(stop) => Ok(()),
             }
         });
         runtime.shutdown_background();
         served.map_err(ServeError::Serve)
+    }
+}
+
+/// Connections by the address that they come from.
+#[derive(Default)]
+struct Connections(Mutex<BTreeMap<IpAddr, usize>>);
+
+/// A connection as long as it is open.
+struct Place(Arc<Connections>, IpAddr);
+
+impl Connections {
+    /// `None` where there are too many.
+    fn place(self: &Arc<Self>, peer: IpAddr) -> Option<Place> {
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let has_room = open.values().sum::<usize>() < MAX_CONNECTIONS
+            && open.get(&peer).is_none_or(|count| *count < MAX_CONNECTIONS_OF_PEER);
+        has_room.then(|| {
+            *open.entry(peer).or_default() += 1;
+            Place(Arc::clone(self), peer)
+        })
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut open = self.0.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = open.get(&self.1).map_or(0, |count| count - 1);
+        if count == 0 {
+            open.remove(&self.1);
+        } else {
+            open.insert(self.1, count);
+        }
+    }
+}
+
+/// Answers requests over TLS. Connections that say nothing in time are closed, and those that are too many at once.
+async fn serve_tls(listener: &tokio::net::TcpListener, secure: &Secure, router: Router) -> io::Result<()> {
+    let connections = Arc::new(Connections::default());
+    loop {
+        // Such as too many open files: it passes when connections end.
+        let Ok((stream, peer)) = listener.accept().await else {
+            tokio::time::sleep(LOOK).await;
+            continue;
+        };
+        let Some(place) = connections.place(peer.ip()) else { continue };
+        let secured = secure(stream);
+        let service = TowerToHyperService::new(router.clone());
+        tokio::spawn(async move {
+            let _place = place;
+            if let Ok(Ok(stream)) = tokio::time::timeout(MAX_HANDSHAKE, secured).await {
+                let mut http = http1::Builder::new();
+                http.timer(TokioTimer::new()).header_read_timeout(MAX_WAIT);
+                // A connection that breaks is one that ends.
+                let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+            }
+        });
     }
 }
 

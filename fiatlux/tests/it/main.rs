@@ -6,4 +6,5 @@ mod demonstrate;
 mod external;
 mod render;
 mod runs;
+mod teleop;
 mod view;

@@ -6,3 +6,4 @@ mod drive;
 mod grab;
 mod page;
 mod takes;
+mod tls;
