@@ -30,7 +30,11 @@ def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]
     settings = dict(given)
     for name in ("action_form", "sensors", "robot"):
         own = getattr(policy, name, None)
-        if own is not None and settings.setdefault(name, own) != own:
+        # A policy may call an object of its own by these names.
+        is_named = isinstance(own, str) or (
+            isinstance(own, (list, tuple)) and all(isinstance(part, str) for part in own)
+        )
+        if is_named and settings.setdefault(name, own) != own:
             raise ValueError(f"{name} is {settings[name]!r}, but the policy's own is {own!r}; leave it out")
     return settings
 

@@ -83,3 +83,17 @@ def test_files_that_are_none_are_refused_by_name(tmp_path):
     (tmp_path / "x.safetensors").write_bytes(b"no")
     with pytest.raises(ValueError, match="not a safetensors file"):
         fiatlux.Baseline(tmp_path / "x.safetensors")
+
+
+def test_a_policy_may_call_an_object_of_its_own_a_robot():
+    class Policy:
+        robot = object()
+        sensors = [1, 2]
+
+        def __call__(self, observation):
+            return np.zeros(53)
+
+    assert fiatlux.policy.settings_for(Policy(), {"robot": "g1_dex3"}) == {"robot": "g1_dex3"}
+    Policy.robot = "g1_inspire"
+    with pytest.raises(ValueError, match="robot is 'g1_dex3'"):
+        fiatlux.policy.settings_for(Policy(), {"robot": "g1_dex3"})
