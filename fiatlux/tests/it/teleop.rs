@@ -12,7 +12,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// What is printed until the address is.
+/// The lines printed up to the address.
 fn start(folder: &Path, more: &[&str]) -> (String, String) {
     let (takes, certificate) = (folder.join("takes"), folder.join("certificate"));
     let mut child = Command::new(env!("CARGO_BIN_EXE_fiatlux"))
