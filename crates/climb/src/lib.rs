@@ -48,3 +48,16 @@ pub fn descent() -> Result<Plan, PlanError> {
 pub fn ladder_with_bulb() -> Result<Plan, PlanError> {
     Plan::read(include_str!("ladder_bulb.txt"))
 }
+
+/// Roll of the right wrist in a robot's joints, and its angle with which a bulb in the hand starts, rad.
+const WRIST_ROLL: (usize, f64) = (26, 1.57);
+
+/// The same as [`descent`], with the right wrist turned as it holds a bulb.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn descent_with_bulb() -> Result<Plan, PlanError> {
+    let mut plan = descent()?;
+    plan.keyframes.iter_mut().for_each(|key| key.angles[WRIST_ROLL.0] = WRIST_ROLL.1);
+    Ok(plan)
+}

@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, ladder, ladder_with_bulb, stand,
+    Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
+    ladder_with_bulb, stand,
 };
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
@@ -22,8 +23,8 @@ use crate::whole_body::WholeBody;
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "climb[:FILE]",
-    does: "climbs the step ladder, up (S02, climb) and down (S12), and up with a bulb (S10), by exact poses; climb:FILE goes up \
-           by a network of your own that follows the plan",
+    does: "climbs the step ladder, up (S02, climb) and down (S12), also with a bulb (S10, S04), by exact poses; climb:FILE goes up by a \
+           network of your own that follows the plan",
     make: |file| Ok(Box::new(if file.is_empty() { Climb::new()? } else { Climb::with_network(file)? })),
 };
 
@@ -117,7 +118,7 @@ impl Policy for Climb {
 
     fn tasks(&self) -> &'static [Task] {
         match self.climber {
-            None => &[Task::S02, Task::S10, Task::S12, Task::Climb],
+            None => &[Task::S02, Task::S04, Task::S10, Task::S12, Task::Climb],
             Some(_) => &[Task::S02, Task::Climb],
         }
     }
@@ -131,13 +132,14 @@ impl Policy for Climb {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let (plan, goes_down) = match task {
             "S02" | "climb" => (ladder(), false),
-            "S10" | "S12" if self.climber.is_some() => {
+            "S04" | "S10" | "S12" if self.climber.is_some() => {
                 return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
             }
             "S10" => (ladder_with_bulb(), false),
+            "S04" => (descent_with_bulb(), true),
             "S12" => (descent(), true),
             _ => {
-                let reason = format!("it plays S02, S10, S12 and climb, but this is {task}; use another policy");
+                let reason = format!("it plays S02, S04, S10, S12 and climb, but this is {task}; use another policy");
                 return Err(unfit(reason));
             }
         };
@@ -163,7 +165,7 @@ impl Policy for Climb {
             stood: 0,
             plan,
             goes_down,
-            holds_bulb: task == "S10",
+            holds_bulb: matches!(task, "S04" | "S10"),
             climbs: false,
             player: None,
             climber: self.climber.clone(),
