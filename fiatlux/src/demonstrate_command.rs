@@ -56,7 +56,8 @@ pub struct DemonstrateArgs {
     #[arg(long, value_name = "PROGRAM", requires = "lerobot")]
     python: Option<PathBuf>,
     /// Seed of the first room; rooms from 1000 on are for training.
-    #[arg(long, value_name = "SEED", default_value_t = *SeedOwner::Training.seeds().start())]
+    #[arg(long, value_name = "SEED", value_parser = fiatlux_client::parse_seed,
+          default_value_t = *SeedOwner::Training.seeds().start())]
     first_seed: u64,
     /// Number of rooms to play at most [default: four times the episodes].
     #[arg(long, value_name = "N", value_parser = fiatlux_cli::whole::<u32>(1..=400_000))]
