@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use data_encoding::HEXLOWER;
-use fiatlux_nets::{Dense, Rounding, elu};
+use fiatlux_nets::{Dense, Rounding, elu, largest_difference};
 use fiatlux_robot::Robot;
 use fiatlux_safetensors::{File, SafetensorsError};
 use nalgebra::Isometry3;
@@ -186,8 +186,7 @@ impl Network {
         let expected = finite(&file, "check.action", &[MOVED])?;
         let network = Self { contract, digest: HEXLOWER.encode(&Sha256::digest(bytes)), layers };
         let found = network.run(&example, &mut network.scratch());
-        let differ = |(found, expected): (&f32, &f32)| (found - expected).abs() / expected.abs().max(1.0);
-        let difference = found.iter().zip(&expected).map(differ).fold(0.0, f32::max);
+        let difference = largest_difference(&found, &expected);
         match difference <= TOLERANCE {
             true => Ok(network),
             false => Err(NetworkError::Check(difference)),

@@ -11,3 +11,9 @@ mod product;
 pub use activations::{elu, exp, sigmoid};
 pub use dense::{Dense, Rounding};
 pub use product::{Finish, Gathered, LANES, Panels, Target, multiply};
+
+/// Largest difference of a network's results from those of its training: relative, but absolute below 1.
+pub fn largest_difference(found: &[f32], expected: &[f32]) -> f32 {
+    let differ = |(found, expected): (&f32, &f32)| (found - expected).abs() / expected.abs().max(1.0);
+    found.iter().zip(expected).map(differ).fold(0.0, f32::max)
+}

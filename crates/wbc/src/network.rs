@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use data_encoding::HEXLOWER;
-use fiatlux_nets::{Dense, Rounding, elu};
+use fiatlux_nets::{Dense, Rounding, elu, largest_difference};
 use fiatlux_safetensors::File;
 use sha2::{Digest, Sha256};
 
@@ -93,8 +93,7 @@ impl Network {
         let network = Self { contract, digest, layers, mirror: mirror(frames), standing };
         let mut found = [0.0; MOVED];
         network.run(&example, &mut network.scratch(), &mut found);
-        let differ = |(found, expected): (&f32, &f32)| (found - expected).abs() / expected.abs().max(1.0);
-        let difference = found.iter().zip(&expected).map(differ).fold(0.0, f32::max);
+        let difference = largest_difference(&found, &expected);
         match difference <= TOLERANCE {
             true => Ok(network),
             false => Err(WbcError::Check(difference)),
