@@ -1,7 +1,6 @@
 //! A control step allocates nothing.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use std::alloc::System;
 use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_dynamics::Contact;
@@ -10,10 +9,6 @@ use fiatlux_rules::{Bulb, Task, errand};
 use fiatlux_tests::{robot, scene};
 use fiatlux_world::{SceneKind, ShapeOwner, StartOptions, World, start};
 use nalgebra::{Isometry3, Vector3};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Control steps of a case: enough to fall and come to rest.
 const STEPS: usize = 500;
@@ -21,7 +16,6 @@ const STEPS: usize = 500;
 /// Contacts of a case while it was measured, so that none is measured in the air.
 #[derive(Debug, Default)]
 struct Measured {
-    allocations: usize,
     /// Most contacts of a physics step.
     contacts: usize,
     /// Control steps in which the robot pressed on the ladder, and in which a hand pressed the fresh bulb.
@@ -29,21 +23,26 @@ struct Measured {
     bulb_held: usize,
 }
 
-fn steps(mut world: World, name: &str) -> Measured {
-    let (target, action) = (world.row().joint_target.clone(), world.row().action.clone());
+fn steps(world: impl Fn() -> World, name: &str) -> Measured {
+    let start = || {
+        let world = world();
+        let (target, action) = (world.row().joint_target.clone(), world.row().action.clone());
+        (world, target, action)
+    };
     let mut measured = Measured::default();
-    let region = Region::new(ALLOCATOR);
-    for _ in 0..STEPS {
-        world.step(&action, &target).unwrap();
-        let contacts = world.dynamics().contacts();
-        measured.contacts = measured.contacts.max(contacts.len());
-        measured.on_ladder += usize::from(contacts.iter().any(|contact| is_on_ladder(&world, contact)));
-        let held = world.row().force(errand::HAND_FORCE[Bulb::Fresh as usize]).iter().any(|force| force.norm() > 1.0);
-        measured.bulb_held += usize::from(held);
-    }
-    let change = region.change();
-    measured.allocations = change.allocations + change.reallocations;
-    println!("{name}: {measured:?}");
+    let allocations = fiatlux_allocations::count(start, |(world, target, action)| {
+        measured = Measured::default();
+        for _ in 0..STEPS {
+            world.step(action, target).unwrap();
+            let contacts = world.dynamics().contacts();
+            measured.contacts = measured.contacts.max(contacts.len());
+            measured.on_ladder += usize::from(contacts.iter().any(|contact| is_on_ladder(world, contact)));
+            let forces = world.row().force(errand::HAND_FORCE[Bulb::Fresh as usize]);
+            measured.bulb_held += usize::from(forces.iter().any(|force| force.norm() > 1.0));
+        }
+    });
+    println!("{name}: {allocations} allocations, {measured:?}");
+    assert_eq!(allocations, 0, "{name}");
     measured
 }
 
@@ -80,16 +79,12 @@ fn with_bulb_in_hand() -> World {
     start(scene, Task::S10, 0, &StartOptions::default()).unwrap()
 }
 
-/// One test for all: the counter is the process's.
 #[test]
 fn steps_in_contact_allocate_nothing() {
-    let fall = steps(world(), "a fall");
+    let fall = steps(world, "a fall");
     assert!(fall.contacts > 20, "the fall must meet contact: {fall:?}");
-    let ladder = steps(pushed_to_ladder(), "a fall onto the ladder");
+    let ladder = steps(pushed_to_ladder, "a fall onto the ladder");
     assert!(ladder.on_ladder > STEPS / 10, "the robot must lean on the ladder: {ladder:?}");
-    let bulb = steps(with_bulb_in_hand(), "a bulb in the hand");
+    let bulb = steps(with_bulb_in_hand, "a bulb in the hand");
     assert!(bulb.bulb_held > STEPS / 10, "the hand must hold the bulb: {bulb:?}");
-    for measured in [fall, ladder, bulb] {
-        assert_eq!(measured.allocations, 0, "{measured:?}");
-    }
 }

@@ -1,16 +1,10 @@
-//! A step allocates nothing, in a varied world with contacts and drives or in a heap of 32 bodies. One test, since all threads
-//! share the counter.
+//! A step allocates nothing, in a varied world with contacts and drives or in a heap of 32 bodies.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use std::alloc::System;
 use std::sync::Arc;
 
 use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, Vector3};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn a_step_allocates_nothing() {
@@ -63,23 +57,25 @@ fn a_varied_world() {
         frictions: vec![(ShapeId(1), 0.9)],
         gravity: None,
     };
-    let mut dynamics = Dynamics::new(&model);
-    dynamics.set_variation(&model, &variation).unwrap();
-    let mut state = model.reference_state();
-    state.set_pose(&model, stone.0, &Isometry3::translation(0.07, 0.0, 0.23));
-    let region = Region::new(ALLOCATOR);
+    let start = || {
+        let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+        dynamics.set_variation(&model, &variation).unwrap();
+        state.set_pose(&model, stone.0, &Isometry3::translation(0.07, 0.0, 0.23));
+        (dynamics, state)
+    };
     let (mut most_contacts, mut stone_rested) = (0, false);
-    for _ in 0..200 {
-        dynamics.step(&model, &mut state, &Input { targets: &[0.9], ..Input::default() }, 0.005);
-        most_contacts = most_contacts.max(dynamics.contacts().len());
-        let on_box =
-            dynamics.contacts().iter().any(|c| c.force != Vector3::zeros() && c.shape_a.0 == 1 && c.shape_b.0 == 2);
-        stone_rested |= on_box;
-    }
-    let change = region.change();
+    let allocations = fiatlux_allocations::count(start, |(dynamics, state)| {
+        for _ in 0..200 {
+            dynamics.step(&model, state, &Input { targets: &[0.9], ..Input::default() }, 0.005);
+            most_contacts = most_contacts.max(dynamics.contacts().len());
+            let on_box =
+                dynamics.contacts().iter().any(|c| c.force != Vector3::zeros() && c.shape_a.0 == 1 && c.shape_b.0 == 2);
+            stone_rested |= on_box;
+        }
+    });
     assert!(stone_rested, "the stone must touch the box");
     assert!(most_contacts >= 4, "the base must rest on the floor: {most_contacts} contacts");
-    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+    assert_eq!(allocations, 0);
 }
 
 fn a_heap() {
@@ -108,18 +104,21 @@ fn a_heap() {
         shape(&mut builder, body, Geometry::Cuboid { half_extents: Vector3::new(0.06, 0.05, 0.05) });
     }
     let model = builder.build().unwrap();
-    let (mut dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
-    for k in 0..32 {
-        let pose = model.bodies()[k + 1].spec.parent_from_body;
-        state.set_pose(&model, BodyId(k + 1), &pose);
-    }
-    let region = Region::new(ALLOCATOR);
+    let start = || {
+        let (dynamics, mut state) = (Dynamics::new(&model), model.reference_state());
+        for k in 0..32 {
+            let pose = model.bodies()[k + 1].spec.parent_from_body;
+            state.set_pose(&model, BodyId(k + 1), &pose);
+        }
+        (dynamics, state)
+    };
     let mut most_contacts = 0;
-    for _ in 0..100 {
-        dynamics.step(&model, &mut state, &Input::default(), 0.005);
-        most_contacts = most_contacts.max(dynamics.contacts().len());
-    }
-    let change = region.change();
+    let allocations = fiatlux_allocations::count(start, |(dynamics, state)| {
+        for _ in 0..100 {
+            dynamics.step(&model, state, &Input::default(), 0.005);
+            most_contacts = most_contacts.max(dynamics.contacts().len());
+        }
+    });
     assert!(most_contacts >= 128, "the boxes must touch: {most_contacts} contacts");
-    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+    assert_eq!(allocations, 0);
 }

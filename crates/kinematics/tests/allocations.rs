@@ -1,16 +1,10 @@
 //! Nothing allocates once the buffers have their size: readings, inverse kinematics, forces of supports.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use std::alloc::System;
-
 use fiatlux_dynamics::{ModelBuilder, ShapeId};
 use fiatlux_kinematics::{Acceleration, Clearance, Goal, InverseKinematics, Mechanics, Support, SupportSolver};
 use fiatlux_robot::{BuildOptions, Robot};
 use nalgebra::Vector3;
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn repeated_calls_allocate_nothing() {
@@ -51,9 +45,7 @@ fn repeated_calls_allocate_nothing() {
             .unwrap()
     };
     work(0.3);
-    let region = Region::new(ALLOCATOR);
-    let found = work(0.4);
-    let change = region.change();
-    assert!(found.steps > 2, "{found:?}");
-    assert_eq!(change.allocations + change.reallocations, 0, "{change:?}");
+    let mut steps = 0;
+    assert_eq!(fiatlux_allocations::count(|| (), |()| steps = work(0.4).steps), 0);
+    assert!(steps > 2, "{steps}");
 }

@@ -1,7 +1,6 @@
 //! Sensing the body and scanning allocate nothing.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use std::alloc::System;
 use std::sync::Arc;
 
 use fiatlux_render::{Lighting, Visuals};
@@ -9,10 +8,6 @@ use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
 use fiatlux_sensing::{Cost, NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn sensing_into_a_buffer_allocates_nothing() {
@@ -30,11 +25,9 @@ fn sensing_into_a_buffer_allocates_nothing() {
     let action = episode.row().action.clone();
     for _ in 0..20 {
         episode.step(&action).unwrap();
-        let region = Region::new(ALLOCATOR);
         for (sensor, buffer) in cheap.iter().zip(&mut buffers) {
-            suite.compute(*sensor, &View::of(&episode), buffer).unwrap();
-            let change = region.change();
-            assert_eq!(change.allocations + change.reallocations, 0, "{}", sensor.name());
+            let compute = |(): &mut ()| suite.compute(*sensor, &View::of(&episode), buffer).unwrap();
+            assert_eq!(fiatlux_allocations::count(|| (), compute), 0, "{}", sensor.name());
         }
     }
     assert!(buffers.iter().flatten().all(|number| number.is_finite()));

@@ -1,14 +1,9 @@
 //! Walking allocates nothing.
 #![allow(clippy::unwrap_used)]
 
-use std::alloc::System;
 use std::sync::Arc;
 
 use fiatlux_wbc::{ARMS, BodyCommand, Controller, MOVED, Network, Sensed, Swing};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 #[test]
 fn walking_allocates_nothing() {
@@ -20,10 +15,11 @@ fn walking_allocates_nothing() {
     let mut swing = Swing::new(&targets);
     // The first step is one of standing, which looks where the links are.
     controller.step(&sensed, &command, &mut targets).unwrap();
-    let region = Region::new(ALLOCATOR);
-    for _ in 0..100 {
-        swing.step(&command, controller.stride(), [true, false], &mut targets);
-        controller.step(&sensed, &command, &mut targets).unwrap();
-    }
-    assert_eq!(region.change().allocations, 0);
+    let walk = |(): &mut ()| {
+        for _ in 0..100 {
+            swing.step(&command, controller.stride(), [true, false], &mut targets);
+            controller.step(&sensed, &command, &mut targets).unwrap();
+        }
+    };
+    assert_eq!(fiatlux_allocations::count(|| (), walk), 0);
 }
