@@ -1,20 +1,15 @@
-//! Time and allocations of a control step, with random networks of realistic size or with those in a folder: `cargo run
+//! Time of a control step, with random networks of realistic size or with those in a folder: `cargo run
 //! --release -p fiatlux-foreign --example time_foreign [FOLDER]`.
 #![allow(clippy::disallowed_methods)] // It measures time.
 
 #[path = "../tests/it/networks.rs"]
 mod networks;
 
-use std::alloc::System;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use fiatlux_foreign::{BODY, DECODER, ForeignError, GEAR_FILES, Gear, Model, ModelFile, Reading, Sonic, TOKEN};
 use fiatlux_wbc::{BodyCommand, Sensed};
-use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
-
-#[global_allocator]
-static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 const STEPS: usize = 1000;
 
@@ -56,19 +51,13 @@ fn random(file: &ModelFile, sizes: &[usize]) -> Result<Model, ForeignError> {
 fn time(name: &str, mut step: impl FnMut() -> Result<(), ForeignError>) -> Result<(), ForeignError> {
     let mut times: Vec<f64> = Vec::with_capacity(STEPS);
     step()?;
-    let region = Region::new(ALLOCATOR);
     for _ in 0..STEPS {
         let start = Instant::now();
         step()?;
         times.push(start.elapsed().as_secs_f64() * 1e6);
     }
-    let allocated = region.change();
     times.sort_by(f64::total_cmp);
     let (least, median, slow) = (times[0], times[STEPS / 2], times[STEPS * 99 / 100]);
-    println!(
-        "{name}: {median:.1} us in the median, {slow:.1} us in 99 of 100, {least:.1} us at least; {} allocations and {} bytes a step",
-        allocated.allocations / STEPS,
-        allocated.bytes_allocated / STEPS,
-    );
+    println!("{name}: {median:.1} us in the median, {slow:.1} us in 99 of 100, {least:.1} us at least");
     Ok(())
 }
