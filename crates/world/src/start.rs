@@ -3,10 +3,10 @@
 //!
 //! Reset noise moves the robot and its joints (kept within their limits) off that; then the pelvis is set so high that
 //! the lowest point of the soles is on what the robot stands on. A place is taken where something is nearer to the robot
-//! or its bulb than the clearance or, in S05, the crate nearly as near as the gate asks for. Then S02, S05, S06, S07 and
-//! S10 start at the next free place around ladder or crate, in steps of 5 degrees to either side, and the tasks on the
-//! platform up to 5 cm farther back, or else elsewhere on it. Where nothing is free, or the noise puts two links into each other, it is drawn
-//! again.
+//! or its bulb than the clearance, where the hand cannot close around its bulb, or where, in S05, the crate is nearly as near
+//! as the gate asks for. Then S02, S05, S06, S07 and S10 start at the next free place around ladder or crate, in steps of
+//! 5 degrees to either side, and the tasks on the platform up to 5 cm farther back, or else elsewhere on it. Where nothing is
+//! free, or the noise puts two links into each other, it is drawn again.
 
 mod hold;
 mod place;
@@ -167,9 +167,6 @@ pub fn start_drawn(
     put_bulbs(&scene, spec, &mut row);
     let start = Start { scene: &scene, task, seed, episode, thresholds: &options.thresholds, carried, posture };
     let offset = start.put_robot(&mut world, &mut row, &noise)?;
-    if let Some(bulb) = carried {
-        start.close_hand(&mut world, &row, bulb)?;
-    }
     let action: Vec<f64> = targets.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
     world.begin(&action);
     Ok((world, offset))

@@ -22,6 +22,9 @@ const BACK_STEPS: i32 = 5;
 /// Farthest back and to either side on the platform, in steps: the feet stay on it.
 const PLATFORM_STEPS: [i32; 2] = [10, 6];
 
+/// Places in which the hand may try to close around its bulb; each costs a second of simulation.
+const MAX_GRASPS: usize = 8;
+
 /// Deepest overlap of two links that a start may have, m.
 const SELF_OVERLAP: f64 = 5e-4;
 
@@ -135,8 +138,8 @@ impl Stand {
 }
 
 impl Start<'_> {
-    /// Puts the robot into its place, noise included, its soles on what it stands on, and a bulb into its hand. Returns
-    /// the noise.
+    /// Puts the robot into its place, noise included, its soles on what it stands on, and a bulb into its hand, which closes
+    /// around it. Returns the noise.
     pub(super) fn put_robot(
         &self,
         world: &mut World,
@@ -148,7 +151,9 @@ impl Start<'_> {
         let stand = stand(scene, self.task.spec().start.robot, row);
         let places = stand.places(config);
         let mut random = Random::new(Stream::Reset, self.seed, self.episode);
-        let mut first_obstacle = None;
+        let Start { task, seed, episode, .. } = *self;
+        let taken = |obstacle| StartError::Place { task, seed, episode, obstacle };
+        let (mut first_fault, mut grasps) = (None, 0);
         let draws = if *noise == NO_NOISE { 1 } else { config.redraws };
         for _ in 0..draws {
             // Always the same numbers of the stream, whatever the size of the noise.
@@ -167,20 +172,27 @@ impl Start<'_> {
             let lifted = stand.height(scene) + LIFT;
             self.put(world, row, &moved(&places[0]), lifted)?;
             if let Some(link) = self_overlap(world)? {
-                first_obstacle = first_obstacle.or(Some(link));
+                first_fault.get_or_insert(taken(link));
                 continue;
             }
             let height = lifted - stand.gap_below_soles(world)?;
             for nominal in &places {
                 self.put(world, row, &moved(nominal), height)?;
-                match self.obstacle(world, &stand)? {
-                    None => return Ok(offset),
-                    found => first_obstacle = first_obstacle.or(found),
+                if let Some(obstacle) = self.obstacle(world, &stand)? {
+                    first_fault.get_or_insert(taken(obstacle));
+                    continue;
+                }
+                // What is clear of the open hand may be in the way of its fingers as they close.
+                grasps += 1;
+                match self.carried.map_or(Ok(()), |bulb| self.close_hand(world, row, bulb)) {
+                    Err(slipped @ StartError::Hold { .. }) if grasps < MAX_GRASPS => {
+                        first_fault.get_or_insert(slipped);
+                    }
+                    ended => return ended.map(|()| offset),
                 }
             }
         }
-        let obstacle = first_obstacle.unwrap_or(stand.support());
-        Err(StartError::Place { task: self.task, seed: self.seed, episode: self.episode, obstacle })
+        Err(first_fault.unwrap_or(taken(stand.support())))
     }
 
     /// Sets the world to the row with the robot's pelvis at a place, `z` m above the floor, and the bulb in its hand.

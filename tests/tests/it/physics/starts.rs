@@ -267,6 +267,13 @@ fn staged_bulbs_stay_in_the_hand() {
     }
 }
 
+/// Guards that a place is taken where fingers meet a tread of the ladder as they close, and let the bulb slip.
+#[test]
+fn hands_close_in_free_places() {
+    let row = started(Task::S05, 4_316_928_214_152_402, 0, &StartOptions::default()).row().clone();
+    check_hold(Task::S05, &row, "beside the ladder");
+}
+
 /// Whatever makes no start is refused with a message that names it.
 #[test]
 fn impossible_starts_are_refused() {
