@@ -21,8 +21,30 @@ pub struct Frame {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Hand {
     pub motion: Motion,
-    /// Closure of the fingers, from 0 to 1; `None` leaves them as they are.
-    pub close: Option<f64>,
+    /// `None` leaves the fingers as they are.
+    pub fingers: Option<Fingers>,
+}
+
+/// Command to the fingers of a hand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fingers {
+    /// All of them, from 0, open, to 1, around a bulb.
+    Close(f64),
+    /// Those of a tracked hand. The robot's follow once the operator's are closed as far as they are.
+    Bend(Bends),
+}
+
+/// Bends of a tracked hand, as shares from 0, straight, to 1, as in a fist.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Bends {
+    /// The thumb, from beside the hand to across the palm.
+    pub across: f64,
+    /// The first joint of each finger: thumb, index, middle, ring, little finger.
+    pub knuckles: [f64; 5],
+    /// The joints beyond, together.
+    pub middles: [f64; 5],
+    /// The tip of the thumb and those of index and middle finger, from apart to touching.
+    pub pinches: [f64; 2],
 }
 
 /// Motion of a hand.

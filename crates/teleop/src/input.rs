@@ -33,6 +33,10 @@ pub enum InputError {
     Message { input: &'static str, source: serde_json::Error },
     #[error("{field} of the {input} is {value}; it must be a number of size {most} at most")]
     Number { input: &'static str, field: &'static str, value: f64, most: f64 },
+    #[error("the {input} sends {count} numbers for a hand's joints; there must be {expected}")]
+    Count { input: &'static str, count: usize, expected: usize },
+    #[error("the {input} sends joints of version {version}; this program reads version {known}: reload the page")]
+    Version { input: &'static str, version: u64, known: u64 },
 }
 
 /// Sticks closer to their centre than this count as released: those of headsets drift.

@@ -11,6 +11,7 @@
 #![allow(missing_docs)] // Used in this repository alone.
 mod arms;
 mod frame;
+mod gestures;
 mod grip;
 mod input;
 mod inputs;
@@ -21,12 +22,13 @@ mod serve;
 mod socket;
 mod station;
 pub mod takes;
+mod tracked;
 mod view;
 
 /// Name of the policy in errors and in the record.
 const NAME: &str = "teleop";
 
-pub use frame::{Frame, Hand, Motion, Order};
+pub use frame::{Bends, Fingers, Frame, Hand, Motion, Order};
 pub use input::{Input, InputError, Reading};
 pub use inputs::Inputs;
 pub use pilot::{Driven, Pilot};

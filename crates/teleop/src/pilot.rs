@@ -1,8 +1,8 @@
 //! Turns what an operator asks for into commands of the robot. It reads no clock: a frame is either fresh or missing.
 //!
 //! A hand follows its device only while the operator holds the clutch, and begins where the hand is: whatever happens to the
-//! device in between, nothing jumps. Without a frame the robot stands upright, and its
-//! hands stay where they are on it.
+//! device in between, nothing jumps. Without a frame the robot stands upright, its
+//! hands stay where they are on it, and its fingers close or open as far as they were told.
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::{Observation, SessionInfo};
@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::NAME;
 use crate::arms::Arms;
-use crate::frame::{Frame, Motion};
+use crate::frame::{Fingers, Frame, Motion};
 use crate::grip::Grips;
 
 /// Largest velocities: forwards and to the left, m/s, about the vertical, rad/s; and how fast they grow, per s.
@@ -64,6 +64,8 @@ pub struct Pilot {
     /// Targets of all joints, rad.
     targets: Vec<f64>,
     held: [Option<Held>; 2],
+    /// Of the last frame: fingers go on to where they were wanted while input is late.
+    fingers: [Option<Fingers>; 2],
     driven: Driven,
 }
 
@@ -91,6 +93,7 @@ impl Pilot {
             range,
             targets: staged.map(|(joint, action)| joint.q0 + info.action_scale * f64::from(*action)).collect(),
             held: [None; 2],
+            fingers: [None; 2],
             driven: Driven::default(),
         })
     }
@@ -110,8 +113,11 @@ impl Pilot {
         self.driven.is_frozen = frame.is_none();
         let idle = Frame::default();
         self.walk(frame);
+        if let Some(frame) = frame {
+            self.fingers = [0, 1].map(|side: usize| frame.hands[side].fingers);
+        }
         let frame = frame.unwrap_or(&idle);
-        let moves = |hand: &crate::frame::Hand| hand.motion != Motion::Still || hand.close.is_some();
+        let moves = |hand: &crate::frame::Hand| hand.motion != Motion::Still || hand.fingers.is_some();
         let q: Vec<f64> =
             self.q0.iter().zip(&body.joint_position).map(|(q0, turned)| q0 + f64::from(*turned)).collect();
         if q.len() != self.q0.len() || !q.iter().all(|angle| angle.is_finite()) {
@@ -128,8 +134,7 @@ impl Pilot {
             }
             arms.step(&q, &self.driven.goals)?;
             self.targets[MOVED..BODY].copy_from_slice(arms.angles());
-            let close = [0, 1].map(|side: usize| frame.hands[side].close);
-            self.grips.step(close, &body.joint_position, &observation.hand_contact_force, &mut self.targets);
+            self.grips.step(self.fingers, &body.joint_position, &observation.hand_contact_force, &mut self.targets);
         }
         self.arms = arms;
         let named = if self.arms.is_some() { self.targets.clone() } else { Vec::new() };

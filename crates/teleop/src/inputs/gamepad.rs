@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::frame::{Frame, Hand, Motion, Order};
+use crate::frame::{Fingers, Frame, Hand, Motion, Order};
 use crate::input::{Input, InputError, Presses, Reading, check, stick};
 
 /// Buttons by their index: bumpers, triggers, the cross, and those that are orders: A, X, B, Y.
@@ -58,7 +58,7 @@ impl Input for Gamepad {
         let mut hands = <[Hand; 2]>::default();
         for (hand, (trigger, was_pulled)) in hands.iter_mut().zip(TRIGGERS.into_iter().zip(&mut self.was_pulled)) {
             *was_pulled |= button(trigger) > PULLED;
-            hand.close = was_pulled.then(|| button(trigger).clamp(0.0, 1.0));
+            hand.fingers = was_pulled.then(|| Fingers::Close(button(trigger).clamp(0.0, 1.0)));
         }
         let [up, down, left, right] = CROSS.map(button);
         let mut frame =
@@ -105,9 +105,12 @@ mod tests {
     #[test]
     fn a_hand_stays_as_it_is_until_its_trigger_is_pulled() {
         let mut pad = Gamepad::default();
-        assert_eq!(read(&mut pad, [0.0; 4], &[]).frame.expect("connected").hands[1].close, None);
-        assert_eq!(read(&mut pad, [0.0; 4], &[(7, 0.5)]).frame.expect("connected").hands[1].close, Some(0.5));
-        assert_eq!(read(&mut pad, [0.0; 4], &[]).frame.expect("connected").hands[1].close, Some(0.0));
+        assert_eq!(read(&mut pad, [0.0; 4], &[]).frame.expect("connected").hands[1].fingers, None);
+        assert_eq!(
+            read(&mut pad, [0.0; 4], &[(7, 0.5)]).frame.expect("connected").hands[1].fingers,
+            Some(Fingers::Close(0.5))
+        );
+        assert_eq!(read(&mut pad, [0.0; 4], &[]).frame.expect("connected").hands[1].fingers, Some(Fingers::Close(0.0)));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::frame::{Frame, Hand, Motion, Order};
+use crate::frame::{Fingers, Frame, Hand, Motion, Order};
 use crate::input::{Input, InputError, Presses, Reading};
 
 /// Codes of the keys by what they do, as `KeyboardEvent.code` has them. A pair is for less and for more.
@@ -70,7 +70,9 @@ impl Input for Keyboard {
         if !focused {
             return Ok(Reading { frame: None, orders });
         }
-        let mut hands = self.closed.map(|closed| Hand { close: closed.map(f64::from), ..Hand::default() });
+        let mut hands = self
+            .closed
+            .map(|closed| Hand { fingers: closed.map(|closed| Fingers::Close(f64::from(closed))), ..Hand::default() });
         let (linear, angular) = (LINEAR.map(share), ANGULAR.map(share));
         if linear.iter().chain(&angular).any(|share| *share != 0.0) {
             hands[self.hand].motion = Motion::Rate { linear, angular };
@@ -103,9 +105,9 @@ mod tests {
         read(&mut keyboard, &[]);
         let frame = read(&mut keyboard, &["Digit1", "KeyI", "Space"]).frame.expect("focused");
         assert_eq!(frame.hands[0].motion, Motion::Rate { linear: [1.0, 0.0, 0.0], angular: [0.0; 3] });
-        assert_eq!((frame.hands[0].close, frame.hands[1].close), (Some(1.0), None));
+        assert_eq!((frame.hands[0].fingers, frame.hands[1].fingers), (Some(Fingers::Close(1.0)), None));
         read(&mut keyboard, &[]);
-        assert_eq!(read(&mut keyboard, &["Space"]).frame.expect("focused").hands[0].close, Some(0.0));
+        assert_eq!(read(&mut keyboard, &["Space"]).frame.expect("focused").hands[0].fingers, Some(Fingers::Close(0.0)));
     }
 
     #[test]

@@ -63,7 +63,15 @@ impl Chaos {
         let pose = if self.one_in(8) { Value::Null } else { json!(pose) };
         let buttons: Vec<f64> = (0..6).map(|_| self.share()).collect();
         let axes: Vec<f64> = (0..4).map(|_| self.around(1.0)).collect();
-        json!({ "pose": pose, "buttons": buttons, "axes": axes })
+        let mut controller = json!({ "pose": pose, "buttons": buttons, "axes": axes });
+        if self.one_in(3) {
+            // Joints of no hand, of which some pinch.
+            let size = if self.one_in(2) { 0.01 } else { 0.1 };
+            let count = if self.one_in(20) { 74 } else { 75 };
+            let places: Vec<f64> = (0..count).map(|_| self.around(size)).collect();
+            controller["hand"] = json!({ "version": 1, "places": places });
+        }
+        controller
     }
 
     /// A message of an input; one in ten is broken.

@@ -1,14 +1,14 @@
 //! A driven robot: it walks, stops, moves its hands, and never jumps.
 
 use fiatlux_rules::Task;
-use fiatlux_teleop::{Frame, Hand, Motion};
+use fiatlux_teleop::{Fingers, Frame, Hand, Motion};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::common::drive;
 
 fn follow(side: usize, pose: Isometry3<f64>) -> Frame {
     let mut frame = Frame::default();
-    frame.hands[side] = Hand { motion: Motion::Follow(pose), close: None };
+    frame.hands[side] = Hand { motion: Motion::Follow(pose), fingers: None };
     frame
 }
 
@@ -31,6 +31,30 @@ fn a_robot_without_input_stands() {
     assert!(way(0, 75) > 0.15, "it walks: {} m", way(0, 75));
     assert!(way(175, 250) < 0.05, "it stands: {} m", way(175, 250));
     assert!(at[250].z > 0.65, "upright: {} m", at[250].z);
+}
+
+/// Fingers that were told to close go on to do so while input is late, and those that were told nothing stay.
+#[test]
+fn a_hand_closes_while_input_is_late() {
+    let mut bent = Vec::new();
+    drive(
+        "S07",
+        4,
+        120,
+        Box::new(|seen| {
+            bent.push(["left", "right"].map(|side| {
+                let base = seen.link(&format!("{side}_hand_base_link")).rotation;
+                let tip = seen.link(if side == "left" { "L_index_intermediate" } else { "R_index_intermediate" });
+                base.inverse() * tip.rotation
+            }));
+            // A fifth of a second of input, and then none.
+            let hands = [Hand::default(), Hand { fingers: Some(Fingers::Close(1.0)), ..Hand::default() }];
+            (seen.step < 10).then(|| Frame { hands, ..Frame::default() })
+        }),
+    );
+    let turned = |side: usize| bent[10][side].angle_to(&bent[120][side]);
+    assert!(turned(1) > 1.5, "the right index finger closes: {} rad", turned(1));
+    assert!(turned(0) < 0.2, "the left one stays: {} rad", turned(0));
 }
 
 /// Every task of the benchmark can be driven: its hands, its legs, its torso; and a fall ends none of them.

@@ -162,7 +162,7 @@ fn grab(seed: u64) -> Option<fiatlux_proto::v3::EpisodeEnd> {
             let message = grabber.message(seen);
             let frame = inputs.read("webxr", &message).expect("a message").frame;
             // A trigger that was never pulled says nothing.
-            let unset = |hand: &Hand| hand.close.is_none();
+            let unset = |hand: &Hand| hand.fingers.is_none();
             assert!(grabber.trigger > 0.0 || frame.as_ref().is_none_or(|frame: &Frame| frame.hands.iter().all(unset)));
             frame
         }),
