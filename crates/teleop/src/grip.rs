@@ -333,12 +333,15 @@ mod tests {
         assert!(targets[index].abs() < 1e-9, "it opens");
     }
 
+    /// Moves both hands for two seconds.
+    fn bend(grips: &mut Grips, bends: Bends, targets: &mut [f64]) {
+        (0..100).for_each(|_| grips.step([Some(Fingers::Bend(bends)); 2], &[], &[], targets));
+    }
+
     /// Both hands after two seconds of a command, from a start.
     fn after(info: &SessionInfo, bends: Bends, start: &[f64]) -> Vec<f64> {
         let (mut grips, mut targets) = (Grips::new(info).expect("data"), start.to_vec());
-        for _ in 0..100 {
-            grips.step([Some(Fingers::Bend(bends)); 2], &[], &[], &mut targets);
-        }
+        bend(&mut grips, bends, &mut targets);
         targets
     }
 
@@ -356,18 +359,15 @@ mod tests {
     fn the_fingers_of_every_robot_open_and_close_as_a_tracked_hand() {
         for robot in Robot::NAMES {
             let info = info_of(robot);
-            let zeros = vec![0.0; info.joints.len()];
+            let (mut grips, mut targets) = (Grips::new(&info).expect("data"), vec![0.0; info.joints.len()]);
             let known = Robot::by_name(robot).expect("the robot").joint_groups().fingers.len();
-            assert_eq!(
-                Grips::new(&info).expect("data").joints.len(),
-                known,
-                "{robot}: grip.toml has each finger's joints"
-            );
-            let fist = after(&info, FIST, &zeros);
-            for (joint, _, share) in shares(&info, &fist) {
+            assert_eq!(grips.joints.len(), known, "{robot}: grip.toml has each joint of its fingers");
+            bend(&mut grips, FIST, &mut targets);
+            for (joint, _, share) in shares(&info, &targets) {
                 assert!(share > 0.999, "{joint} of {robot} closes: {share}");
             }
-            for (joint, _, share) in shares(&info, &after(&info, STRAIGHT, &fist)) {
+            bend(&mut grips, STRAIGHT, &mut targets);
+            for (joint, _, share) in shares(&info, &targets) {
                 assert!(share < 0.001, "{joint} of {robot} opens: {share}");
             }
         }
@@ -429,15 +429,11 @@ mod tests {
             grips.step([None, CLOSED], &[], &[], &mut targets);
         }
         let closed = targets.clone();
-        let bend = |bends| [None, Some(Fingers::Bend(bends))];
-        for _ in 0..50 {
-            grips.step(bend(STRAIGHT), &[], &[], &mut targets);
-        }
-        assert_eq!(targets, closed, "it holds");
-        let mut steps =
-            |bends, targets: &mut Vec<f64>| (0..100).for_each(|_| grips.step(bend(bends), &[], &[], targets));
-        steps(FIST, &mut targets);
-        steps(STRAIGHT, &mut targets);
+        bend(&mut grips, STRAIGHT, &mut targets);
+        let right = |targets: &[f64]| shares(&info, targets).into_iter().filter(|(joint, ..)| joint.starts_with("R_"));
+        assert!(right(&targets).eq(right(&closed)), "it holds");
+        bend(&mut grips, FIST, &mut targets);
+        bend(&mut grips, STRAIGHT, &mut targets);
         let index = finger(&info, "R_index_proximal_joint");
         assert!(targets[index] < 1e-6, "it opens: {}", targets[index]);
     }
