@@ -10,6 +10,7 @@ mod network;
 mod plan;
 mod planner;
 mod player;
+mod raised;
 mod reference;
 mod tracker;
 
@@ -19,6 +20,7 @@ pub use network::{Contract, Follower, Network, NetworkError};
 pub use plan::{JOINTS, Keyframe, Plan, PlanError};
 pub use planner::{Apart, Arm, Foothold, Places, Planner};
 pub use player::Player;
+pub use raised::raised;
 pub use reference::{MOVED, Pose, Reference};
 pub use tracker::{ACTION_CLAMP, OBSERVATION, OBSERVED, Tracker, TrackerMemory};
 

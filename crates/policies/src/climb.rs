@@ -8,13 +8,13 @@ use std::sync::Arc;
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
     Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
-    ladder_with_bulb, stand,
+    ladder_with_bulb, raised, stand,
 };
-use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::body;
 use crate::entry::Entry;
@@ -43,6 +43,11 @@ const GAIN: (f64, f64) = (0.6, 1.2);
 const STILL: f64 = 0.5;
 /// Speeds of the plans' times, up and down.
 const RATES: [f64; 2] = [2.0, 1.6];
+/// The ladder's top point in its frame, and the seat in the socket's, m: `top_point` of `[ladder]` and `seat_z` of `[bulb]` in
+/// `crates/world/scene.toml`. From a height of another part on, the plan is made to fit.
+const TOP: [f64; 3] = [0.0, 0.10, 1.18];
+const SEAT: f64 = 0.036_259;
+const OTHER_HEIGHT: f64 = 0.002;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
@@ -156,6 +161,10 @@ impl Policy for Climb {
         });
         let gains = Gains(gains.collect());
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
+        let height = first.privileged.as_ref().map_or(Ok(1.0), relative_height)?;
+        let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
+        let plan = plan
+            .ok_or_else(|| unfit(format!("the ladder is {height:.2} times as high as the plan's; use another size")))?;
         self.episode = Some(Episode {
             walker,
             robot: Some(robot),
@@ -209,6 +218,16 @@ impl Policy for Climb {
     fn source(&mut self) -> Option<Chunk> {
         self.episode.as_ref()?.walker.record()
     }
+}
+
+/// Height of the ladder in parts of the published one, by the distance of its top point from the seat, which is above it. 1 where
+/// the distance is not observed, as in `climb`.
+fn relative_height(seen: &Privileged) -> Result<f64, PolicyError> {
+    let Some(distance) = seen.distances.first() else { return Ok(1.0) };
+    let pose = |pose: &Option<Pose>| body::pose("climb", pose.as_ref());
+    let seat = pose(&seen.ladder)?.inverse() * pose(&seen.socket)? * Point3::new(0.0, 0.0, SEAT);
+    let level = (seat.x - TOP[0]).powi(2) + (seat.y - TOP[1]).powi(2);
+    Ok((seat.z - (distance.powi(2) - level).max(0.0).sqrt()) / TOP[2])
 }
 
 impl Episode {

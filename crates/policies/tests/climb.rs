@@ -8,6 +8,7 @@ use fiatlux_client::Policy;
 use fiatlux_policies::Climb;
 use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
 use fiatlux_rules::{Bulb, Cause, Task};
+use play::Changes;
 
 /// Strict, with both feet on treads from 0.47 m on; the ladder stays where it is.
 #[test]
@@ -16,14 +17,25 @@ fn it_climbs_the_ladder() {
         if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { &[Task::S02, Task::Climb] } else { &[Task::S02] };
     for &task in tasks {
         let mut highest = 0.0_f64;
-        let ended = play::play(Climb::new().unwrap(), task, 1000, |episode, _| {
-            highest = highest.max(play::ladder_from_pelvis(episode.row()).translation.z);
+        let ended = play::play(Climb::new().unwrap(), task, 1000, &Changes::default(), |moment| {
+            highest = highest.max(play::ladder_from_pelvis(moment.row).translation.z);
         });
-        let play::Played { cause, seconds, progress, height, ladder, effort } = ended.unwrap();
+        let play::Played { cause, seconds, progress, height, ladder, effort, .. } = ended.unwrap();
         assert_eq!(cause, Cause::Success, "{task:?} after {seconds} s, {progress:?}");
         assert!(height > if task == Task::Climb { 1.82 } else { 1.03 } && height <= highest + 1e-9, "{height} m");
         assert!(ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{ladder:?} {effort}");
     }
+}
+
+/// The privileged observation tells how high the ladder is; by the plan for the published one, the robot falls.
+#[test]
+fn it_climbs_a_higher_ladder() {
+    let mut changes = Changes::default();
+    changes.scale.ladder[2] = 1.05;
+    let play::Played { cause, seconds, progress, height, .. } =
+        play::play(Climb::new().unwrap(), Task::S02, 1000, &changes, |_| ()).unwrap();
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(height > 1.22, "{height} m");
 }
 
 /// Strict, up and down: the bulb is in the grip of the hand at the end, and was never let go.
@@ -31,8 +43,8 @@ fn it_climbs_the_ladder() {
 fn it_climbs_with_a_bulb() {
     for (task, bulb) in [(Task::S10, Bulb::Fresh), (Task::S04, Bulb::Old)] {
         let mut most = 0.0_f64;
-        let ended = play::play(Climb::new().unwrap(), task, 1000, |episode, _| {
-            let hands = episode.row().hands(bulb).concat();
+        let ended = play::play(Climb::new().unwrap(), task, 1000, &Changes::default(), |moment| {
+            let hands = moment.row.hands(bulb).concat();
             most = hands.iter().map(|force| force.norm()).fold(most, f64::max);
         });
         let play::Played { cause, seconds, progress, height, ladder, .. } = ended.unwrap();
@@ -45,8 +57,8 @@ fn it_climbs_with_a_bulb() {
 /// Strict, from the platform to both feet on the floor.
 #[test]
 fn it_climbs_down() {
-    let ended = play::play(Climb::new().unwrap(), Task::S12, 1000, |_, _| ()).unwrap();
-    let play::Played { cause, seconds, progress, height, ladder, effort } = ended;
+    let ended = play::play(Climb::new().unwrap(), Task::S12, 1000, &Changes::default(), |_| ()).unwrap();
+    let play::Played { cause, seconds, progress, height, ladder, effort, .. } = ended;
     assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
     assert!(height < 0.85 && ladder.0 < 1e-3 && ladder.1 < 1e-3 && effort < 1.0, "{height} {ladder:?} {effort}");
 }
@@ -58,7 +70,7 @@ fn the_network_follows_the_plan() {
     let climb = Climb::with_network(file).unwrap();
     assert!(climb.name().starts_with("climb:climb.safetensors@"), "{}", climb.name());
     let play::Played { cause, seconds, progress, height, ladder, .. } =
-        play::play(climb, Task::S02, 1000, |_, _| {}).unwrap();
+        play::play(climb, Task::S02, 1000, &Changes::default(), |_| {}).unwrap();
     assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
     assert!(height > 1.03 && ladder.0 < 1e-3 && ladder.1 < 1e-3, "{height} m, {ladder:?}");
     let task = Some(TaskInfo { task: "S12".into(), ..TaskInfo::default() });

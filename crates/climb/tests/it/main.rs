@@ -8,7 +8,7 @@ mod room;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, stand};
+use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, raised, stand};
 use fiatlux_dynamics::{Mechanics, ShapeId, State};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
@@ -181,6 +181,32 @@ fn a_way_to_the_first_posture_is_found() {
         let most = pair[0].angles.iter().zip(&pair[1].angles).map(turn).fold(0.0, f64::max);
         assert!(most / pair[1].seconds < 1.0, "{most} rad in {} s", pair[1].seconds);
     }
+}
+
+/// In the limits of the published draw of sizes.
+#[test]
+fn a_plan_is_raised_with_the_ladder() {
+    let body = body();
+    let mut mechanics = Mechanics::new(&body.model);
+    let mut measure = |key: &Keyframe| {
+        mechanics.update(&body.model, &body.state(&key.pelvis, &key.angles));
+        let sole = |side: usize| mechanics.world_from_site(&body.ids.site(&body.robot.soles()[side].site));
+        let soles = [sole(0), sole(1)].map(|pose| pose.translation.vector);
+        (soles, mechanics.center_of_mass(&body.model, body.ids.root).1)
+    };
+    for (plan, factor) in [(fiatlux_climb::ladder(), 1.1), (fiatlux_climb::descent(), 0.95)] {
+        let plan = plan.unwrap();
+        let raised = raised(&body, &plan, factor).unwrap();
+        for (key, high) in plan.keyframes.iter().zip(&raised.keyframes) {
+            let ((soles, com), (high_soles, high_com)) = (measure(key), measure(high));
+            for (sole, high) in soles.into_iter().zip(high_soles) {
+                assert!((high - Vector3::new(sole.x, sole.y, factor * sole.z)).norm() < 3e-3, "{sole} {high}");
+            }
+            assert!((high_com - com).xy().norm() < 3e-3, "{com} {high_com}");
+            assert_eq!((key.seconds, key.bears, key.ranges), (high.seconds, high.bears, high.ranges));
+        }
+    }
+    assert_eq!(raised(&body, &fiatlux_climb::ladder().unwrap(), 2.0), None);
 }
 
 #[test]

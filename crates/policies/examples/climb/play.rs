@@ -1,23 +1,49 @@
 //! One episode of `climb`, without a server.
 
+use std::collections::VecDeque;
 use std::error::Error;
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy};
+use fiatlux_dynamics::{BodyVariation, Dynamics, Input, ShapeId, State, Variation};
 use fiatlux_policies::Climb;
 use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Cause, Row, Task, errand};
+use fiatlux_rules::{CONTROL_DT, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, Verdict, errand};
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_wire::joint_messages;
-use fiatlux_world::{ACTION_SCALE, Episode, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_world::{
+    ACTION_SCALE, ControlInput, EpisodeSpec, PHYSICS_DT, PropScale, Push, SUBSTEPS, Scene, SceneConfig, ShapeOwner,
+    StartOptions, World, start_drawn,
+};
 use nalgebra::{Isometry3, Vector3};
 
 const SENSORS: Sensors = Sensors::of(&[Sensor::Proprioception, Sensor::LastAction, Sensor::Privileged]);
+/// Speed of a joint from which physics steps are looked at one by one, rad/s.
+const FAST: f64 = 10.0;
+/// Parts of a limit that are told apart.
+const BINS: usize = 1000;
+/// A multiple of the golden angle and of the golden ratio spreads directions and times over the rooms.
+const SPREAD: [f64; 2] = [2.399_963, 0.618_034];
 
-/// The end of an episode.
+/// Differences of an episode from the benchmark's.
+#[derive(Debug, Clone, Default)]
+pub struct Changes {
+    /// Friction of the ladder's shapes; it holds between ladder and soles, whose own is 0.5, and not on the floor, whose own is 1.
+    pub friction: Option<f64>,
+    pub scale: PropScale,
+    /// Factor of every mass of the robot, less 1, and the largest part by which each link's differs from that.
+    pub mass: f64,
+    pub masses: f64,
+    /// Control steps until an action has an effect.
+    pub delay: usize,
+    /// Speed that the whole robot gets once while the plan runs, m/s: in each room at another time, in another direction.
+    pub push: Option<f64>,
+}
+
+/// How an episode went.
 #[derive(Debug)]
 pub struct Played {
     pub cause: Cause,
@@ -30,6 +56,88 @@ pub struct Played {
     pub ladder: (f64, f64),
     /// Largest effort of a joint relative to its limit, as measured at the ends of steps.
     pub effort: f64,
+    /// The loads, once the robot is on its way.
+    #[allow(dead_code)]
+    pub loads: Loads,
+}
+
+/// Loads of robot and bulb, at the ends of control steps where nothing else is said.
+#[derive(Debug, Clone)]
+pub struct Loads {
+    /// For each joint, how often its effort was which thousandth of its limit; the last one counts what is at the limit.
+    pub efforts: Vec<[u32; BINS + 1]>,
+    /// For each joint, its largest speed in all physics steps, in parts of the rated one; below 10 rad/s, at the ends of control steps.
+    pub speeds: Vec<f64>,
+    /// Depth of the deepest contact in all physics steps, m.
+    pub penetration: f64,
+    /// Largest force on a part of the robot other than its feet, of all but the robot and the bulbs, N, and both names.
+    pub touch: (f64, String),
+    /// Largest force of the bulb on a body of the hand in all physics steps, N.
+    pub grip: f64,
+    /// Rows in which the strict rules do not have the bulb in the grip of a hand, and the longest run of them.
+    pub loose: (u32, u32),
+}
+
+/// A state of an episode, for whoever watches.
+#[allow(dead_code)]
+pub struct Moment<'a> {
+    pub row: &'a Row,
+    /// Time in the plan, s.
+    pub time: Option<f64>,
+    pub verdict: &'a Verdict,
+}
+
+impl Loads {
+    fn new(joints: usize) -> Self {
+        Self {
+            efforts: vec![[0; BINS + 1]; joints],
+            speeds: vec![0.0; joints],
+            penetration: 0.0,
+            touch: (0.0, String::new()),
+            grip: 0.0,
+            loose: (0, 0),
+        }
+    }
+
+    fn take(&mut self, world: &World) {
+        let (row, scene) = (world.row(), world.scene());
+        for (joint, gains) in scene.spec.gains.0.iter().enumerate() {
+            let share = row.joint_effort[joint].abs() / gains.effort_limit;
+            self.efforts[joint][((BINS as f64 * share) as usize).min(BINS)] += 1;
+            self.speeds[joint] = self.speeds[joint].max(row.joint_velocity[joint].abs() / gains.speed_limit);
+        }
+        self.penetration = self.penetration.max(row.penetration);
+        let peaks = errand::HAND_FORCE_PEAK.iter().flat_map(|load| row.load(*load));
+        self.grip = peaks.copied().fold(self.grip, f64::max);
+        for contact in world.dynamics().contacts() {
+            let [a, b] = [contact.shape_a, contact.shape_b].map(|shape| (scene.owner(shape), shape));
+            let (link, other) = match (a.0, b.0) {
+                (ShapeOwner::Robot(_), ShapeOwner::Robot(_)) => continue,
+                (ShapeOwner::Robot(link), _) => (link, b),
+                (_, ShapeOwner::Robot(link)) => (link, a),
+                _ => continue,
+            };
+            let is_bulb = matches!(other.0, ShapeOwner::OLD_BULB | ShapeOwner::FRESH_BULB);
+            let force = contact.force.norm();
+            if !is_bulb && !scene.robot.feet().contains(&link) && force > self.touch.0 {
+                let names = [&scene.robot.links()[link].name, &scene.model.shapes()[other.1.0].name];
+                self.touch = (force, format!("{} on {}", names[1], names[0]));
+            }
+        }
+    }
+}
+
+/// The last control step once more, to see which joint was the fast one in it. Without attachments, which do not act on the robot.
+fn see_speeds(world: &World, state: &mut State, again: &mut Dynamics, speeds: &mut [f64]) {
+    let (scene, row) = (world.scene(), world.row());
+    let mut targets = vec![0.0; scene.model.drives().len()];
+    scene.robot_ids.joints.iter().zip(&row.joint_target).for_each(|(ids, target)| targets[ids.drive] = *target);
+    for _ in 0..SUBSTEPS {
+        again.step(&scene.model, state, &Input { targets: &targets, ..Input::default() }, PHYSICS_DT);
+        for ((ids, gains), speed) in scene.robot_ids.joints.iter().zip(&scene.spec.gains.0).zip(speeds.iter_mut()) {
+            *speed = speed.max(state.qvel[ids.dof].abs() / gains.speed_limit);
+        }
+    }
 }
 
 /// Pose of the pelvis in the ladder's frame with x into it from the side of its steps.
@@ -38,18 +146,41 @@ pub fn ladder_from_pelvis(row: &Row) -> Isometry3<f64> {
     ladder.inverse() * row.robot.pose
 }
 
-/// Plays the first episode of a room. `watch` is given each state and the time in the plan, s.
+fn variation(scene: &Scene, seed: u64, changes: &Changes) -> Variation {
+    let mut variation = Variation::default();
+    if let Some(friction) = changes.friction {
+        let shapes = (0..scene.model.shapes().len()).map(ShapeId);
+        variation.frictions =
+            shapes.filter(|shape| scene.owner(*shape) == ShapeOwner::LADDER).map(|shape| (shape, friction)).collect();
+    }
+    if changes.mass != 0.0 || changes.masses != 0.0 {
+        for (index, ids) in scene.robot_ids.links.iter().enumerate() {
+            let drawn = (SPREAD[1] * (1 + seed * 61 + index as u64) as f64).fract();
+            let mass = 1.0 + changes.mass + changes.masses * (2.0 * drawn - 1.0);
+            variation.bodies.push((ids.body, BodyVariation { mass, ..BodyVariation::default() }));
+        }
+    }
+    variation
+}
+
+/// Plays the first episode of a room. `watch` is given each state.
 pub fn play(
     mut climb: Climb,
     task: Task,
     seed: u64,
-    mut watch: impl FnMut(&Episode, Option<f64>),
+    changes: &Changes,
+    mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Played, Box<dyn Error>> {
     let robot = Arc::new(Robot::benchmark()?);
     let gains = robot.gains(GainSet::default());
-    let spec = EpisodeSpec::new(task, seed, 0);
+    let spec = EpisodeSpec { scale: changes.scale, ..EpisodeSpec::new(task, seed, 0) };
     let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone()))?);
-    let mut episode = Episode::start(Arc::clone(&scene), &spec)?;
+    let options = StartOptions { seed: Some(seed), ..StartOptions::default() };
+    let (mut world, _) = start_drawn(Arc::clone(&scene), task, 0, &options)?;
+    world.set_variation(&variation(&scene, seed, changes))?;
+    let mut judge =
+        Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
+    judge.start(world.row());
     let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
     suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
     let name = if task == Task::Climb { "climb".into() } else { format!("{task:?}") };
@@ -60,20 +191,32 @@ pub fn play(
         control_dt: CONTROL_DT,
         ..SessionInfo::default()
     };
-    let mut observation = suite.observe(&View::of(&episode), SENSORS)?;
+    let view = |world: &World, judge: &Judge, suite: &mut SensorSuite| {
+        let view = View { scene: &scene, episode: 0, row: world.row(), task, judge, reward: 0.0 };
+        suite.observe(&view, SENSORS)
+    };
+    let mut observation = view(&world, &judge, &mut suite)?;
     climb.reset(&info, &observation)?;
-    let start = episode.row().things[errand::LADDER].pose;
-    let (mut ladder, mut effort) = ((0.0_f64, 0.0_f64), 0.0_f64);
+    let start = world.row().things[errand::LADDER].pose;
+    let grip =
+        task.spec().gate.criteria_of(Protocol::Strict).position(|criterion| criterion.name.ends_with("_in_grip"));
+    let (mut ladder, mut effort, mut loads, mut loose) = ((0.0_f64, 0.0_f64), 0.0_f64, Loads::new(gains.0.len()), 0);
+    let mut late: VecDeque<Vec<f64>> = std::iter::repeat_n(world.row().joint_target.clone(), changes.delay).collect();
+    let (mut is_pushed, mut again) = (false, world.dynamics().clone());
     loop {
-        let row = episode.row();
+        let row = world.row();
         let now = row.things[errand::LADDER].pose;
         let moved = (now.translation.vector - start.translation.vector).norm();
         ladder = (ladder.0.max(moved), ladder.1.max(now.rotation.angle_to(&start.rotation)));
         let shares = row.joint_effort.iter().zip(&gains.0).map(|(effort, gains)| effort.abs() / gains.effort_limit);
         effort = shares.fold(effort, f64::max);
+        loads.take(&world);
+        let holds = grip.is_none_or(|grip| judge.verdict().criteria.as_slice()[grip]);
+        loose = if holds { 0 } else { loose + 1 };
+        loads.loose = (loads.loose.0 + u32::from(!holds), loads.loose.1.max(loose));
         let progress = climb.progress();
-        watch(&episode, progress.map(|(time, _)| time));
-        if let Some(end) = episode.end() {
+        watch(&Moment { row, time: progress.map(|(time, _)| time), verdict: judge.verdict() });
+        if let Some(end) = judge.verdict().end {
             let height = row.robot.pose.translation.z;
             return Ok(Played {
                 cause: end.cause(),
@@ -82,11 +225,29 @@ pub fn play(
                 height,
                 ladder,
                 effort,
+                loads,
             });
         }
         let Command::JointTarget(targets) = climb.act(&observation)? else { return Err("no targets".into()) };
-        let action = episode.action_for(&targets);
-        episode.step(&action)?;
-        observation = suite.observe(&View::of(&episode), SENSORS)?;
+        late.push_back(targets);
+        let wanted = late.pop_front().unwrap_or_default();
+        // As a session does it, to the last bit.
+        let action: Vec<f64> = wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
+        let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
+        // The plan that goes to the ladder and up or down is the long one.
+        let part = progress.filter(|(_, all)| *all > 30.0).map_or(0.0, |(time, all)| time / all);
+        let is_due = !is_pushed && part > (SPREAD[1] * (seed + 1) as f64).fract();
+        let push = changes.push.filter(|_| is_due).map(|speed| {
+            let angle = SPREAD[0] * seed as f64;
+            Push { linear: speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }
+        });
+        is_pushed |= is_due;
+        let mut state = world.state().clone();
+        world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
+        if push.is_none() && world.row().joint_speed_peak > FAST {
+            see_speeds(&world, &mut state, &mut again, &mut loads.speeds);
+        }
+        judge.advance(world.row());
+        observation = view(&world, &judge, &mut suite)?;
     }
 }

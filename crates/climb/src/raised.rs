@@ -1,0 +1,51 @@
+//! A plan for a ladder that is higher or lower than the one that it was made for.
+
+use fiatlux_dynamics::{BodyId, Mechanics};
+use fiatlux_kinematics::{Goal, InverseKinematics, Outcome, SearchOptions};
+use nalgebra::Isometry3;
+
+use crate::body::{Body, pelvis};
+use crate::plan::Plan;
+
+const OPTIONS: SearchOptions = SearchOptions {
+    position_tolerance: 2e-3,
+    rotation_tolerance: 1e-2,
+    tries: 1,
+    steps: 60,
+    limit_margin: 0.005,
+    spread: 0.0,
+    rest_pull: 0.1,
+};
+
+/// The plan with the soles this many times as high above the floor; legs and waist keep the centre of mass over the same point of the
+/// level. `None` if a posture is out of reach.
+pub fn raised(body: &Body, plan: &Plan, factor: f64) -> Option<Plan> {
+    let (model, ids) = (&body.model, &body.ids);
+    let sites = [0, 1].map(|side| ids.site(&body.robot.soles()[side].site));
+    let moves = |name: &str| ["hip", "knee", "ankle", "waist"].iter().any(|part| name.contains(part));
+    let joints = body.robot.joints().iter().zip(&ids.joints).filter(|(joint, _)| moves(&joint.name));
+    let joints: Vec<_> = joints.map(|(_, ids)| *ids).collect();
+    let bodies: Vec<BodyId> = joints.iter().map(|joint| joint.body).collect();
+    let mut inverse = InverseKinematics::new(model, ids.root, &bodies, true).ok()?;
+    inverse.options = OPTIONS;
+    let (mut mechanics, mut plan) = (Mechanics::new(model), plan.clone());
+    for key in &mut plan.keyframes {
+        let mut state = body.state(&key.pelvis, &key.angles);
+        mechanics.update(model, &state);
+        let soles = sites.map(|site| mechanics.world_from_site(&site));
+        let com = mechanics.center_of_mass(model, ids.root).1;
+        let rest: Vec<f64> = joints.iter().map(|joint| state.qpos[joint.qpos]).collect();
+        inverse.set_rest(&rest).ok()?;
+        let up = |height: f64| Isometry3::translation(0.0, 0.0, (factor - 1.0) * height);
+        let between = soles.iter().map(|sole| sole.translation.z).sum::<f64>() / 2.0;
+        state.set_pose(model, ids.root, &(up(between) * key.pelvis));
+        let goal = |side: usize| Goal::pose(sites[side], up(soles[side].translation.z) * soles[side]);
+        let goals = [goal(0), goal(1), Goal::com_over(com.x, com.y)];
+        if inverse.solve(model, &mut state, &goals).ok()?.outcome != Outcome::Reached {
+            return None;
+        }
+        key.pelvis = pelvis(ids, &state);
+        key.angles.iter_mut().zip(&ids.joints).for_each(|(angle, joint)| *angle = state.qpos[joint.qpos]);
+    }
+    Some(plan)
+}
