@@ -1,9 +1,9 @@
 //! The launcher on a network. A first evaluation needs none of it, so it is a feature of the build.
 
 #[cfg(feature = "network")]
-pub use over_zenoh::{RouterArgs, listen, over_tls, parse_endpoint, router};
+pub use over_zenoh::{RouterArgs, listen, parse_endpoint, router, secure};
 #[cfg(not(feature = "network"))]
-pub use without::{RouterArgs, listen, over_tls, parse_endpoint, router};
+pub use without::{RouterArgs, listen, parse_endpoint, router, secure};
 
 #[cfg(feature = "network")]
 mod over_zenoh {
@@ -14,8 +14,7 @@ mod over_zenoh {
     use fiatlux_carrier::Carrier;
     pub use fiatlux_link::parse_endpoint;
     use fiatlux_link::{Link, LinkArgs, LinkMode, Role, choose_port};
-    use fiatlux_teleop::Cockpit;
-    use fiatlux_tls::{Certificate, Tls, own_hosts};
+    use fiatlux_teleop::Secured;
 
     /// Options of `fiatlux router`.
     #[derive(Debug, Args)]
@@ -46,24 +45,10 @@ mod over_zenoh {
         Ok((link.carrier(), endpoint))
     }
 
-    /// Serves the page over TLS, with the certificate of a folder; returns what its user has to know.
-    pub fn over_tls(cockpit: Cockpit, folder: &Path, hosts: &[String]) -> anyhow::Result<(Cockpit, String)> {
-        let own = own_hosts();
-        // Of its own names, only the one in the page's address must be in the certificate.
-        let hosts = if hosts.is_empty() { &own[..1] } else { hosts };
-        let certificate = Certificate::open(folder, hosts, &own)?;
-        let tls = Tls::new(&certificate);
-        let secured = cockpit.over_tls(&hosts[0], Box::new(move |stream| Box::pin(tls.clone().accept(stream))));
-        let age = if certificate.is_new() { "made now" } else { "as before" };
-        let said = format!(
-            "The certificate in {}, {age}, has the SHA-256 fingerprint\n  {}\n\
-             The headset's browser warns once that it does not know this certificate: choose Advanced, compare the fingerprint where \
-             it shows one, and proceed.\n\
-             It asks again when the certificate has expired after a year, or was made anew.",
-            folder.display(),
-            certificate.fingerprint()
-        );
-        Ok((secured, said))
+    /// TLS for the page, with the certificate of a folder.
+    pub fn secure(folder: &Path, hosts: &[String]) -> anyhow::Result<Secured> {
+        let (host, secure, said) = fiatlux_tls::secure(folder, hosts)?;
+        Ok(Secured { host, secure, said })
     }
 
     fn free(endpoint: &str) -> anyhow::Result<String> {
@@ -78,7 +63,7 @@ mod without {
 
     use clap::Args;
     use fiatlux_carrier::Carrier;
-    use fiatlux_teleop::Cockpit;
+    use fiatlux_teleop::Secured;
 
     const REMEDY: &str = "this build of fiatlux has no network, so that it is compiled sooner; build the rest with \
                           `cargo build --release -p fiatlux --features network`";
@@ -100,7 +85,7 @@ mod without {
         anyhow::bail!(REMEDY)
     }
 
-    pub fn over_tls(_: Cockpit, _: &Path, _: &[String]) -> anyhow::Result<(Cockpit, String)> {
+    pub fn secure(_: &Path, _: &[String]) -> anyhow::Result<Secured> {
         anyhow::bail!(REMEDY)
     }
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, Stdio};
+use std::process::ExitCode;
 
 use crate::part_of;
 use anyhow::{Context, bail};
@@ -63,7 +63,7 @@ fn serve(bags: Bags, args: &ViewArgs) -> anyhow::Result<()> {
     let viewer = Viewer::bind(bags, args.port)?;
     let address = format!("http://{}/", viewer.address());
     fiatlux_cli::print(format!("{address}\n"))?;
-    let opened = !args.no_open && open_browser(&address);
+    let opened = !args.no_open && fiatlux_cli::open_browser(&address);
     eprintln!("{}; Ctrl-C ends it", if opened { "opened in the browser" } else { "open this address in a browser" });
     Ok(viewer.serve(&stop)?)
 }
@@ -96,18 +96,4 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
     written.with_context(|| format!("cannot write {}; check its folder and the space that is left", out.display()))?;
     fiatlux_cli::print(format!("{}\n", out.display()))?;
     Ok(())
-}
-
-/// Asks the system to open an address; false where there is no screen, or nothing that can open it.
-pub(crate) fn open_browser(address: &str) -> bool {
-    let has_screen = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
-    let opener = match std::env::consts::OS {
-        "macos" => "open",
-        "windows" => "explorer",
-        _ if has_screen => "xdg-open",
-        _ => return false,
-    };
-    let mut command = Command::new(opener);
-    command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    command.spawn().is_ok()
 }

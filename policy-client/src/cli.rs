@@ -7,6 +7,7 @@ pub mod plan;
 pub mod probe;
 mod report;
 pub mod run;
+pub mod teleop;
 
 use fiatlux_client::{Policy, PolicyError};
 use fiatlux_policies::{Policies, VlaArgs, VlaSource};

@@ -24,6 +24,7 @@ use cli::{Failure, evaluate, list, run};
   policy-client run --policy replay:bags/S08-s0-e0.mcap
   policy-client probe --dialect gr00t --model tcp://lab:5555
   policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
+  policy-client teleop --task S07 -e tcp/192.168.1.7:7447
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 a run that is not all played,
 or a recording that is cut."
@@ -41,6 +42,8 @@ enum Subcommand {
     Evaluate(Box<evaluate::EvaluateArgs>),
     /// List what a policy receives in a session, and what each sensor costs
     Inspect(Box<cli::inspect::InspectArgs>),
+    /// Drive the robot of a server from a browser, and record takes there
+    Teleop(Box<cli::teleop::TeleopArgs>),
     /// Ask a model server for its contract and for one chunk; nothing moves
     Probe(Box<cli::probe::ProbeArgs>),
     /// List the servers that can be reached, or the policies
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
         Subcommand::Evaluate(args) => return exit(evaluate::evaluate(&args), ExitCode::from(3)),
         Subcommand::Inspect(args) => cli::inspect::inspect(&args),
         Subcommand::Probe(args) => cli::probe::probe(&args),
+        Subcommand::Teleop(args) => cli::teleop::teleop(&args),
         Subcommand::List(args) => list::list(&args),
     };
     exit(done, ExitCode::FAILURE)

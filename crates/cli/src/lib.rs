@@ -1,6 +1,7 @@
 //! Shared by the programs on the command line: arguments and settings files, the log, results and progress, and the
 //! signals that end a program.
 #![allow(missing_docs)] // Used in this repository alone.
+mod browser;
 mod in_full;
 mod log;
 mod parse;
@@ -10,6 +11,7 @@ mod settings;
 mod signal;
 mod whole_file;
 
+pub use browser::open_browser;
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};
 pub use parse::{check_whole_numbers, parse, whole};

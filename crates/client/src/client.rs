@@ -19,7 +19,7 @@ use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{
     CloseReply, CloseRequest, EpisodeEnd, LookReply, LookRequest, Mode, Notice, Observation, OpenReply, OpenRequest,
-    SessionInfo, look_reply, open_reply,
+    ResetReply, ResetRequest, SessionInfo, look_reply, open_reply, reset_reply,
 };
 use fiatlux_proto::{Bytes, Message as _, ObservationLayout, PROTOCOL, decode, is_compatible, plain};
 use fiatlux_session::client::{Answer, Input, Output};
@@ -50,6 +50,16 @@ const CLOSE_TIMEOUT_S: f64 = 3.0;
 const RESET_TIMEOUT: Duration = Duration::from_secs(15);
 
 const LAST_OBSERVATION_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Time between two questions to a policy that waits.
+const WAITING_PERIOD: Duration = Duration::from_millis(10);
+
+/// Time between two messages that keep a session open whose policy waits, and the longest wait for the answer to one, s.
+const KEEPING_PERIOD: Duration = Duration::from_secs(5);
+const KEEPING_TIMEOUT_S: f64 = 1.0;
+
+/// Number of times that such a message is sent before the server counts as gone.
+const KEEPING_TRIES: u32 = 5;
 
 /// Longest time for each attempt to claim a session, s: the server closes a session that is not claimed within 2 s.
 const CLAIM_TIMEOUT_S: f64 = 0.5;
@@ -240,6 +250,7 @@ impl Client {
         let mut present: Option<Box<Observation>> = None;
         let mut is_reset = false;
         let mut busy = BusyWait::default();
+        let mut kept_at = Instant::now();
         self.state.handle(Input::Start(episode), self.now());
         loop {
             if stop.load(Ordering::Relaxed) {
@@ -288,6 +299,15 @@ impl Client {
             if !is_reset {
                 policy.reset(&self.info, observation)?;
                 is_reset = true;
+                kept_at = Instant::now();
+            }
+            if observation.step == 0 && policy.waits(observation) {
+                std::thread::sleep(WAITING_PERIOD);
+                if kept_at.elapsed() >= KEEPING_PERIOD.min(Duration::from_secs_f64(self.info.action_timeout_s / 2.0)) {
+                    self.keep_open(episode)?;
+                    kept_at = Instant::now();
+                }
+                continue;
             }
             progress(observation.step);
             let asked = policy.look(observation);
@@ -308,6 +328,24 @@ impl Client {
                 self.state.handle(Input::Chunk(Box::new(chunk)), self.now());
             }
             self.state.handle(Input::Command(command), self.now());
+        }
+    }
+
+    /// Starts an episode anew that has not begun, so that its session's time does not run out. Returns once the server has
+    /// answered: a reset that came after the first action would end the episode.
+    fn keep_open(&self, episode: u64) -> Result<(), ClientError> {
+        let (server, key, request) = (&self.info.server, self.keys.reset(), ResetRequest { episode });
+        let mut tries = 1;
+        let bytes = loop {
+            let ask = self.sealing.ask(&self.link, server, &key, "reset", "ResetRequest", &request, KEEPING_TIMEOUT_S);
+            match ask {
+                Err(ClientError::Unanswered { .. }) if tries < KEEPING_TRIES => tries += 1,
+                answered => break answered?,
+            }
+        };
+        match decode::<ResetReply>(&bytes, MAX_SERVER_MESSAGE).map_err(ClientError::unreadable(server))?.reply {
+            Some(reset_reply::Reply::Refusal(refusal)) => Err(ClientError::refused(server, refusal)),
+            _ => Ok(()),
         }
     }
 

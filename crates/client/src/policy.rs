@@ -41,6 +41,12 @@ pub trait Policy: Send {
     /// The policy cannot work in this session.
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError>;
 
+    /// True while somebody looks at observation 0 before the episode starts. The session is kept open meanwhile, and the question
+    /// is asked again; [`Policy::act`] answers the observation once this is false.
+    fn waits(&mut self, _first: &Observation) -> bool {
+        false
+    }
+
     /// Answers an observation. In lockstep it receives each one once, in order; in real time only the newest.
     ///
     /// # Errors

@@ -345,9 +345,10 @@ impl<H: Host, R> ServerSession<H, R> {
         self.outputs.push_back(Output::Closed);
     }
 
-    /// The cause of an end that the client asks for while an episode runs.
+    /// The cause of an end that the client asks for while an episode runs. A take without a step is no take.
     fn clients_end(&self) -> &'static str {
-        if self.info.take { STOPPED } else { ABORTED }
+        let has_begun = self.run.as_ref().is_some_and(|run| run.step > 0);
+        if self.info.take && has_begun { STOPPED } else { ABORTED }
     }
 
     /// Ends the running episode without a last row.

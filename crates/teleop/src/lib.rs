@@ -7,9 +7,10 @@
 //!
 //! [`Cockpit`] serves the page in `page/` to whoever has its token. Each input is a file in `src/inputs` and one in `page/`. A
 //! [`Frame`] is what all inputs say; the pilot, which reads no clock, turns it into commands. [`takes::play`] opens a session for
-//! each take: one like any other, in real time, whose bag says that it is a take.
+//! each take, on a server of this process or elsewhere: one like any other, in real time, whose bag says that it is a take.
 #![allow(missing_docs)] // Used in this repository alone.
 mod arms;
+mod command;
 mod frame;
 mod gestures;
 mod grip;
@@ -21,6 +22,7 @@ mod pilot;
 mod serve;
 mod socket;
 mod station;
+mod studio;
 pub mod takes;
 mod tracked;
 mod view;
@@ -28,11 +30,13 @@ mod view;
 /// Name of the policy in errors and in the record.
 const NAME: &str = "teleop";
 
+pub use command::{CommandError, PageArgs, Secured};
 pub use frame::{Bends, Fingers, Frame, Hand, Motion, Order};
 pub use input::{Input, InputError, Reading};
 pub use inputs::Inputs;
 pub use pilot::{Driven, Pilot};
 pub use serve::{Cockpit, Secure, ServeError};
 pub use station::{MAX_AGE, Phase, Station, Status};
-pub use takes::{Kept, TakeError, TakeOptions};
+pub use studio::{ServerElsewhere, TakeError};
+pub use takes::{Kept, TakeOptions};
 pub use view::{Document, Eye};

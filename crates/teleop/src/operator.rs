@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use fiatlux_client::{Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
@@ -15,9 +15,6 @@ use crate::pilot::Pilot;
 use crate::station::{Phase, Station};
 use crate::view::{Timing, View};
 
-/// Time between two looks for an order.
-const LOOK: Duration = Duration::from_millis(10);
-
 /// Plays an episode as its operator asks.
 pub(crate) struct Operator {
     station: Arc<Station>,
@@ -26,13 +23,15 @@ pub(crate) struct Operator {
     quit: Arc<AtomicBool>,
     /// Ends the episode.
     stop: Arc<AtomicBool>,
+    /// The room is shown, and the clock can be started.
+    is_ready: bool,
     has_started: bool,
     order: Option<Order>,
 }
 
 impl Operator {
     pub fn new(station: Arc<Station>, quit: Arc<AtomicBool>, stop: Arc<AtomicBool>) -> Self {
-        Self { station, pilot: None, quit, stop, has_started: false, order: None }
+        Self { station, pilot: None, quit, stop, is_ready: false, has_started: false, order: None }
     }
 
     /// True if the clock was started.
@@ -43,24 +42,6 @@ impl Operator {
     /// The order that ended the episode.
     pub fn order(&self) -> Option<Order> {
         self.order
-    }
-
-    /// Waits until the clock is started. False if the room is left instead.
-    fn wait_for_start(&mut self) -> bool {
-        self.station.forget_orders();
-        self.station.status.send_modify(|status| status.phase = Phase::Ready);
-        while !self.quit.load(Ordering::Relaxed) {
-            match self.station.order() {
-                Some(Order::Start) => return true,
-                Some(Order::Next) => {
-                    self.order = Some(Order::Next);
-                    return false;
-                }
-                Some(_) => {}
-                None => std::thread::sleep(LOOK),
-            }
-        }
-        false
     }
 }
 
@@ -80,23 +61,39 @@ impl Policy for Operator {
         Ok(())
     }
 
-    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let began = Instant::now();
-        let Some((pilot, view)) = &mut self.pilot else { return Err(PolicyError::not_reset(NAME)) };
-        if !self.has_started {
-            if let Some(state) = view.state(observation, pilot.driven(), Timing { echo_ms: -1.0, ..Timing::default() })
+    /// The clock starts by an order; until then the room is shown.
+    fn waits(&mut self, first: &Observation) -> bool {
+        if self.has_started {
+            return false;
+        }
+        if !std::mem::replace(&mut self.is_ready, true) {
+            if let Some((pilot, view)) = &mut self.pilot
+                && let Some(state) = view.state(first, pilot.driven(), Timing { echo_ms: -1.0, ..Timing::default() })
             {
                 self.station.live.send_replace(Arc::new(state));
             }
-            self.has_started = self.wait_for_start();
-            if !self.has_started {
-                self.stop.store(true, Ordering::Relaxed);
-            } else {
+            self.station.forget_orders();
+            self.station.status.send_modify(|status| status.phase = Phase::Ready);
+        }
+        match self.station.order() {
+            Some(Order::Start) => {
+                self.has_started = true;
                 self.station.status.send_modify(|status| {
                     (status.phase, status.end, status.problem) = (Phase::Running, String::new(), String::new());
                 });
             }
+            Some(Order::Next) => {
+                self.order = Some(Order::Next);
+                self.stop.store(true, Ordering::Relaxed);
+            }
+            _ if self.quit.load(Ordering::Relaxed) => self.stop.store(true, Ordering::Relaxed),
+            _ => {}
         }
+        !self.has_started
+    }
+
+    fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        let began = Instant::now();
         let Some((pilot, view)) = &mut self.pilot else { return Err(PolicyError::not_reset(NAME)) };
         while let Some(order) = self.station.order() {
             if order != Order::Start {

@@ -4,5 +4,41 @@
 mod certificate;
 mod stream;
 
+use std::future::Future;
+use std::io;
+use std::path::Path;
+use std::pin::Pin;
+
+use tokio::io::DuplexStream;
+use tokio::net::TcpStream;
+
 pub use certificate::{Certificate, CertificateError, own_hosts};
 pub use stream::Tls;
+
+/// Makes of an accepted connection the stream of what it carries.
+pub type Accept =
+    Box<dyn Fn(TcpStream) -> Pin<Box<dyn Future<Output = io::Result<DuplexStream>> + Send>> + Send + Sync>;
+
+/// TLS with the certificate of a folder, made where there is none: the first of its hosts, what accepts connections, and what the
+/// user has to know. Without hosts, they are this machine's.
+///
+/// # Errors
+/// [`CertificateError`]: it has expired, is broken, or does not name the hosts.
+pub fn secure(folder: &Path, hosts: &[String]) -> Result<(String, Accept, String), CertificateError> {
+    let own = own_hosts();
+    // Of its own names, only the one in the page's address must be in the certificate.
+    let hosts = if hosts.is_empty() { &own[..1] } else { hosts };
+    let certificate = Certificate::open(folder, hosts, &own)?;
+    let tls = Tls::new(&certificate);
+    let accept = Box::new(move |stream| Box::pin(tls.clone().accept(stream)) as Pin<Box<_>>);
+    let age = if certificate.is_new() { "made now" } else { "as before" };
+    let said = format!(
+        "The certificate in {}, {age}, has the SHA-256 fingerprint\n  {}\n\
+         The headset's browser warns once that it does not know this certificate: choose Advanced, compare the fingerprint where \
+         it shows one, and proceed.\n\
+         It asks again when the certificate has expired after a year, or was made anew.",
+        folder.display(),
+        certificate.fingerprint()
+    );
+    Ok((hosts[0].clone(), accept, said))
+}

@@ -14,3 +14,4 @@ mod programs;
 mod python_client;
 mod readme;
 mod runs;
+mod teleop;

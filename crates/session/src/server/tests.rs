@@ -176,12 +176,13 @@ fn commands_have_a_bound() {
     assert!(matches!(error, Err(CommandError::NotFinite { .. })));
 }
 
-/// Guards that a take is `stopped` where its client ends it, and `aborted` where the client is gone, as other episodes are.
+/// Guards that a take with a step is `stopped` where its client ends it, and `aborted` where the client is gone, as other episodes are.
 #[test]
 fn only_a_take_can_be_stopped() {
-    let cause = |take: bool, input: Input<()>, later: Duration| {
+    let cause_after = |steps: u64, take: bool, input: Input<()>, later: Duration| {
         let mut session = running(Counter::default());
         session.info.take = take;
+        (0..steps).for_each(|step| act(&mut session, step, vec![0.5, -0.5]));
         while session.poll().is_some() {}
         session.handle(input, NOW + later);
         let mut found = None;
@@ -193,11 +194,13 @@ fn only_a_take_can_be_stopped() {
         }
         found.expect("an end")
     };
+    let cause = |take, input, later| cause_after(1, take, input, later);
     let reset = || Input::Reset(ResetRequest { episode: 1 }.encode_to_vec().into(), ());
     let close = || Input::Close(CloseRequest {}.encode_to_vec().into(), ());
     assert_eq!(cause(true, reset(), Duration::ZERO), STOPPED);
     assert_eq!(cause(true, close(), Duration::ZERO), STOPPED);
     assert_eq!(cause(false, close(), Duration::ZERO), ABORTED);
+    assert_eq!(cause_after(0, true, close(), Duration::ZERO), ABORTED, "a take of no step");
     assert_eq!(cause(true, Input::Terminate("the server shuts down"), Duration::ZERO), ABORTED);
     assert_eq!(cause(true, Input::Tick, Duration::from_secs(3600)), ABORTED);
 }
