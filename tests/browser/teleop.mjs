@@ -186,6 +186,31 @@ async function emulator() {
     globalThis.headset.installRuntime({ forceInstall: true });
     // It calls all that it emulates a guess.
     Object.defineProperty(globalThis.XRPose.prototype, "emulatedPosition", { get: () => false });
+    // It has an open hand, a pinch and one that points; a fist is the latter with its index finger as its middle finger, and a pinch of
+    // the middle finger an open hand whose thumb is there.
+    for (const hand of Object.values(globalThis.headset.hands)) {
+      const own = Object.getOwnPropertySymbols(hand).find(({ description }) => description === "@iwer/xr-hand-input");
+      const { poses } = hand[own];
+      const change = (pose, at) => {
+        const move = ([joint, { offsetMatrix, radius }]) => [joint, { offsetMatrix: at(joint, Float32Array.from(offsetMatrix)), radius }];
+        return { ...pose, jointTransforms: Object.fromEntries(Object.entries(pose.jointTransforms).map(move)) };
+      };
+      const place = (pose, joint) => pose.jointTransforms[joint].offsetMatrix.slice(12, 15);
+      const put = (matrix, at) => {
+        matrix.set(at, 12);
+        return matrix;
+      };
+      const knuckle = (finger) => place(poses.point, `${finger}-finger-phalanx-proximal`);
+      const shift = knuckle("index").map((at, axis) => at - knuckle("middle")[axis]);
+      poses.fist = change(poses.point, (joint, matrix) =>
+        joint.startsWith("index-finger") && !joint.endsWith("metacarpal")
+          ? put(matrix, place(poses.point, joint.replace("index", "middle")).map((at, axis) => at + shift[axis]))
+          : matrix,
+      );
+      poses.middlePinch = change(poses.default, (joint, matrix) =>
+        joint === "thumb-tip" ? put(matrix, place(poses.default, "middle-finger-tip")) : matrix,
+      );
+    }
   };
   return `${source};(${install})();`;
 }
@@ -243,7 +268,7 @@ async function operate({ seconds, maxMs, maxWay }) {
   const isDone = () => seen.status.phase !== "running";
   while (!isDone() && !given) {
     await new Promise((done) => setTimeout(done, 5));
-    const { step, force, follows, frozen } = seen.live.state;
+    const { step, force, follows } = seen.live.state;
     strongest = Math.max(strongest, ...force);
     const shifted = get(BULB).at.sub(bench);
     if (strongest > seen.live.doc.fragility_n) given = `it pressed the bulb with ${strongest.toFixed(0)} N`;
@@ -282,8 +307,7 @@ async function operate({ seconds, maxMs, maxWay }) {
       if ((elapsed > 2 && reached(0.012)) || elapsed > 6) next = phase === "before" ? "around" : "close";
     } else if (phase === "close") {
       trigger = 1;
-      // Without input the fingers rest.
-      closing += frozen ? 0 : dt;
+      closing += dt;
       if (closing > 2.4 || elapsed > 8) {
         closing = 0;
         goal = place(goal.at.clone().add(new Vector3(0, 0, 0.08)), goal.turn);
@@ -391,6 +415,23 @@ const palm = (page) =>
     return { is: at(frames.findIndex((frame) => frame.name === "right_palm")), wanted: at(frames.length + 1) };
   });
 
+// Raises a right controller or hand until the robot's hand is wanted 6 cm higher than `from`; how far each of them rose, m. What it does
+// while no picture comes is lost.
+async function raise(page, kind, from) {
+  let [moved, raised] = [0, 0];
+  while (raised < 0.06 && moved < 0.4) {
+    moved += 0.005;
+    await page.evaluate((kind) => {
+      globalThis.headset[kind].right.position.y += 0.005;
+    }, kind);
+    await page.waitForTimeout(50);
+    raised = (await palm(page)).wanted[2] - from[2];
+  }
+  return { moved, raised };
+}
+
+const rises = ({ moved, raised }) => raised >= 0.06 && raised < moved + 0.02;
+
 async function headset() {
   const opened = await worn("headset");
   const { page, press } = opened;
@@ -403,16 +444,8 @@ async function headset() {
   await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.follows[1], null, { timeout: PATIENCE_MS });
   const { is, wanted } = await palm(page);
   check(Math.hypot(...wanted.map((at, axis) => at - is[axis])) < 0.03, "the clutch does not jump", JSON.stringify({ is, wanted }));
-  await page.evaluate(async () => {
-    const { position } = globalThis.headset.controllers.right;
-    for (let step = 0; step < 20; step += 1) {
-      position.y += 0.005;
-      await new Promise((done) => setTimeout(done, 50));
-    }
-  });
-  await page.waitForTimeout(500);
-  const raised = (await palm(page)).wanted[2] - wanted[2];
-  check(raised > 0.05 && raised < 0.15, "the hand is wanted 10 cm higher, as the controller is", raised);
+  const raised = await raise(page, "controllers", wanted);
+  check(rises(raised), "the hand is wanted higher, as the controller is", JSON.stringify(raised));
   await page.evaluate(() => globalThis.headset.controllers.right.updateButtonValue("squeeze", 0));
 
   // Taken off, the headset drives no more.
@@ -430,7 +463,118 @@ async function headset() {
   await press("right", "a-button", "running");
   await press("left", "y-button", "ready");
   check((await status(page)).kept === 1, "X keeps a take, Y discards one");
+  await bareHands(page);
   await close(opened);
+}
+
+// The same headset without its controllers.
+async function bareHands(page) {
+  const until = (holds, argument = null) => page.waitForFunction(holds, argument, { timeout: PATIENCE_MS });
+  const set = (side, pose, at = null) =>
+    page.evaluate(
+      ([side, pose, at]) => {
+        const hand = globalThis.headset.hands[side];
+        hand.poseId = pose;
+        if (at) hand.position.set(...at);
+      },
+      [side, pose, at],
+    );
+  const rest = async () => {
+    await set("left", "default", [-0.2, 1.3, -0.4]);
+    await set("right", "default", [0.2, 1.3, -0.4]);
+  };
+  // Points the left hand at a button of the board, and pinches until the take is in a phase.
+  const press = async (button, phase) => {
+    const { hits } = await page.evaluate(async (button) => {
+      const { Quaternion, Vector3 } = await import("three");
+      const { board } = globalThis.fiatlux.headset();
+      const hand = globalThis.headset.hands.left;
+      const { x, y, width, height } = board.placed().find(({ name }) => name === button);
+      const { canvas, mesh } = board;
+      const scale = mesh.geometry.parameters.width / canvas.width;
+      const on = new Vector3((x + width / 2 - canvas.width / 2) * scale, (canvas.height / 2 - y - height / 2) * scale, 0);
+      const ahead = on.applyQuaternion(mesh.quaternion).add(mesh.position).sub(new Vector3(hand.position.x, hand.position.y, hand.position.z));
+      const turn = new Quaternion().setFromUnitVectors(new Vector3(0, 0, -1), ahead.normalize());
+      hand.quaternion.set(turn.x, turn.y, turn.z, turn.w);
+      await new Promise((done) => setTimeout(done, 500));
+      return { hits: board.cursors.map((cursor) => board.buttonAt(cursor)) };
+    }, button);
+    check(hits.includes(button), `the hand points at '${button}'`, hits.join());
+    if (button === "start") await page.screenshot({ path: `${screenshots}/teleop-hands-${phase}.png` });
+    await page.evaluate(() => globalThis.headset.hands.left.updatePinchValue(1));
+    await becomes(page, phase);
+    await page.evaluate(() => {
+      const { left } = globalThis.headset.hands;
+      left.updatePinchValue(0);
+      left.quaternion.set(0, 0, 0, 1);
+    });
+    await page.waitForTimeout(200);
+  };
+  // How far the right index finger is bent, by its first and its last link, rad.
+  const bent = () =>
+    page.evaluate(async () => {
+      const { Quaternion } = await import("three");
+      const { seen, pose } = globalThis.fiatlux;
+      const turn = (name) => new Quaternion(...pose(seen.live.doc.stage.frames.findIndex((frame) => frame.name === name)).slice(3));
+      return turn("right_hand_base_link").invert().multiply(turn("R_index_intermediate")).toArray();
+    });
+  const angle = (a, b) => 2 * Math.acos(Math.min(1, Math.abs(a.reduce((sum, part, index) => sum + part * b[index], 0))));
+  // The same once it has closed from where it was, and rests.
+  const settled = async (from) => {
+    let last = from;
+    for (const end = Date.now() + PATIENCE_MS / 4; Date.now() < end; ) {
+      await page.waitForTimeout(300);
+      const now = await bent();
+      if (angle(from, now) > 1 && angle(last, now) < 0.05) return now;
+      last = now;
+    }
+    return last;
+  };
+
+  await page.evaluate(() => {
+    globalThis.headset.primaryInputMode = "hand";
+  });
+  await rest();
+  await until(() => globalThis.fiatlux.headset().board.buttons.length > 0);
+  await press("start", "running");
+  check(true, "a pinch on the board starts the take");
+  await until(() => !globalThis.fiatlux.seen.live.state.frozen);
+
+  // A pinch of the left hand is a clutch for the right one, and for its fingers.
+  await set("left", "pinch");
+  await until(() => globalThis.fiatlux.seen.live.state.follows[1]);
+  const { wanted } = await palm(page);
+  const open = await bent();
+  await set("right", "fist");
+  const raised = await raise(page, "hands", wanted);
+  check(rises(raised), "the robot's hand rises as the operator's does", JSON.stringify(raised));
+  const closed = await settled(open);
+  check(angle(open, closed) > 1, "its index finger closes with the operator's", angle(open, closed));
+  await page.screenshot({ path: `${screenshots}/teleop-hands.png` });
+  await set("left", "default");
+  await until(() => !globalThis.fiatlux.seen.live.state.follows[1]);
+  await rest();
+  await page.waitForTimeout(700);
+  const letGo = await bent();
+  check(angle(closed, letGo) < 0.2, "without the clutch it stays as it is", angle(closed, letGo));
+
+  // A pinch of the left middle finger is a stick.
+  await set("left", "middlePinch");
+  await page.waitForTimeout(300);
+  await set("left", "middlePinch", [-0.2, 1.3, -0.3]);
+  await until(() => globalThis.fiatlux.seen.live.state.velocity[0] < -0.2);
+  await page.evaluate(() => {
+    globalThis.headset.hands.left.connected = false;
+  });
+  await until(() => globalThis.fiatlux.seen.live.state.velocity.every((part) => part === 0));
+  check(true, "a middle finger's pinch walks until the hand is lost");
+  await page.evaluate(() => {
+    globalThis.headset.hands.left.connected = true;
+  });
+  await rest();
+  await press("start", "ended");
+  await press("discard", "ready");
+  check((await status(page)).kept === 1, "the board's buttons stop and discard a take");
 }
 
 async function grab() {

@@ -35,6 +35,12 @@ export const CARD = {
     ["A", "start, stop"],
     ["X Y B", "save, discard, next room"],
   ],
+  "Hands without controllers": [
+    ["Thumb on index finger, held", "the other hand and its fingers repeat yours"],
+    ["Thumb on left middle finger, held", "drag to walk, step sideways"],
+    ["Thumb on right middle finger, held", "drag sideways to turn; up, down to rise, crouch"],
+    ["Point at the board and pinch", "start, stop, save, discard, next room"],
+  ],
 };
 
 export function showCard(root) {

@@ -13,6 +13,10 @@ import { Headset } from "./webxr.js";
 import { element, seconds, words } from "./words.js";
 
 const INPUT_MS = 20;
+// The view from behind: its turn to the robot's right, rad, its rise for each metre away, its distance, m; and the share by which it
+// turns with the robot in a picture.
+const BEHIND = { turn: 0.6, rise: 0.55, away: 3.2 };
+const FOLLOWS = 0.08;
 const WORDS = { opening: "Building the room", ready: "Ready", running: "Running", ended: "Ended" };
 const token = new URLSearchParams(location.search).get("token") ?? "";
 
@@ -127,11 +131,39 @@ function eyePose() {
   return { at, turn };
 }
 
+// Bearing of the robot that the view has turned to, rad.
+let turned = 0;
+function heading() {
+  live.poseAt(0, 0, position, quaternion);
+  const ahead = new THREE.Vector3(1, 0, 0).applyQuaternion(new THREE.Quaternion(...quaternion));
+  return Math.atan2(ahead.y, ahead.x);
+}
+
+// Looks from behind the robot and its right, so that forwards is ahead and the right hand is seen.
+function lookFromBehind() {
+  stage.resetView();
+  turned = heading();
+  const bearing = turned + Math.PI + BEHIND.turn;
+  const away = new THREE.Vector3(Math.cos(bearing), Math.sin(bearing), BEHIND.rise).normalize();
+  stage.camera.position.copy(stage.controls.target).addScaledVector(away, BEHIND.away);
+  stage.controls.update();
+}
+
+// Turns with the robot, and not with its sway.
+function turnWithRobot() {
+  const rest = heading() - turned;
+  const angle = FOLLOWS * Math.atan2(Math.sin(rest), Math.cos(rest));
+  turned += angle;
+  const { camera, controls } = stage;
+  camera.position.sub(controls.target).applyAxisAngle(camera.up, angle).add(controls.target);
+  camera.lookAt(controls.target);
+}
+
 function draw(frame) {
   if (!stage || !live.state) return;
   if (seen.needsView) {
     seen.needsView = false;
-    stage.resetView();
+    lookFromBehind();
   }
   ghosts.forEach((axes, side) => {
     axes.visible = live.state.wanted[side] && !usesEye;
@@ -141,11 +173,9 @@ function draw(frame) {
   });
   if (headset?.session && !frame) return;
   if (frame) {
-    live.poseAt(0, 0, position, quaternion);
-    const ahead = new THREE.Vector3(1, 0, 0).applyQuaternion(new THREE.Quaternion(...quaternion));
-    headset.place(frame, eyePose().at, Math.atan2(ahead.y, ahead.x));
-    headset.board.write(find("state").textContent, board());
-    socket.input("webxr", headset.read(frame, seen.status.phase === "running"));
+    headset.place(frame, eyePose().at, heading());
+    socket.input("webxr", headset.read(frame, seen.status.phase === "running", live.state.follows));
+    headset.board.write(find("state").textContent, board(), headset.usesHands() ? boardButtons() : []);
   } else if (usesEye) {
     const { at, turn } = eyePose();
     stage.resize();
@@ -154,6 +184,8 @@ function draw(frame) {
     const wide = live.doc.eye?.horizontal_fov ?? 1.2;
     stage.camera.fov = (360 / Math.PI) * Math.atan(Math.tan(wide / 2) / Math.max(stage.camera.aspect, 1));
     stage.camera.updateProjectionMatrix();
+  } else {
+    turnWithRobot();
   }
   stage.draw(live.state.step, live.state, true);
 }
@@ -163,7 +195,18 @@ function board() {
   const { doc, state } = live;
   const gate = doc.criteria.map((name, index) => ({ text: words(name), holds: state.criteria[index] }));
   const [left, right] = state.force.map((force) => force.toFixed(1));
-  return [...gate, { text: `Bulb: left ${left} N, right ${right} N` }, { text: `${doc.task}, ${seconds(state.step, doc.control_dt)}` }];
+  const facts = [`Bulb: left ${left} N, right ${right} N`, `Hands: ${hands(state)}`, `${doc.task}, ${seconds(state.step, doc.control_dt)}`];
+  return [...gate, ...facts.map((text) => ({ text }))];
+}
+
+const hands = ({ follows }) => ["left", "right"].map((side, index) => `${side} ${follows[index] ? "follows" : "rests"}`).join(", ");
+
+// The board's buttons: those of the page.
+function boardButtons() {
+  return ["start", "save", "discard", "next"].map((name) => {
+    const { textContent, disabled } = find(name);
+    return { name, label: textContent, disabled };
+  });
 }
 
 function panel() {
@@ -175,7 +218,7 @@ function panel() {
   });
   const [vx, vy, wz] = state.velocity.map((part) => part.toFixed(2));
   find("velocity").textContent = `${vx}, ${vy} m/s, ${wz} rad/s`;
-  find("hands").textContent = state.follows.map((follows) => (follows ? "follows" : "rests")).join(", ");
+  find("hands").textContent = hands(state);
   find("clock").textContent = seconds(state.step, doc.control_dt);
   const sorted = seen.roundTrips.toSorted((a, b) => a - b);
   find("latency").textContent = sorted.length > 0 ? `${sorted[sorted.length >> 1].toFixed(0)} ms (answer ${state.answer.toFixed(1)} ms)` : "";
@@ -213,7 +256,7 @@ const order = (name) => () => {
 find("start").addEventListener("click", () => order(seen.status.phase === "running" ? "stop" : "start")());
 for (const id of ["save", "discard", "next"]) find(id).addEventListener("click", order(id));
 find("reset").addEventListener("click", () => {
-  stage?.resetView();
+  if (stage) lookFromBehind();
   ask();
 });
 find("eye").addEventListener("click", () => {
@@ -225,15 +268,16 @@ find("eye").addEventListener("click", () => {
   if (!usesEye) {
     stage.camera.fov = 38;
     stage.camera.updateProjectionMatrix();
-    stage.resetView();
+    lookFromBehind();
   }
   ask();
 });
 find("headset").addEventListener("click", () => {
-  headset.enter(draw, () => {
+  const ended = () => {
     tell();
     ask();
-  }).then(tell, (error) => fail(`The headset cannot be entered: ${error.message}`));
+  };
+  headset.enter(draw, (button) => find(button).click(), ended).then(tell, (error) => fail(`The headset cannot be entered: ${error.message}`));
 });
 addEventListener("keydown", () => {
   usesPad = false;
@@ -258,4 +302,8 @@ setInterval(() => {
 showCard(find("card"));
 tell();
 // For tests: what the page knows.
-globalThis.fiatlux = { seen, pose: (frame) => (live.poseAt(0, frame, position, quaternion), [...position, ...quaternion]) };
+globalThis.fiatlux = {
+  seen,
+  headset: () => headset,
+  pose: (frame) => (live.poseAt(0, frame, position, quaternion), [...position, ...quaternion]),
+};

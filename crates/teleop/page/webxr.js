@@ -1,8 +1,9 @@
-// A headset: two eyes in the robot's place, and the poses of both controllers.
+// A headset: two eyes in the robot's place, and the poses of both controllers or tracked hands.
 
 import * as THREE from "three";
 
 import { Board } from "./board.js";
+import { Hands } from "./hands.js";
 
 // Axes of a headset (x right, y up, z backwards) in those of the room for a robot that looks along x.
 const ROOM_FROM_HEADSET = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().set(0, 0, -1, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1));
@@ -20,6 +21,7 @@ export class Headset {
     this.rig = new THREE.Group();
     this.board = new Board();
     this.rig.add(this.board.mesh);
+    this.hands = new Hands(this.rig, this.board);
     this.session = null;
     this.space = 0;
     this.heading = 0;
@@ -42,8 +44,9 @@ export class Headset {
     return (await navigator.xr?.isSessionSupported("immersive-vr").catch(() => false)) === true;
   }
 
-  // Must be called from a click. `picture` draws one; `ended` is called when the session is over.
-  async enter(picture, ended) {
+  // Must be called from a click. `picture` draws one; `press` is called with the name of a button of the board; `ended` when the
+  // session is over.
+  async enter(picture, press, ended) {
     const session = await navigator.xr.requestSession("immersive-vr", { optionalFeatures: ["local-floor", "hand-tracking"] });
     const { stage, renderer } = this;
     this.flat = { position: stage.camera.position.clone(), quaternion: stage.camera.quaternion.clone(), following: stage.following };
@@ -60,6 +63,10 @@ export class Headset {
     renderer.xr.getReferenceSpace().addEventListener?.("reset", () => {
       this.space += 1;
       this.centred = null;
+    });
+    session.addEventListener("select", ({ frame, inputSource }) => {
+      const button = this.hands.pressed(frame, inputSource, renderer.xr.getReferenceSpace());
+      if (button) press(button);
     });
     session.addEventListener("end", () => {
       this.session = null;
@@ -102,21 +109,20 @@ export class Headset {
     this.rig.updateMatrixWorld(true);
   }
 
-  read(frame, running) {
+  // True where a hand is tracked instead of a controller.
+  usesHands() {
+    return [...this.session.inputSources].some(({ hand, targetRayMode }) => hand || targetRayMode === "transient-pointer");
+  }
+
+  // What both hands do; `follows` has the robot's hands that follow, left first.
+  read(frame, running, follows) {
     const space = this.renderer.xr.getReferenceSpace();
     const hands = { left: null, right: null };
-    for (const { handedness, gripSpace, gamepad } of this.session.inputSources) {
-      if (!(handedness in hands)) continue;
-      const grip = gripSpace && frame.getPose(gripSpace, space);
-      // A position that is only guessed is none.
-      const isTracked = grip && !grip.emulatedPosition;
-      const { position: p, orientation: q } = grip?.transform ?? {};
-      hands[handedness] = {
-        pose: isTracked ? [p.x, p.y, p.z, q.x, q.y, q.z, q.w] : null,
-        buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => button?.value ?? 0),
-        // Inputs that a controller lacks are 0.
-        axes: [...(gamepad?.axes ?? [])].slice(0, 4).map((axis) => axis ?? 0),
-      };
+    this.hands.begin();
+    for (const source of this.session.inputSources) {
+      const { handedness, hand, targetRayMode } = source;
+      if (!(handedness in hands) || targetRayMode === "transient-pointer") continue;
+      hands[handedness] = hand ? this.hands.read(frame, source, space, follows[handedness === "left" ? 0 : 1]) : this.controller(frame, source, space);
     }
     const isClicked = (hands.left?.buttons[CLICK] ?? 0) > 0.5;
     if (isClicked && !this.wasClicked) {
@@ -125,5 +131,18 @@ export class Headset {
     }
     this.wasClicked = isClicked;
     return { space: this.space, visible: this.session.visibilityState === "visible", ...hands, heading: this.heading, running };
+  }
+
+  controller(frame, { gripSpace, gamepad }, space) {
+    const grip = gripSpace && frame.getPose(gripSpace, space);
+    // A position that is only guessed is none.
+    const isTracked = grip && !grip.emulatedPosition;
+    const { position: p, orientation: q } = grip?.transform ?? {};
+    return {
+      pose: isTracked ? [p.x, p.y, p.z, q.x, q.y, q.z, q.w] : null,
+      buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => button?.value ?? 0),
+      // Inputs that a controller lacks are 0.
+      axes: [...(gamepad?.axes ?? [])].slice(0, 4).map((axis) => axis ?? 0),
+    };
   }
 }

@@ -3,10 +3,11 @@
 use fiatlux_replay::site;
 
 /// Files by name, with their media types. What is not here is of the page of replays.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 10] = [
     ("board.js", JAVASCRIPT, include_str!("../page/board.js")),
     ("card.js", JAVASCRIPT, include_str!("../page/card.js")),
     ("gamepad.js", JAVASCRIPT, include_str!("../page/gamepad.js")),
+    ("hands.js", JAVASCRIPT, include_str!("../page/hands.js")),
     ("keyboard.js", JAVASCRIPT, include_str!("../page/keyboard.js")),
     ("live.js", JAVASCRIPT, include_str!("../page/live.js")),
     ("socket.js", JAVASCRIPT, include_str!("../page/socket.js")),
