@@ -1,9 +1,15 @@
 """Tests that LeRobot loads an exported data set and trains on it."""
 
+import base64
 import io
+import json
 import os
+import signal
+import socket
 import subprocess
 import sys
+import time
+import urllib.parse
 
 import fiatlux
 import numpy as np
@@ -166,6 +172,102 @@ def test_commands_are_a_data_set(commands):
     assert said[100][0] > 0.1 and float(first["action"][3]) == pytest.approx(0.75)
     image = later["observation.images.camera"]
     assert image.shape == (3, 48, 64) and loaded.features["observation.images.camera"]["dtype"] == "image"
+
+
+class Page:
+    """The connection of the page of `fiatlux teleop`."""
+
+    def __init__(self, address):
+        url = urllib.parse.urlsplit(address)
+        self.socket = socket.create_connection((url.hostname, url.port), timeout=60)
+        key = base64.b64encode(os.urandom(16)).decode()
+        lines = [f"GET /drive?{url.query} HTTP/1.1", f"Host: {url.netloc}", "Upgrade: websocket", "Connection: Upgrade"]
+        lines += [f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13", "", ""]
+        self.socket.sendall("\r\n".join(lines).encode())
+        self.file = self.socket.makefile("rb")
+        assert b"101" in self.file.readline()
+        while self.file.readline() != b"\r\n":
+            pass
+
+    def send(self, message):
+        text = json.dumps(message).encode()
+        # Masked with zeros.
+        self.socket.sendall(bytes([0x81, 0xFE]) + len(text).to_bytes(2, "big") + bytes(4) + text)
+
+    def until(self, phase):
+        while True:
+            kind, length = self.file.read(2)
+            if length >= 126:
+                length = int.from_bytes(self.file.read(2 if length == 126 else 8), "big")
+            body = self.file.read(length)
+            status = json.loads(body).get("status", {}) if kind == 0x81 else {}
+            if status.get("phase") == phase:
+                return status
+
+    def close(self):
+        self.file.close()
+        self.socket.close()
+
+    def hold(self, key, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            data = {"keys": [key], "focused": True, "running": True}
+            self.send({"input": "keyboard", "at": 1, "data": data})
+            time.sleep(0.02)
+
+
+def test_takes_are_a_data_set(tmp_path):
+    """Read back with pyarrow alone: what a person drove is in the files, take by take."""
+    import pyarrow.parquet
+
+    program = os.environ.get("FIATLUX_TEST_PROGRAM")
+    if program is None:
+        pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
+    takes = tmp_path / "takes"
+    command = [program, "teleop", "--task", "S07", "--seed", "4", "--no-open", "--out", takes]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        page = Page(process.stdout.readline().strip())
+        for key, order in (("KeyS", "save"), ("KeyQ", "discard"), ("KeyQ", "save")):
+            page.until("ready")
+            page.send({"order": "start"})
+            page.until("running")
+            page.hold(key, 1.0)
+            page.send({"order": "stop"})
+            assert page.until("ended")["end"] == "stopped"
+            page.send({"order": order})
+        page.until("ready")
+        page.close()
+        process.send_signal(signal.SIGINT)
+        kept = process.communicate(timeout=60)[0].split()
+    bags = [fiatlux.Bag(path) for path in sorted(takes.glob("*.mcap"))]
+    assert process.returncode == 0 and len(bags) == len(kept) == 2
+    assert [bag.header["episode"] for bag in bags] == [0, 2] and all(bag.header["request"]["take"] for bag in bags)
+
+    data = fiatlux.export_lerobot(takes, tmp_path / "set", vcodec=None)
+    info = json.loads((data / "meta/info.json").read_text())
+    lengths = [len(bag["/state"]["step"]) - 1 for bag in bags]
+    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 50, 2)
+    assert info["total_frames"] == sum(lengths) and min(lengths) > 20
+    files = sorted((data / "data").rglob("*.parquet"))
+    table = pyarrow.concat_tables([pyarrow.parquet.read_table(path) for path in files]).to_pydict()
+    episodes = np.array(table["episode_index"])
+    for index, (bag, length) in enumerate(zip(bags, lengths)):
+        rows = np.flatnonzero(episodes == index)
+        assert len(rows) == length
+        column = {name: np.array([table[name][row] for row in rows]) for name in table}
+        np.testing.assert_array_equal(column["action"], bag["/state"]["action"][1:].astype(np.float32))
+        seen = bag["/observation"]["proprioception.joint_position"]
+        np.testing.assert_array_equal(column["observation.state"][:, 10:63], seen[:-1])
+        np.testing.assert_array_equal(column["frame_index"], np.arange(length))
+        assert not column["next.done"][:-1].any() and column["next.done"][-1]
+        assert not column["next.success"].any() and set(column["episode.policy"].ravel()) == {"teleop"}
+        turned = [bag["/action"][f"action.whole_body.{name}"] for name in ("vx", "wz")]
+        np.testing.assert_array_equal(column["command"][:, [0, 2]], np.stack(turned, axis=1).astype(np.float32))
+    walked, turned = (np.array([table["command"][row] for row in np.flatnonzero(episodes == take)]) for take in (0, 1))
+    assert walked[:, 0].min() < -0.1 and turned[:, 2].max() > 0.1
+    (episode_file,) = (data / "meta/episodes").rglob("*.parquet")
+    said = pyarrow.parquet.read_table(episode_file).to_pydict()
+    assert said["length"] == lengths and said["tasks"] == [[bag.header["instruction"]] for bag in bags]
 
 
 def train(root, out, chunk, *more):
