@@ -1,9 +1,10 @@
 //! Plans ways up the step ladder, from the floor to the platform: backwards, and with the face to it, which reversed is the way
-//! down.
+//! down. Then, on the platform, the turn from the back to the face.
 //!
 //!     cargo run -p fiatlux-climb --example plan -- ladder crates/climb/src/ladder.txt
 //!     cargo run -p fiatlux-climb --example plan -- ladder-bulb crates/climb/src/ladder_bulb.txt
 //!     cargo run -p fiatlux-climb --example plan -- descent crates/climb/src/descent.txt
+//!     cargo run -p fiatlux-climb --example plan -- turn crates/climb/src/turn.txt
 #![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
 
 use std::f64::consts::PI;
@@ -14,7 +15,7 @@ use fiatlux_dynamics::{Mechanics, ShapeId};
 use fiatlux_kinematics::Clearance;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 const SURFACES: [&str; 6] =
     ["floor", "ladder_tread_0", "ladder_tread_1", "ladder_tread_2", "ladder_tread_3", "ladder_platform"];
@@ -25,6 +26,10 @@ const PLATFORM_DEPTH: f64 = 0.35;
 /// Distance of the soles' middles from the ladder's, and ahead of a tread's middle, m.
 const ASIDE: f64 = 0.11;
 const OFFSET: f64 = -0.01;
+
+/// Half extents of the platform, and distance of its middle from the ladder's, m.
+const PLATFORM_HALF: [f64; 2] = [0.24, 0.20];
+const TOP_POINT: f64 = 0.1;
 
 /// Legs and waist have the joints before it.
 const FIRST_OF_ARMS: usize = 15;
@@ -76,10 +81,10 @@ struct Ladder {
 }
 
 impl Ladder {
-    fn new(way: Way) -> Self {
+    fn new(way: Way, config: &SceneConfig) -> Self {
         let robot = Arc::new(Robot::benchmark().unwrap());
         let spec = SceneSpec::new(SceneKind::Climb, 0, robot.gains(GainSet::default()));
-        let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
+        let scene = Scene::build(config, robot, spec).unwrap();
         let mut mechanics = Mechanics::new(&scene.model);
         mechanics.update(&scene.model, &scene.model.reference_state());
         Self { way, scene, mechanics }
@@ -113,6 +118,21 @@ impl Ladder {
         Foothold { sole, range, surface }
     }
 
+    /// Part of a sole on the platform that is over it.
+    fn range_on_platform(&self, side: usize, sole: &Isometry3<f64>) -> [f64; 2] {
+        let [half, wide] = self.scene.robot.soles()[side].half_extents;
+        let platform = self.site(SURFACES[PLATFORM]);
+        let is_over = |ahead: f64| {
+            [wide, -wide].iter().all(|aside| {
+                let corner = platform.inverse() * sole * Point3::new(ahead, *aside, 0.0);
+                corner.x.abs() < PLATFORM_HALF[0] && corner.y.abs() < PLATFORM_HALF[1]
+            })
+        };
+        let reach =
+            |sign: f64| (0..=100).map(|part| sign * half * f64::from(part) / 100.0).take_while(|x| is_over(*x)).last();
+        [reach(-1.0).unwrap_or(0.0), reach(1.0).unwrap_or(0.0)]
+    }
+
     fn clearances(&self, places: Places) -> Vec<Clearance> {
         let (model, ids) = (&self.scene.model, &self.scene.robot_ids);
         let shape = |id: ShapeId| &model.shapes()[id.0];
@@ -130,8 +150,10 @@ impl Ladder {
             let name = &model.bodies()[shape(id).body.0].spec.name;
             is_robot(id) && ["shoulder", "elbow", "wrist", "L_", "R_"].iter().any(|part| name.contains(part))
         };
+        let is_lamp = |id: ShapeId| shape(id).name.starts_with("fixture");
         let gap = |a: ShapeId, b: ShapeId| match is_robot(a) && is_robot(b) {
             true => self.way.gaps[0],
+            false if is_lamp(a) || is_lamp(b) => LAMP_GAP,
             false if swings(a) || swings(b) => self.way.gaps[2],
             false if is_arm(a) || is_arm(b) => self.way.gaps[3],
             false => self.way.gaps[1],
@@ -142,16 +164,114 @@ impl Ladder {
     }
 }
 
+/// The lamp beyond the guard rail, from the ladder's middle and above the floor, and the gap to it, m: it stands for a bulb and a
+/// housing, which hang or stick out of a wall.
+const LAMP: [f64; 2] = [0.47, 2.15];
+const LAMP_GAP: f64 = 0.07;
+/// As of [`Way::gaps`], while the robot turns round.
+const TURNING_GAPS: [f64; 4] = [0.001, 0.020, 0.010, 0.030];
+/// Arms while it turns round: hands beside the chest, clear of guard rail and lamp.
+const BESIDE: Arm = Arm { pitch: 1.0, roll: 0.25, elbow: -0.5, ..Arm::ZERO };
+
+/// A step of a robot that turns round.
+struct Turn {
+    side: usize,
+    /// Headings of the toes at its end, and of the pelvis while the foot is in the air, degrees.
+    toes: f64,
+    pelvis: f64,
+    /// Distance of the point that the robot turns about from the ladder's middle, m.
+    middle: f64,
+}
+
+const fn turn_by(side: usize, toes: f64, pelvis: f64, middle: f64) -> Turn {
+    Turn { side, toes, pelvis, middle }
+}
+
+/// The toes point away from the middle, and the feet go round it; the left foot begins at 270 degrees, the right one at 90.
+const ROUND: [Turn; 7] = [
+    turn_by(0, 300.0, 190.0, 0.03),
+    turn_by(1, 120.0, 220.0, 0.045),
+    turn_by(0, 350.0, 235.0, 0.045),
+    turn_by(1, 170.0, 250.0, 0.045),
+    turn_by(0, 400.0, 285.0, 0.045),
+    turn_by(1, 220.0, 300.0, 0.045),
+    turn_by(0, 420.0, 330.0, 0.045),
+];
+const ROUND_RADIUS: f64 = 0.12;
+/// Then they go abreast, where a task on the platform begins.
+const ABREAST: [Turn; 2] = [turn_by(1, 345.0, 335.0, 0.085), turn_by(0, 375.0, 385.0, 0.085)];
+const ABREAST_ASIDE: f64 = 0.118;
+
+/// Plans the turn on the platform, from where the way up ends.
+fn turn(file: &str) {
+    let mut config = SceneConfig::default();
+    config.climb.fixture = [config.climb.ladder[0] + LAMP[0], config.climb.ladder[1], LAMP[1]];
+    let ladder = Ladder::new(Way { gaps: TURNING_GAPS, ..LADDER }, &config);
+    let scene = &ladder.scene;
+    let ids = &scene.robot_ids;
+    let mut planner = Planner::new(&scene.model, &scene.robot, ids, Box::new(|places| ladder.clearances(places)));
+    planner.arms = [BESIDE; 2];
+    let up = fiatlux_climb::ladder().unwrap();
+    let last = up.keyframes.last().unwrap();
+    let platform = ladder.site(SURFACES[PLATFORM]).translation.vector;
+    let world_from_plan = Isometry3::translation(platform.x - TOP_POINT, platform.y, 0.0);
+    let mut state = scene.model.reference_state();
+    state.set_pose(&scene.model, ids.root, &(world_from_plan * last.pelvis));
+    let rest = planner.rest([0.4; 2]);
+    let angles = last.angles[..FIRST_OF_ARMS].iter().chain(&rest[FIRST_OF_ARMS..JOINTS]);
+    ids.joints.iter().zip(angles).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
+    let mut plan = Plan { keyframes: vec![last.clone()] };
+    let mut feet = [0, 1].map(|side| ladder.foothold(side, PLATFORM));
+    let mut facing = PI;
+    planner.turn(facing, facing);
+    let (next, key) = planner.stand(&state, feet).expect("no posture to turn from");
+    state = next;
+    plan.extend([key]);
+    let abreast = |turn: &Turn| Vector3::new(turn.middle, [1.0, -1.0][turn.side] * ABREAST_ASIDE, platform.z);
+    let round = |turn: &Turn| {
+        let (sin, cos) = turn.toes.to_radians().sin_cos();
+        Vector3::new(turn.middle + ROUND_RADIUS * cos, ROUND_RADIUS * sin, platform.z)
+    };
+    let steps = ROUND.iter().map(|turn| (turn, round(turn))).chain(ABREAST.iter().map(|turn| (turn, abreast(turn))));
+    for (turn, at) in steps {
+        let (toes, pelvis) = (turn.toes.to_radians(), turn.pelvis.to_radians());
+        let sole = world_from_plan * Isometry3::new(at, Vector3::z() * toes);
+        let to = Foothold { sole, range: ladder.range_on_platform(turn.side, &sole), surface: PLATFORM };
+        planner.turn(facing, pelvis);
+        let Some((next, keyframes)) = planner.step(&state, feet, turn.side, to) else {
+            panic!("no way for foot {} to {} degrees", turn.side, turn.toes)
+        };
+        plan.extend(keyframes);
+        (state, feet[turn.side], facing) = (next, to, pelvis);
+        println!("foot {} at {} degrees: {:.1} s", turn.side, turn.toes, plan.seconds());
+    }
+    planner.turn(2.0 * PI, 2.0 * PI);
+    let (_, key) = planner.stand(&state, feet).expect("no posture after the turn");
+    plan.extend([key]);
+    plan.keyframes.remove(0);
+    write(plan, &world_from_plan, file);
+}
+
+/// Writes a plan in the ladder's frame: its origin on the floor, x from the steps into it.
+fn write(mut plan: Plan, world_from_plan: &Isometry3<f64>, file: &str) {
+    plan.keyframes.iter_mut().for_each(|key| key.pelvis = world_from_plan.inverse() * key.pelvis);
+    println!("{} postures, {:.1} s", plan.keyframes.len(), plan.seconds());
+    std::fs::write(file, plan.write()).unwrap();
+}
+
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [name, file] = arguments.as_slice() else { panic!("name the way and the file to write") };
+    if name == "turn" {
+        return turn(file);
+    }
     let way = match name.as_str() {
         "ladder" => LADDER,
         "ladder-bulb" => LADDER_BULB,
         "descent" => DESCENT,
-        _ => panic!("{name} is not a way; name ladder, ladder-bulb or descent"),
+        _ => panic!("{name} is not a way; name ladder, ladder-bulb, descent or turn"),
     };
-    let ladder = Ladder::new(way);
+    let ladder = Ladder::new(way, &SceneConfig::default());
     let scene = &ladder.scene;
     let mut planner =
         Planner::new(&scene.model, &scene.robot, &scene.robot_ids, Box::new(|places| ladder.clearances(places)));
@@ -190,10 +310,6 @@ fn main() {
         let (_, last) = planner.stand(&state, feet).expect("no posture on the platform");
         plan.extend([last]);
     }
-    // Into the ladder's frame: its origin on the floor, x from the steps into it.
-    let origin = ladder.site("ladder_platform").translation.vector;
-    let plan_from_world = Isometry3::translation(-origin.x + 0.1, -origin.y, 0.0);
-    plan.keyframes.iter_mut().for_each(|key| key.pelvis = plan_from_world * key.pelvis);
-    println!("{} postures, {:.1} s", plan.keyframes.len(), plan.seconds());
-    std::fs::write(file, plan.write()).unwrap();
+    let platform = ladder.site(SURFACES[PLATFORM]).translation.vector;
+    write(plan, &Isometry3::translation(platform.x - TOP_POINT, platform.y, 0.0), file);
 }

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::body::Body;
 use crate::plan::{Keyframe, Plan};
-use crate::planner::{Foothold, Planner};
+use crate::planner::{Foothold, Planner, heading};
 
 /// Smallest gap between two parts of the robot, m.
 const GAP: f64 = 0.001;
@@ -102,12 +102,6 @@ pub fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyfram
     }
     plan.extend([Keyframe { seconds: SETTLE, ..to.clone() }]);
     Some(plan)
-}
-
-/// Direction of the x axis on the level, rad.
-fn heading(rotation: &UnitQuaternion<f64>) -> f64 {
-    let ahead = rotation * Vector3::x();
-    libm::atan2(ahead.y, ahead.x)
 }
 
 /// The next foothold on the way from one to another one.

@@ -51,6 +51,23 @@ pub fn ladder_with_bulb() -> Result<Plan, PlanError> {
     Plan::read(include_str!("ladder_bulb.txt"))
 }
 
+/// The plan on the platform of the step ladder, from where [`ladder`] ends, its back to the guard rail, to where the robot faces what is
+/// behind the rail and its toes point there.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn turn() -> Result<Plan, PlanError> {
+    Plan::read(include_str!("turn.txt"))
+}
+
+/// The same as [`turn`], with the right hand as it holds a bulb.
+///
+/// # Errors
+/// None, unless the file that comes with this version is broken.
+pub fn turn_with_bulb() -> Result<Plan, PlanError> {
+    Ok(with_bulb(turn()?))
+}
+
 /// Roll of the right wrist in a robot's joints, and its angle with which a bulb in the hand starts, rad.
 const WRIST_ROLL: (usize, f64) = (26, 1.57);
 
@@ -59,7 +76,10 @@ const WRIST_ROLL: (usize, f64) = (26, 1.57);
 /// # Errors
 /// None, unless the file that comes with this version is broken.
 pub fn descent_with_bulb() -> Result<Plan, PlanError> {
-    let mut plan = descent()?;
+    Ok(with_bulb(descent()?))
+}
+
+fn with_bulb(mut plan: Plan) -> Plan {
     plan.keyframes.iter_mut().for_each(|key| key.angles[WRIST_ROLL.0] = WRIST_ROLL.1);
-    Ok(plan)
+    plan
 }

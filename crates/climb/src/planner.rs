@@ -27,11 +27,15 @@ const AHEAD: [f64; 3] = [0.0, -0.01, 0.01];
 /// Bend of the knee that bears, rad, and how far a foot is pulled out from under the next tread, m: tried in this order.
 const BENDS: [f64; 5] = [0.9, 1.3, 1.7, 2.1, 0.5];
 const BACK: [f64; 3] = [0.02, 0.03, 0.01];
+/// Part of these bends that both knees have while the robot turns round.
+const LEVEL_BEND: f64 = 0.45;
 /// Point of a sole that the weight is brought over, ahead of its middle, m.
 const BEARING: f64 = -0.03;
 /// Distances that the rolls of the ankles keep from their limits, rad, tried in this order: what is left there is what balance
 /// has across a foot.
 const ROLLS: [f64; 3] = [0.1, 0.06, 0.0];
+/// Distance that the pitches of the ankles keep from their limits while the robot turns round, rad.
+const PITCH: f64 = 0.25;
 /// Largest tilt of the pelvis, rad.
 const TILT: f64 = 0.4;
 /// Height of a foot above what it steps over, and above where it comes down, m.
@@ -107,6 +111,8 @@ pub struct Planner<'a> {
     pub arms: [Arm; 2],
     /// Distance that the rolls of the ankles keep from their limits, rad.
     roll: f64,
+    /// Heading of the pelvis before a step and when its weight has moved, and now, rad, where the robot turns round.
+    turn: Option<([f64; 2], f64)>,
 }
 
 /// The state that a plan has reached, and its postures so far.
@@ -126,7 +132,7 @@ impl<'a> Planner<'a> {
         let moving = moving.map(|(index, _)| index).collect();
         let (mechanics, inverse) = (Mechanics::new(model), BTreeMap::new());
         let arms = [Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO }; 2];
-        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms, roll: ROLLS[0] }
+        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms, roll: ROLLS[0], turn: None }
     }
 
     /// Lets shoulders and elbows move out of the way from here on. Hands stay as they are.
@@ -137,16 +143,26 @@ impl<'a> Planner<'a> {
         self.inverse.clear();
     }
 
+    /// From here on the toes point where the footholds have them, and the pelvis turns from one heading to another one, rad, while the
+    /// weight of the next step moves. A step then lets no heel rise.
+    pub fn turn(&mut self, from: f64, to: f64) {
+        self.turn = Some(([from, to], from));
+    }
+
     /// Angles that all joints rest at, the knees bent by so much, rad.
     pub fn rest(&self, bends: [f64; 2]) -> Vec<f64> {
+        self.rest_with(bends, [self.out; 2])
+    }
+
+    fn rest_with(&self, bends: [f64; 2], outs: [f64; 2]) -> Vec<f64> {
         let angle = |name: &str| {
             let (side, joint) = name.split_once('_').unwrap_or_default();
-            let (outwards, bend, arm) =
-                if side == "left" { (1.0, bends[0], self.arms[0]) } else { (-1.0, bends[1], self.arms[1]) };
+            let (outwards, side) = if side == "left" { (1.0, 0) } else { (-1.0, 1) };
+            let (bend, out, arm) = (bends[side], outs[side], self.arms[side]);
             match joint {
-                "hip_pitch_joint" => -0.6 * bend * libm::cos(self.out),
-                "hip_roll_joint" => outwards * 0.6 * bend * libm::sin(self.out),
-                "hip_yaw_joint" => outwards * self.out,
+                "hip_pitch_joint" => -0.6 * bend * libm::cos(out),
+                "hip_roll_joint" => outwards * 0.6 * bend * libm::sin(out),
+                "hip_yaw_joint" => outwards * out,
                 "knee_joint" => bend,
                 "ankle_pitch_joint" => -0.4 * bend,
                 "shoulder_pitch_joint" => arm.pitch,
@@ -178,7 +194,9 @@ impl<'a> Planner<'a> {
         side: usize,
         to: Foothold,
     ) -> Option<(State, Vec<Keyframe>)> {
-        for (roll, heel_rises) in ROLLS.into_iter().flat_map(|roll| [(roll, false), (roll, true)]) {
+        let turns = self.turn.is_some();
+        let ways = ROLLS.into_iter().flat_map(|roll| [(roll, false), (roll, true)]);
+        for (roll, heel_rises) in ways.filter(|(_, heel_rises)| !(turns && *heel_rises)) {
             self.roll = roll;
             for ahead in AHEAD {
                 let over = feet[1 - side].bearing() + Vector3::x() * ahead;
@@ -205,7 +223,7 @@ impl<'a> Planner<'a> {
         heel_rises: bool,
     ) -> Option<Walked> {
         let other = 1 - side;
-        let mut bends = [0.4; 2];
+        let mut bends = [if self.turn.is_some() { LEVEL_BEND * bend } else { 0.4 }; 2];
         if feet[other].surface > feet[side].surface {
             bends = [0.05; 2];
             bends[other] = bend;
@@ -223,6 +241,9 @@ impl<'a> Planner<'a> {
                 let front = feet[side].range[1];
                 walked.holds[side].1 = Hold::Edge(front - 0.01);
                 ranges[side] = [front - 0.02, front];
+            }
+            if let Some(([from, to], now)) = &mut self.turn {
+                *now = *from + part * (*to - *from);
             }
             let com = com.lerp(&over, part);
             walked.state = self.solve(&walked.state, walked.holds, places, com, bends, false)?;
@@ -251,8 +272,12 @@ impl<'a> Planner<'a> {
         let mut places = feet.map(|foot| Some(foot.surface));
         let is_up = feet[other].surface > feet[side].surface;
         let mut bends = walked.bends;
-        bends[side] = 1.5;
-        bends[other] = if is_up { bends[other].min(0.8) } else { 0.3 };
+        if self.turn.is_some() {
+            bends[side] += 0.3;
+        } else {
+            bends[side] = 1.5;
+            bends[other] = if is_up { bends[other].min(0.8) } else { 0.3 };
+        }
         let mut bears = [1.0; 2];
         bears[side] = 0.0;
         let mut ranges = feet.map(|foot| foot.range);
@@ -328,8 +353,21 @@ impl<'a> Planner<'a> {
             }
             goal
         };
-        let goals = [goal(0), goal(1), Goal::com_over(com.x, com.y)];
-        let rest = self.rest(bends);
+        let mut goals = vec![goal(0), goal(1), Goal::com_over(com.x, com.y)];
+        let root = Site { body: self.ids.root, body_from_site: Isometry3::identity() };
+        if let Some((_, facing)) = self.turn {
+            let mut heading = Goal::pose(root, Isometry3::rotation(Vector3::z() * facing));
+            (heading.position, heading.rotation) = ([0.0; 3], [0.0, 0.0, 0.3]);
+            goals.push(heading);
+        }
+        let outs = match self.turn {
+            None => [self.out; 2],
+            Some((_, facing)) => [0, 1].map(|side| {
+                let toes = heading(&holds[side].0.rotation) - facing;
+                [1.0, -1.0][side] * libm::atan2(libm::sin(toes), libm::cos(toes))
+            }),
+        };
+        let rest = self.rest_with(bends, outs);
         let rest: Vec<f64> = self.moving.iter().map(|index| rest[*index]).collect();
         let inverse = match self.inverse.entry(places) {
             std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
@@ -352,7 +390,11 @@ impl<'a> Planner<'a> {
         inverse.options.tries = if is_first { 8 } else { 1 };
         inverse.set_rest(&rest).ok()?;
         let joints = self.robot.joints();
-        let margin = |index: &usize| if joints[*index].name.ends_with("ankle_roll_joint") { self.roll } else { 0.0 };
+        let margin = |index: &usize| match joints[*index].name.split_once("_ankle_") {
+            Some((_, "roll_joint")) => self.roll,
+            Some(_) if self.turn.is_some() => PITCH,
+            _ => 0.0,
+        };
         inverse.set_margins(&self.moving.iter().map(margin).collect::<Vec<_>>()).ok()?;
         let mut state = from.clone();
         let mut found = inverse.solve(self.model, &mut state, &goals).ok()?;
@@ -363,16 +405,21 @@ impl<'a> Planner<'a> {
             // The same again, less tilted.
             let axis = Unit::try_new(up.cross(&Vector3::z()), 1e-6)?;
             let rotation = UnitQuaternion::from_axis_angle(&axis, tilt - most) * rotation;
-            let site = Site { body: self.ids.root, body_from_site: Isometry3::identity() };
-            let mut upright = Goal::pose(site, Isometry3::from_parts(Vector3::zeros().into(), rotation));
+            let mut upright = Goal::pose(root, Isometry3::from_parts(Vector3::zeros().into(), rotation));
             (upright.position, upright.rotation) = ([0.0; 3], [0.3, 0.3, 0.0]);
-            let goals = [goals[0], goals[1], goals[2], upright];
+            goals.push(upright);
             found = inverse.solve(self.model, &mut state, &goals).ok()?;
         }
         let jump = self.ids.joints.iter().map(|joint| (from.qpos[joint.qpos] - state.qpos[joint.qpos]).abs());
         let is_near = is_first || jump.fold(0.0, f64::max) < JUMP;
         (found.outcome == Outcome::Reached && is_near).then_some(state)
     }
+}
+
+/// Direction of the x axis on the level, rad.
+pub(crate) fn heading(rotation: &UnitQuaternion<f64>) -> f64 {
+    let ahead = rotation * Vector3::x();
+    libm::atan2(ahead.y, ahead.x)
 }
 
 /// Part of the time of a way after which that part of it is done, if it begins and ends at rest.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
     Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
-    ladder_with_bulb, raised, stand,
+    ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
@@ -135,20 +135,23 @@ impl Policy for Climb {
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "climb", reason };
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let (plan, goes_down) = match task {
-            "S02" | "climb" => (ladder(), false),
+        let (plan, then, goes_down) = match task {
+            "S02" | "climb" => (ladder(), Some(turn()), false),
             "S04" | "S10" | "S12" if self.climber.is_some() => {
                 return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
             }
-            "S10" => (ladder_with_bulb(), false),
-            "S04" => (descent_with_bulb(), true),
-            "S12" => (descent(), true),
+            "S10" => (ladder_with_bulb(), Some(turn_with_bulb()), false),
+            "S04" => (descent_with_bulb(), None, true),
+            "S12" => (descent(), None, true),
             _ => {
                 let reason = format!("it plays S02, S04, S10, S12 and climb, but this is {task}; use another policy");
                 return Err(unfit(reason));
             }
         };
-        let plan = plan.map_err(PolicyError::of("climb"))?;
+        let mut plan = plan.map_err(PolicyError::of("climb"))?;
+        if let Some(then) = then.filter(|_| self.climber.is_none()) {
+            plan.extend(then.map_err(PolicyError::of("climb"))?.keyframes);
+        }
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
         let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;

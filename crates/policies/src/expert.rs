@@ -24,8 +24,9 @@ pub(crate) const ENTRY: Entry = Entry {
 
 /// Control steps for which a skill has nothing left to do before the next one takes over: a robot that stands has come to rest.
 const RESTS: u64 = 150;
-/// Control steps after which a skill that is not over begins again, from where things are: the length of an episode of its task.
-const PATIENCE: u64 = 6_000;
+/// Control steps after which a skill that is not over begins again, from where things are: half as long again as an episode of its task,
+/// since the climb goes on to turn the robot round.
+const PATIENCE: u64 = 9_000;
 /// Control steps for which a hand counts as touching after it felt a bulb.
 const TOUCHED: u64 = 25;
 

@@ -241,3 +241,21 @@ fn a_plan_is_read_as_it_was_written() {
         assert!(Plan::read(broken).is_err(), "{}", &broken[..3]);
     }
 }
+
+/// After the climb, the robot faces what it is to reach.
+#[test]
+fn the_turn_ends_with_the_face_to_the_guard_rail() {
+    let plan = fiatlux_climb::turn().unwrap();
+    let up = fiatlux_climb::ladder().unwrap();
+    let (first, last) = (up.keyframes.last().unwrap(), plan.keyframes.last().unwrap());
+    assert!((first.pelvis.translation.vector - plan.keyframes[0].pelvis.translation.vector).norm() < 0.1);
+    assert!((last.pelvis.rotation * Vector3::x()).x > 0.99);
+    let (mut stood, count) = (0, rooms(16).count());
+    for room in rooms(16) {
+        let played = play(&plan, 2.0, 1.15 * plan.seconds() / 2.0, room);
+        println!("room {room}: {played:?}");
+        stood += usize::from(played.fell.is_none() && played.height > 1.82 && played.ladder.0 < 0.001);
+    }
+    println!("{stood} of {count}");
+    assert!(stood * 10 >= count * 9, "{stood} of {count}");
+}

@@ -19,7 +19,7 @@ const SENSORS: Sensors =
 const WAITS: u32 = 100;
 
 /// Time after which an episode is left as stuck, s.
-const MAX_SECONDS: f64 = 400.0;
+const MAX_SECONDS: f64 = 1000.0;
 
 /// The end of an episode.
 #[allow(dead_code)]

@@ -71,7 +71,7 @@ impl Facts {
         Ok(Self {
             ladder_is_placed: is_upright
                 && (top.coords - socket.translation.vector).xy().norm() < Thresholds::default().placement_m,
-            is_up: robot.translation.z > Thresholds::default().working_height_m,
+            is_up: robot.translation.z > UP,
             old_is_seated,
             fresh_is_seated,
             holds,
@@ -88,6 +88,8 @@ const CRATE_HALF: [f64; 2] = [0.30, 0.20];
 const CRATE_HEIGHT: f64 = 0.25;
 /// The ladder's top point: `top_point` of `[ladder]` there.
 const LADDER_TOP: [f64; 3] = [0.0, 0.10, 1.18];
+/// Height of the pelvis above the floor from which on the robot is on the platform, even if it leans as low as `hands` does, m.
+const UP: f64 = 1.6;
 /// Lean at which the ladder is not ready, rad.
 const MAX_LEAN: f64 = 0.1;
 /// Height of a bulb above which a hand has it, m: drop heights are below.
