@@ -48,6 +48,10 @@ const RATES: [f64; 2] = [2.0, 1.6];
 const TOP: [f64; 3] = [0.0, 0.10, 1.18];
 const SEAT: f64 = 0.036_259;
 const OTHER_HEIGHT: f64 = 0.002;
+/// Part of its largest effort with which a finger presses on a bulb at most, and that by which the average of its angle goes to the
+/// sensed one in each control step.
+const PRESSES: f64 = 0.9;
+const SENSED: f64 = 0.1;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
@@ -72,7 +76,8 @@ struct Episode {
     /// The climb, from where this task begins.
     plan: Plan,
     goes_down: bool,
-    holds_bulb: bool,
+    /// Where a bulb is held, how far each finger's target may be from its angle, rad, and the average of that angle.
+    fingers: Vec<(f64, Option<f64>)>,
     climbs: bool,
     player: Option<Player>,
     /// Follows the plan in place of the player, which goes to the plan's first posture alone.
@@ -163,6 +168,8 @@ impl Policy for Climb {
             ..*own
         });
         let gains = Gains(gains.collect());
+        let fingers = gains.0.iter().skip(JOINTS).map(|gains| (PRESSES * gains.effort_limit / gains.stiffness, None));
+        let fingers = if matches!(task, "S04" | "S10") { fingers.collect() } else { Vec::new() };
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), relative_height)?;
         let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
@@ -177,7 +184,7 @@ impl Policy for Climb {
             stood: 0,
             plan,
             goes_down,
-            holds_bulb: matches!(task, "S04" | "S10"),
+            fingers,
             climbs: false,
             player: None,
             climber: self.climber.clone(),
@@ -202,8 +209,11 @@ impl Policy for Climb {
         }
         if episode.player.is_none() {
             let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
-            let goes_on = episode.walker.step(observation, &command)?;
+            let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
+                if let Command::JointTarget(targets) = &mut goes_on {
+                    episode.hold_bulb(targets, &angles);
+                }
                 return Ok(goes_on);
             }
             episode.stand(&world_from_plan, &pelvis, &angles)?;
@@ -312,10 +322,17 @@ impl Episode {
             self.follower = Some(Follower::new(climber, tracker));
         }
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
-        if self.holds_bulb {
-            // The fingers press on as they do at the start.
-            targets[JOINTS..].copy_from_slice(&self.walker.targets[JOINTS..]);
-        }
+        self.hold_bulb(&mut targets, angles);
         Ok(targets)
+    }
+
+    /// The fingers press on as they do at the start, but not with all that their drives have.
+    fn hold_bulb(&mut self, targets: &mut [f64], angles: &[f64]) {
+        let places = targets.iter_mut().zip(&self.walker.targets).zip(angles).skip(JOINTS);
+        for (((target, start), sensed), (reach, average)) in places.zip(&mut self.fingers) {
+            let angle = average.get_or_insert(*sensed);
+            *angle += SENSED * (sensed - *angle);
+            *target = start.clamp(*angle - *reach, *angle + *reach);
+        }
     }
 }

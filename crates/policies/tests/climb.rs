@@ -47,8 +47,9 @@ fn it_climbs_with_a_bulb() {
             let hands = moment.row.hands(bulb).concat();
             most = hands.iter().map(|force| force.norm()).fold(most, f64::max);
         });
-        let play::Played { cause, seconds, progress, height, ladder, .. } = ended.unwrap();
+        let play::Played { cause, seconds, progress, height, ladder, loads, .. } = ended.unwrap();
         assert_eq!(cause, Cause::Success, "{task:?} after {seconds} s, {progress:?}");
+        assert_eq!(loads.loose, (0, 0), "{task:?}: something else touches the bulb, or it slips");
         assert!((height > 1.03) == (task == Task::S10) && ladder.0 < 1e-3 && ladder.1 < 1e-3, "{height} m, {ladder:?}");
         assert!((1.0..35.0).contains(&most), "{task:?}: {most} N");
     }

@@ -90,10 +90,13 @@ fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
 }
 
 fn print_end(seed: u64, played: &Played) {
+    let touch = played.loads.first_touch.as_ref();
+    let touch =
+        touch.map_or(String::new(), |(step, names)| format!(", first {names} at {:.1} s", *step as f64 * CONTROL_DT));
     let Played { cause, seconds, progress, height, ladder, effort, loads } = played;
     println!(
         "{seed}: {cause:?} after {seconds:.1} s, plan {progress:.1?} s, pelvis {height:.2} m, ladder {:.1} mm and {:.4} rad, effort {:.0} %, \
-         overlap {:.1} mm, touched with {:.1} N ({}), grip {:.1} N, loose in {} rows, at most {} in a row",
+         overlap {:.1} mm, touched with {:.1} N ({}{touch}), grip {:.1} N, loose in {} rows, at most {} in a row",
         1e3 * ladder.0,
         ladder.1,
         100.0 * effort,

@@ -23,6 +23,8 @@ use nalgebra::{Isometry3, Vector3};
 const SENSORS: Sensors = Sensors::of(&[Sensor::Proprioception, Sensor::LastAction, Sensor::Privileged]);
 /// Speed of a joint from which physics steps are looked at one by one, rad/s.
 const FAST: f64 = 10.0;
+/// Least force that counts as a touch, N.
+const TOUCH: f64 = 0.1;
 /// Parts of a limit that are told apart.
 const BINS: usize = 1000;
 /// A multiple of the golden angle and of the golden ratio spreads directions and times over the rooms.
@@ -72,6 +74,8 @@ pub struct Loads {
     pub penetration: f64,
     /// Largest force on a part of the robot other than its feet, of all but the robot and the bulbs, N, and both names.
     pub touch: (f64, String),
+    /// Step of the first of them, and both names.
+    pub first_touch: Option<(u64, String)>,
     /// Largest force of the bulb on a body of the hand in all physics steps, N.
     pub grip: f64,
     /// Rows in which the strict rules do not have the bulb in the grip of a hand, and the longest run of them.
@@ -94,6 +98,7 @@ impl Loads {
             speeds: vec![0.0; joints],
             penetration: 0.0,
             touch: (0.0, String::new()),
+            first_touch: None,
             grip: 0.0,
             loose: (0, 0),
         }
@@ -119,9 +124,13 @@ impl Loads {
             };
             let is_bulb = matches!(other.0, ShapeOwner::OLD_BULB | ShapeOwner::FRESH_BULB);
             let force = contact.force.norm();
-            if !is_bulb && !scene.robot.feet().contains(&link) && force > self.touch.0 {
-                let names = [&scene.robot.links()[link].name, &scene.model.shapes()[other.1.0].name];
-                self.touch = (force, format!("{} on {}", names[1], names[0]));
+            if is_bulb || scene.robot.feet().contains(&link) || force < TOUCH {
+                continue;
+            }
+            let names = || format!("{} on {}", scene.model.shapes()[other.1.0].name, scene.robot.links()[link].name);
+            self.first_touch.get_or_insert_with(|| (row.step, names()));
+            if force > self.touch.0 {
+                self.touch = (force, names());
             }
         }
     }
