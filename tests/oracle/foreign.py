@@ -2,7 +2,7 @@
 
     FIATLUX_PYTHON tests/oracle/foreign.py FOLDER [--small] [--seed N]
 
-Writes Balance.onnx, Walk.onnx, model_decoder.onnx and targets.safetensors to FOLDER. Observations are written out with
+Writes Balance.onnx, Walk.onnx, model_decoder.onnx, model_encoder.onnx and targets.safetensors to FOLDER. Observations are written out with
 numpy from the published descriptions (docs/controllers.md), the networks run in onnxruntime. What is sensed and commanded in
 each step follows from `sequence`, which the Rust test (crates/foreign/tests/it/oracle.rs) has too. `--small` gives networks
 of a few kB; those of seed 1 are committed in crates/foreign/tests/fixtures:
@@ -250,6 +250,24 @@ def write_sonic(path, sizes, random):
     net.save(path, sizes[0], net.node("Squeeze", [action, [1]]), sizes[-1], 1, 13)
 
 
+ENCODED = [0, *range(911, 929), *range(1559, 1577), *range(1631, 1637), *range(1685, 1697), *range(1745, 1751), 4, 5, 6]
+"""Inputs of SONIC's encoder, release 1.1, that the one for tests halves: its mode, six joints of the first and of the last frame,
+orientations and wrists of both, and three inputs of another mode."""
+
+
+def write_encoder(path):
+    nodes = [helper.make_node("Gather", ["obs_dict", "which"], ["chosen"], axis=1)]
+    nodes.append(helper.make_node("Mul", ["chosen", "half"], ["token"]))
+    constants = [numpy_helper.from_array(np.array(ENCODED, np.int64), "which")]
+    constants.append(numpy_helper.from_array(np.array([0.5], np.float32), "half"))
+    ends = [helper.make_tensor_value_info("obs_dict", TensorProto.FLOAT, [1, 1751])]
+    ends.append(helper.make_tensor_value_info("token", TensorProto.FLOAT, [1, len(ENCODED)]))
+    graph = helper.make_graph(nodes, "encoder", ends[:1], ends[1:], constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    path.write_bytes(model.SerializeToString())
+
+
 def write_safetensors(path, tensors, metadata=None):
     header, data = {"__metadata__": metadata} if metadata else {}, b""
     for name, numbers in tensors.items():
@@ -298,6 +316,7 @@ def main():
     write_gear(folder / "Balance.onnx", estimator, actor, random, 1, as_gemm=True)
     write_gear(folder / "Walk.onnx", estimator, actor, random, "batch", as_gemm=False)
     write_sonic(folder / "model_decoder.onnx", decoder, random)
+    write_encoder(folder / "model_encoder.onnx")
     players = {f"gear.{reading}": Gear(folder, reading) for reading in Gear.READINGS}
     players["sonic"] = Sonic(folder)
     targets = {name: np.array([player.step(seen) for seen in sequence()]) for name, player in players.items()}

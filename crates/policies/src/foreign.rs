@@ -7,9 +7,10 @@ use fiatlux_foreign::{
     FixedToken, GainsRule, Gear as GearController, Model, Plant, Reading, RecordedTokens, Sonic as SonicController,
     Token, TokenSource,
 };
-use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 
 use super::body::{self, Senses};
+use super::body_motion::TrackedBody;
 use super::whole_body::{UPRIGHT, WholeBody};
 use fiatlux_client::{Command, Policy, PolicyError};
 
@@ -26,7 +27,8 @@ pub(crate) const GEAR: Entry = Entry {
 /// As a program makes it.
 pub(crate) const SONIC: Entry = Entry {
     name: "sonic:DIR",
-    does: "the decoder of GEAR-SONIC from the ONNX file in DIR, on a recorded sequence of tokens: sonic:DIR,token=FILE",
+    does: "the decoder of GEAR-SONIC from the ONNX file in DIR, on a recorded sequence of tokens: sonic:DIR,token=FILE; \
+           or on a tracked body: sonic:DIR,stream=tcp://HOST:5556",
     make: |text| Ok(Box::new(Sonic::new(text)?)),
 };
 
@@ -34,7 +36,7 @@ pub(crate) const SONIC: Entry = Entry {
 static GEAR_FIELDS: LazyLock<String> =
     LazyLock::new(|| format!("reading, gains, {}", fiatlux_wbc::BodyCommand::NAME_LIST));
 const GEAR_FILE_FIELDS: &str = "reading, gains";
-const SONIC_FIELDS: &str = "token, gains";
+const SONIC_FIELDS: &str = "token, stream, gains";
 const SONIC_FILE_FIELDS: &str = "gains";
 
 /// GEAR's networks and how to read them, for any number of episodes.
@@ -187,12 +189,19 @@ pub struct Gear {
     body: Option<WholeBody>,
 }
 
-/// The decoder of GEAR-SONIC with a sequence of tokens: it moves legs, waist and arms; hands keep the staged posture.
+/// The decoder of GEAR-SONIC with a sequence of tokens or a tracked body: it moves legs, waist and arms; hands keep the staged
+/// posture.
 pub struct Sonic {
     name: String,
     files: SonicFiles,
-    tokens: Box<dyn TokenSource>,
+    motion: Motion,
     body: Option<SonicBody>,
+}
+
+/// Where tokens come from.
+enum Motion {
+    Tokens(Box<dyn TokenSource>),
+    Body(Box<TrackedBody>),
 }
 
 impl Gear {
@@ -230,21 +239,34 @@ impl Policy for Gear {
 }
 
 impl Sonic {
-    /// Parses `DIR[,token=FILE][,gains=own|any]`. Without a file of tokens every token is zeros.
+    /// Parses `DIR[,token=FILE|,stream=tcp://HOST:PORT][,gains=own|any]`. Without either every token is zeros. A stream is waited
+    /// for.
     ///
     /// # Errors
-    /// [`PolicyError::Words`], or a network or tokens that cannot be loaded.
+    /// [`PolicyError::Words`], a network or tokens that cannot be loaded, or a stream that does not come.
     pub fn new(text: &str) -> Result<Self, PolicyError> {
-        let mut tokens: Box<dyn TokenSource> = Box::new(FixedToken::default());
+        let mut motion = Motion::Tokens(Box::new(FixedToken::default()));
+        let mut stream = None;
         let files = SonicFiles::open_with(text, SONIC_FIELDS, |name, value| {
-            if name != "token" {
-                return Ok(None);
+            match name {
+                "token" => {
+                    let tokens = RecordedTokens::read(Path::new(value)).map_err(PolicyError::of("sonic"))?;
+                    motion = Motion::Tokens(Box::new(tokens));
+                }
+                "stream" => stream = Some(value.to_owned()),
+                _ => return Ok(None),
             }
-            tokens = Box::new(RecordedTokens::read(Path::new(value)).map_err(PolicyError::of("sonic"))?);
             Ok(Some(()))
         })?;
-        let name = body::label("sonic", text, &[files.decoder.digest()]);
-        Ok(Self { name, files, tokens, body: None })
+        let mut digests = vec![files.decoder.digest().to_owned()];
+        if let Some(address) = stream {
+            let folder = text.split_once(',').map_or(text, |(folder, _)| folder);
+            let body = TrackedBody::open(&address, Path::new(folder))?;
+            digests.extend(body.digest().map(str::to_owned));
+            motion = Motion::Body(Box::new(body));
+        }
+        let digests: Vec<&str> = digests.iter().map(String::as_str).collect();
+        Ok(Self { name: body::label("sonic", text, &digests), files, motion, body: None })
     }
 }
 
@@ -253,14 +275,28 @@ impl Policy for Sonic {
         self.name.clone()
     }
 
+    fn sensors(&self) -> Vec<Sensor> {
+        match &self.motion {
+            Motion::Tokens(_) => Vec::new(),
+            Motion::Body(body) => body.sensors(),
+        }
+    }
+
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
+        if let Motion::Body(body) = &mut self.motion {
+            body.reset();
+        }
         self.body = Some(self.files.begin("sonic", info, first)?);
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let body = self.body.as_mut().ok_or_else(|| PolicyError::not_reset("sonic"))?;
-        body.step(observation, &self.tokens.token(observation.step).map_err(PolicyError::of("sonic"))?)
+        let token = match &mut self.motion {
+            Motion::Tokens(tokens) => tokens.token(observation.step).map_err(PolicyError::of("sonic"))?,
+            Motion::Body(tracked) => tracked.token(observation)?,
+        };
+        body.step(observation, &token)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The built-in policies, one in each file, and the registry that makes policies by name.
 
 mod body;
+mod body_motion;
 mod climb;
 mod entry;
 mod expert;

@@ -291,7 +291,7 @@ fn foreign_controllers_refuse_what_does_not_fit() {
         ("gear,reading=mine", GainSet::Gear, "'reading=mine'"),
         ("gear,speed=1", GainSet::Gear, "use names of reading, gains, vx"),
         ("gear,vx=inf", GainSet::Gear, "'vx=inf'"),
-        ("sonic,vx=1", GainSet::Sonic, "use names of token, gains"),
+        ("sonic,vx=1", GainSet::Sonic, "use names of token, stream, gains"),
         ("sonic,gains=soft", GainSet::Sonic, "'gains=soft'"),
         ("sonic,token=/nowhere.txt", GainSet::Sonic, "/nowhere.txt"),
     ] {

@@ -80,7 +80,8 @@ export class Panel {
         "li",
         {},
         element("b", {}, ruling.protocol),
-        chip(ruling.end ?? "cut"),
+        // A take that its operator stopped has all its rows.
+        chip(ruling.end ?? (recorded === "stopped" ? recorded : "cut")),
         element("span", {}, seconds(ruling.steps, this.track.dt)),
         element("span", { className: "soft" }, `progress ${ruling.progress.toFixed(2)}`),
       );
