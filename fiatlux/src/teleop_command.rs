@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use fiatlux_rules::Task;
-use fiatlux_teleop::{PageArgs, TakeOptions, takes};
+use fiatlux_teleop::{PageArgs, RobotArgs, TakeOptions, takes};
 
 use crate::network::secure;
 
@@ -27,6 +27,8 @@ pub struct TeleopArgs {
     /// Layout seed of the first room.
     #[arg(long, default_value_t = 0, value_parser = fiatlux_client::parse_seed, allow_hyphen_values = true)]
     seed: u64,
+    #[command(flatten)]
+    robot: RobotArgs,
     /// Folder of the takes, a bag each.
     #[arg(long, value_name = "DIR", default_value = "takes")]
     out: PathBuf,
@@ -37,7 +39,8 @@ pub struct TeleopArgs {
 /// Runs the command: serves the page, and plays takes until Ctrl-C.
 pub fn run(args: &TeleopArgs) -> anyhow::Result<ExitCode> {
     fiatlux_cli::init_quiet_log();
-    let options = TakeOptions { task: args.task, seed: args.seed, out: args.out.clone() };
+    let options =
+        TakeOptions { task: args.task, seed: args.seed, robot: args.robot.robot.into(), out: args.out.clone() };
     args.page.run(secure, |station, stop| takes::play(&options, station, stop))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -36,13 +36,14 @@ pub(crate) struct Arms {
 }
 
 impl Arms {
-    /// Takes over from these angles of legs, waist and arms, rad.
+    /// Takes over from these angles of legs, waist and arms of a robot, rad.
     ///
     /// # Errors
     /// The robot's file is not this version's.
-    pub fn new(q: &[f64]) -> Result<Self, PolicyError> {
+    pub fn new(driven: &Robot, q: &[f64]) -> Result<Self, PolicyError> {
         // The fingers move no palm.
         let robot = Robot::by_name("g1_bare").map_err(PolicyError::of(NAME))?;
+        let links = driven.forward_kinematics(driven.q0(), &Isometry3::identity()).map_err(PolicyError::of(NAME))?;
         let mut builder = ModelBuilder::new();
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(PolicyError::of(NAME))?;
         let model = builder.build().map_err(PolicyError::of(NAME))?;
@@ -61,8 +62,11 @@ impl Arms {
                 rest.iter_mut().zip(MIRRORED).for_each(|(angle, is)| *angle = if is { -*angle } else { *angle });
             }
             inverse.set_rest(&rest).map_err(PolicyError::of(NAME))?;
-            let link = &ids.links[robot.palms()[side]];
-            Ok((Site { body: link.body, body_from_site: link.body_from_link }, inverse))
+            // Where the palm is on the wrist, the hands differ.
+            let wrist = MOVED + (side + 1) * ARM - 1;
+            let wrist_from_palm = links[driven.joints()[wrist].link].inv_mul(&links[driven.palms()[side]]);
+            let link = &ids.links[robot.joints()[wrist].link];
+            Ok((Site { body: link.body, body_from_site: link.body_from_link * wrist_from_palm }, inverse))
         };
         let arms = [arm(0)?, arm(1)?];
         let mut angles = [0.0; ARMS];

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
+use fiatlux_robot::Robot;
 use thiserror::Error;
 
 use crate::serve::{Cockpit, Secure, ServeError};
@@ -19,6 +20,14 @@ use crate::takes::Kept;
 const LAN_PORT: u16 = 8443;
 /// Folder of the certificate, below that of the user.
 const FOLDER: &str = ".config/fiatlux/teleop";
+
+/// The robot that is driven.
+#[derive(Debug, Clone, Args)]
+pub struct RobotArgs {
+    /// Robot to drive, by its name or that of its hands
+    #[arg(long, value_name = "NAME", visible_alias = "hands", value_parser = Robot::known, default_value = Robot::NAMES[0])]
+    pub robot: &'static str,
+}
 
 /// Where the page is served.
 #[derive(Debug, Clone, Args)]

@@ -30,7 +30,7 @@ mod view;
 /// Name of the policy in errors and in the record.
 const NAME: &str = "teleop";
 
-pub use command::{CommandError, PageArgs, Secured};
+pub use command::{CommandError, PageArgs, RobotArgs, Secured};
 pub use frame::{Bends, Fingers, Frame, Hand, Motion, Order};
 pub use input::{Input, InputError, Reading};
 pub use inputs::Inputs;

@@ -6,6 +6,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_robot::Robot;
 use fiatlux_session::Command;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, NOMINAL_HEIGHT};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -55,6 +56,7 @@ struct Held {
 
 /// Drives the robot of a session.
 pub struct Pilot {
+    robot: Robot,
     q0: Vec<f64>,
     /// `None` until the operator moves a hand, so that the staged posture stays what it is.
     arms: Option<Arms>,
@@ -85,8 +87,11 @@ impl Pilot {
         if first.last_action.len() != info.joints.len() {
             return Err(PolicyError::Sensor { policy: NAME, sensor: "last_action" });
         }
+        let names = info.joints.iter().map(|joint| joint.name.as_str());
+        let robot = Robot::with_joints(names).map_err(PolicyError::of(NAME))?;
         let staged = info.joints.iter().zip(&first.last_action);
         Ok(Self {
+            robot,
             q0: info.joints.iter().map(|joint| joint.q0).collect(),
             arms: None,
             grips: Grips::new(info).map_err(PolicyError::of(NAME))?,
@@ -124,7 +129,7 @@ impl Pilot {
             return Err(PolicyError::Sensor { policy: NAME, sensor: "proprioception" });
         }
         let mut arms = match self.arms.take() {
-            None if frame.hands.iter().any(moves) => Some(Arms::new(&q)?),
+            None if frame.hands.iter().any(moves) => Some(Arms::new(&self.robot, &q)?),
             arms => arms,
         };
         if let Some(arms) = &mut arms {

@@ -34,6 +34,8 @@ const LOST: &str = "lost";
 pub struct TakeOptions {
     pub task: Task,
     pub seed: u64,
+    /// Name of the robot.
+    pub robot: String,
     /// Folder of the bags.
     pub out: PathBuf,
 }
@@ -50,11 +52,12 @@ pub struct Kept {
 }
 
 /// The request for the session of a take.
-fn request(task: Task, seed: u64, operator: &Operator) -> OpenRequest {
+fn request(task: Task, robot: &str, seed: u64, operator: &Operator) -> OpenRequest {
     OpenRequest {
         protocol: Some(PROTOCOL),
         policy: NAME.into(),
         task: task.to_string(),
+        robot: robot.into(),
         seed,
         mode: Mode::RealTime.into(),
         sensors: operator.sensors(),
@@ -80,7 +83,7 @@ fn room(task: Task, request: &OpenRequest) -> Result<Room, TakeError> {
 /// [`TakeError`]; the bags of earlier takes stay in the folder.
 pub fn play(options: &TakeOptions, station: &Arc<Station>, quit: &Arc<AtomicBool>) -> Result<Kept, TakeError> {
     let mut studio = OwnServer::start(&options.out)?;
-    let played = play_in(&mut studio, options.task, options.seed, station, quit);
+    let played = play_in(&mut studio, options.task, &options.robot, options.seed, station, quit);
     studio.close();
     played
 }
@@ -92,16 +95,18 @@ pub fn play(options: &TakeOptions, station: &Arc<Station>, quit: &Arc<AtomicBool
 pub fn play_elsewhere(
     mut server: ServerElsewhere,
     task: Task,
+    robot: &str,
     seed: u64,
     station: &Arc<Station>,
     quit: &Arc<AtomicBool>,
 ) -> Result<Kept, TakeError> {
-    play_in(&mut server, task, seed, station, quit)
+    play_in(&mut server, task, robot, seed, station, quit)
 }
 
 fn play_in(
     studio: &mut dyn Studio,
     task: Task,
+    robot: &str,
     mut seed: u64,
     station: &Arc<Station>,
     quit: &Arc<AtomicBool>,
@@ -113,7 +118,7 @@ fn play_in(
         let stop = Arc::new(AtomicBool::new(false));
         let mut operator = Operator::new(Arc::clone(station), Arc::clone(quit), Arc::clone(&stop));
         let episode = studio.next_episode(task, seed);
-        let request = request(task, seed, &operator);
+        let request = request(task, robot, seed, &operator);
         station.status.send_modify(|status| {
             (status.phase, status.episode) = (Phase::Opening, episode.to_string());
         });

@@ -4,7 +4,7 @@ use clap::Args;
 use fiatlux_client::{AccessArgs, parse_seed};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_rules::Task;
-use fiatlux_teleop::{PageArgs, Secured, ServerElsewhere, takes};
+use fiatlux_teleop::{PageArgs, RobotArgs, Secured, ServerElsewhere, takes};
 
 use super::Failure;
 
@@ -25,6 +25,8 @@ pub struct TeleopArgs {
     /// Layout seed of the first room
     #[arg(short, long, default_value_t = 0, value_parser = parse_seed, allow_hyphen_values = true)]
     seed: u64,
+    #[command(flatten)]
+    robot: RobotArgs,
     /// Index of the first take's episode in each room; with the seed it determines start and noise
     #[arg(long, value_name = "INDEX", default_value_t = 0, value_parser = fiatlux_cli::whole::<u64>(0..))]
     episode: u64,
@@ -48,6 +50,7 @@ pub fn teleop(args: &TeleopArgs) -> Result<bool, Failure> {
         let (host, secure, said) = fiatlux_tls::secure(folder, hosts)?;
         Ok::<_, fiatlux_tls::CertificateError>(Secured { host, secure, said })
     };
-    args.page.run(secure, |station, stop| takes::play_elsewhere(server, args.task, args.seed, station, stop))?;
+    let robot = args.robot.robot;
+    args.page.run(secure, |station, stop| takes::play_elsewhere(server, args.task, robot, args.seed, station, stop))?;
     Ok(true)
 }

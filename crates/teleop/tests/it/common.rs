@@ -37,6 +37,7 @@ impl Seen<'_> {
 pub type Script<'a> = Box<dyn FnMut(&Seen<'_>) -> Option<Frame> + Send + 'a>;
 
 struct Scripted<'a> {
+    robot: &'static str,
     script: Script<'a>,
     parts: Option<(Pilot, Robot, Vec<f64>)>,
     last: u64,
@@ -61,7 +62,7 @@ impl Policy for Scripted<'_> {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        let robot = Robot::by_name("g1_inspire").expect("the robot");
+        let robot = Robot::by_name(self.robot).expect("the robot");
         let q0 = info.joints.iter().map(|joint| joint.q0).collect();
         self.parts = Some((Pilot::new(info, first)?, robot, q0));
         Ok(())
@@ -87,14 +88,20 @@ impl Policy for Scripted<'_> {
 
 /// Drives a task by a script for at most so many steps; `None` if nothing ended the episode by then.
 pub fn drive(task: &str, seed: u64, steps: u64, script: Script<'_>) -> Option<EpisodeEnd> {
+    drive_robot("g1_inspire", task, seed, steps, script)
+}
+
+/// The same with a robot.
+pub fn drive_robot(robot: &'static str, task: &str, seed: u64, steps: u64, script: Script<'_>) -> Option<EpisodeEnd> {
     let link = fiatlux_carrier::memory();
     let options = ServerOptions { name: "teleop".into(), workers: 1, ..ServerOptions::default() };
     let server = Server::start(link.clone(), options).expect("a server");
     let stop = Arc::new(AtomicBool::new(false));
-    let mut policy = Scripted { script, parts: None, last: steps, stop: Arc::clone(&stop) };
+    let mut policy = Scripted { robot, script, parts: None, last: steps, stop: Arc::clone(&stop) };
     let request = OpenRequest {
         protocol: Some(PROTOCOL),
         policy: policy.name(),
+        robot: robot.into(),
         task: task.into(),
         seed,
         sensors: policy.sensors(),

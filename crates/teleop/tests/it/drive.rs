@@ -1,10 +1,10 @@
 //! A driven robot: it walks, stops, moves its hands, and never jumps.
 
 use fiatlux_rules::Task;
-use fiatlux_teleop::{Fingers, Frame, Hand, Motion};
+use fiatlux_teleop::{Bends, Fingers, Frame, Hand, Motion};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use crate::common::drive;
+use crate::common::{Seen, drive, drive_robot};
 
 fn follow(side: usize, pose: Isometry3<f64>) -> Frame {
     let mut frame = Frame::default();
@@ -33,28 +33,33 @@ fn a_robot_without_input_stands() {
     assert!(at[250].z > 0.65, "upright: {} m", at[250].z);
 }
 
-/// Fingers that were told to close go on to do so while input is late, and those that were told nothing stay.
+/// Fingers that were told to close go on to do so while input is late, and those that were told nothing stay: by a trigger, and by a
+/// tracked hand on each robot.
 #[test]
 fn a_hand_closes_while_input_is_late() {
-    let mut bent = Vec::new();
-    drive(
-        "S07",
-        4,
-        120,
-        Box::new(|seen| {
-            bent.push(["left", "right"].map(|side| {
-                let base = seen.link(&format!("{side}_hand_base_link")).rotation;
-                let tip = seen.link(if side == "left" { "L_index_intermediate" } else { "R_index_intermediate" });
-                base.inverse() * tip.rotation
+    let fist = Bends { across: 1.0, knuckles: [1.0; 5], middles: [1.0; 5], pinches: [0.0; 2] };
+    let inspire = ["hand_base_link", "L_index_intermediate", "R_index_intermediate"];
+    let dex3 = ["hand_palm_link", "left_hand_index_1_link", "right_hand_index_1_link"];
+    for (robot, links, fingers) in [
+        ("g1_inspire", inspire, Fingers::Close(1.0)),
+        ("g1_inspire", inspire, Fingers::Bend(fist)),
+        ("g1_dex3", dex3, Fingers::Bend(fist)),
+    ] {
+        let mut bent = Vec::new();
+        let script = |seen: &Seen<'_>| {
+            bent.push([("left", links[1]), ("right", links[2])].map(|(side, tip)| {
+                let base = seen.link(&format!("{side}_{}", links[0])).rotation;
+                base.inverse() * seen.link(tip).rotation
             }));
             // A fifth of a second of input, and then none.
-            let hands = [Hand::default(), Hand { fingers: Some(Fingers::Close(1.0)), ..Hand::default() }];
+            let hands = [Hand::default(), Hand { fingers: Some(fingers), ..Hand::default() }];
             (seen.step < 10).then(|| Frame { hands, ..Frame::default() })
-        }),
-    );
-    let turned = |side: usize| bent[10][side].angle_to(&bent[120][side]);
-    assert!(turned(1) > 1.5, "the right index finger closes: {} rad", turned(1));
-    assert!(turned(0) < 0.2, "the left one stays: {} rad", turned(0));
+        };
+        drive_robot(robot, "S07", 4, 120, Box::new(script));
+        let turned = |side: usize| bent[10][side].angle_to(&bent[120][side]);
+        assert!(turned(1) > 1.5, "{fingers:?}: the right index finger of {robot} closes: {} rad", turned(1));
+        assert!(turned(0) < 0.2, "{fingers:?}: the left one of {robot} stays: {} rad", turned(0));
+    }
 }
 
 /// Every task of the benchmark can be driven: its hands, its legs, its torso; and a fall ends none of them.

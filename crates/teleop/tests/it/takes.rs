@@ -62,7 +62,7 @@ fn takes_are_kept_whole_whatever_the_page_does() {
     let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let cockpit = Cockpit::bind(any, Arc::clone(&station)).expect("a free port");
     let (url, quit) = (cockpit.url(), Arc::new(AtomicBool::new(false)));
-    let options = TakeOptions { task: Task::S07, seed: 4, out: out.clone() };
+    let options = TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out: out.clone() };
     let kept = std::thread::scope(|scope| {
         scope.spawn(|| cockpit.serve(&quit).expect("it serves"));
         let played = scope.spawn(|| takes::play(&options, &station, &quit));
