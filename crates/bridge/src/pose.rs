@@ -43,7 +43,7 @@ const POINTS: usize = 24;
 pub struct BodyFrame {
     /// Counts the frames of the sender, 50 a second.
     pub index: i64,
-    /// Places of the 24 joints of SMPL from the root, in its axes: x, y, z of each, m.
+    /// Places of the 24 joints of `SMPL` from the root, in its axes: x, y, z of each, m.
     pub joints: [f32; 3 * POINTS],
     /// Orientation of the root in the world: w, x, y, z.
     pub root: [f64; 4],

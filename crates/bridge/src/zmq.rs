@@ -32,7 +32,7 @@ pub(crate) struct Req {
     timeouts: Timeouts,
 }
 
-/// A connection to a PUB or XPUB socket.
+/// A connection to a `PUB` or `XPUB` socket.
 #[derive(Debug)]
 pub(crate) struct Sub(Socket);
 

@@ -8,7 +8,7 @@ use crate::model::Runner;
 use crate::{ForeignError, Model, ModelFile, TOKEN, Token, token};
 
 const NAME: &str = "sonic";
-/// The code of the encoder's mode for bodies in the skeleton of SMPL.
+/// The code of the encoder's mode for bodies in the skeleton of `SMPL`.
 const MODE: f32 = 2.0;
 /// Numbers of a frame: places of 24 joints, the root's orientation, wrists.
 const JOINTS: usize = 72;
