@@ -199,7 +199,7 @@ const ROUND: [Turn; 7] = [
 ];
 const ROUND_RADIUS: f64 = 0.12;
 /// Then they go abreast, where a task on the platform begins.
-const ABREAST: [Turn; 2] = [turn_by(1, 345.0, 335.0, 0.085), turn_by(0, 375.0, 385.0, 0.085)];
+const ABREAST: [Turn; 2] = [turn_by(1, 345.0, 335.0, 0.135), turn_by(0, 375.0, 385.0, 0.135)];
 const ABREAST_ASIDE: f64 = 0.118;
 
 /// Plans the turn on the platform, from where the way up ends.
