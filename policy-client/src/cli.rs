@@ -17,10 +17,10 @@ fn policy(name: &str) -> Result<Box<dyn Policy>, Failure> {
     Policies::default().make(name).map_err(usage)
 }
 
-/// Opens the model server of the policy `vla`, and checks its contract before anything moves.
-fn model_server(name: &str, args: &VlaArgs, is_real_time: bool) -> Result<Option<VlaSource>, Failure> {
+/// Opens the model server of the policy `vla` for a robot, and checks its contract before anything moves.
+fn model_server(name: &str, args: &VlaArgs, robot: &str, is_real_time: bool) -> Result<Option<VlaSource>, Failure> {
     match (name, &args.model) {
-        ("vla", _) => args.checked(is_real_time).map(Some).map_err(usage),
+        ("vla", _) => args.checked(robot, is_real_time).map(Some).map_err(usage),
         (_, None) => Ok(None),
         (other, Some(_)) => Err(Failure::Usage(format!("--model belongs to the policy vla, not to {other}"))),
     }

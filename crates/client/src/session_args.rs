@@ -88,6 +88,11 @@ enum Sizes {
 }
 
 impl SessionArgs {
+    /// Name of the robot; empty for the benchmark's.
+    pub fn robot(&self) -> &str {
+        self.robot.as_deref().unwrap_or_default()
+    }
+
     /// Writes the given flags into a request.
     pub fn apply(&self, request: &mut OpenRequest) {
         let set = |field: &mut String, given: &Option<String>| {

@@ -157,7 +157,7 @@ fn replay_sends_what_was_recorded_and_no_more() {
 }
 
 /// A session with the robot at rest in its posture, and the first observation.
-fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
+pub(crate) fn standing(robot: &Robot, gains: GainSet) -> (SessionInfo, Observation) {
     let joints = joint_messages(robot, &robot.gains(gains));
     let count = joints.len();
     let first = Observation {

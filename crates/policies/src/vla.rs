@@ -208,7 +208,10 @@ impl Policy for Vla {
         let unfit = |reason: String| PolicyError::Unfit { policy: "vla", reason };
         let names = info.joints.iter().map(|joint| joint.name.as_str());
         if !names.eq(shared.robot.joints().iter().map(|joint| joint.name.as_str())) {
-            return Err(unfit(format!("the mapping was read for the robot {}; use its hands", shared.robot.name())));
+            return Err(unfit(format!(
+                "the mapping was read for {0}, but the session has another robot; open it with --robot {0}",
+                shared.robot.name()
+            )));
         }
         let held = info.sensors.iter().map(|sensor| sensor.name.as_str());
         for sensor in ["camera", "chest_camera"] {

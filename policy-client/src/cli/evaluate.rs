@@ -94,7 +94,7 @@ pub struct EvaluateArgs {
 
 /// Plays the run and prints the outcome; returns whether every episode was played.
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
-    let model = model_server(&args.policy, &args.vla, false)?;
+    let model = model_server(&args.policy, &args.vla, args.session.robot(), false)?;
     let spec = plan::spec(args, model.as_ref())?;
     let stop = stop_on_signal()?;
     let open = || {

@@ -91,7 +91,7 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
         None => {
             let name = args.command.as_ref().map(|command| format!("{}:{command}", args.policy));
             let task = args.task.clone().ok_or_else(|| Failure::Usage("name a task: --task S01 to S12".into()))?;
-            let policy = match model_server(&args.policy, &args.vla, args.real_time)? {
+            let policy = match model_server(&args.policy, &args.vla, args.session.robot(), args.real_time)? {
                 Some(source) => Box::new(source.policy()),
                 None => policy(name.as_deref().unwrap_or(&args.policy))?,
             };

@@ -20,13 +20,16 @@ question before, for which a server may compile.
 Exit codes: 0 the server fits the mapping, 1 it does not or cannot be reached, 2 usage."
 )]
 pub struct ProbeArgs {
+    /// Robot of the mapping, by its name or that of its hands [default: the benchmark's]
+    #[arg(long, value_name = "NAME", visible_alias = "hands", default_value = "", hide_default_value = true)]
+    robot: String,
     #[command(flatten)]
     vla: VlaArgs,
 }
 
 /// Asks the server and prints what it says; returns whether it fits the mapping.
 pub fn probe(args: &ProbeArgs) -> Result<bool, Failure> {
-    let source = args.vla.source(false).map_err(usage)?;
+    let source = args.vla.source(&args.robot, false).map_err(usage)?;
     let probed = source.probe().map_err(anyhow::Error::from)?;
     line(&format!("mapping   {}", source.mapping().label()))?;
     print_contract(&probed.contract)?;

@@ -133,9 +133,11 @@ fn the_bag_has_every_chunk_and_what_went_wrong() {
             "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
         );
     };
-    for (dialect, map, width, rows, prefix) in
-        [("gr00t", "real_g1", 53, 40, 10), ("openpi", "openpi_g1", 23, 50, 10), ("behavior", "behavior_g1", 23, 16, 4)]
-    {
+    for (dialect, map, hands, width, rows, prefix) in [
+        ("gr00t", "real_g1", "dex3", 53, 40, 10),
+        ("openpi", "openpi_g1", "inspire", 23, 50, 10),
+        ("behavior", "behavior_g1", "inspire", 23, 16, 4),
+    ] {
         let steps_per_row = if dialect == "behavior" { 2 } else { 1 };
         let double = [
             "--fault",
@@ -147,7 +149,8 @@ fn the_bag_has_every_chunk_and_what_went_wrong() {
             "--embodiment",
             if dialect == "gr00t" { map } else { "unitree_g1" },
         ];
-        let (log, chunks) = play(&python, dialect, &double, &["--map", map, "--prefix", &prefix.to_string()]);
+        let (log, chunks) =
+            play(&python, dialect, &double, &["--map", map, "--hands", hands, "--prefix", &prefix.to_string()]);
         assert!(log.contains("policy vla cannot go on"), "{log}");
         let steps = 2 * prefix * steps_per_row;
         assert_eq!(chunks.len(), steps + 1, "{dialect}: two prefixes, and the action that says what happened");

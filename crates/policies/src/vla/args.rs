@@ -65,16 +65,17 @@ fn decay(text: &str) -> Result<f64, String> {
 }
 
 impl VlaArgs {
-    /// Reads mapping and token, without contacting the server.
+    /// Reads token and mapping, the latter for the session's robot; its name is empty for the benchmark's. Does not contact
+    /// the server.
     ///
     /// # Errors
-    /// [`PolicyError`]: missing flags, or files that cannot be read.
-    pub fn source(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
+    /// [`PolicyError`]: missing flags, files that cannot be read, or a robot that is unknown or lacks joints of the mapping.
+    pub fn source(&self, robot: &str, is_real_time: bool) -> Result<VlaSource, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "vla", reason };
         let (Some(dialect), Some(url)) = (self.dialect, &self.model) else {
             return Err(unfit("it needs a model server; give --dialect and --model".into()));
         };
-        let robot = Robot::benchmark().map_err(|error| unfit(error.to_string()))?;
+        let robot = Robot::known(robot).and_then(Robot::by_name).map_err(|error| unfit(error.to_string()))?;
         let name = self.map.as_deref().unwrap_or(default_mapping(dialect));
         let mapping = Mapping::open(name, &robot).map_err(PolicyError::of("vla"))?;
         let wrong =
@@ -147,8 +148,8 @@ impl VlaArgs {
     ///
     /// # Errors
     /// As for [`VlaArgs::source`]; also if nobody answers, or contract or answer do not fit.
-    pub fn checked(&self, is_real_time: bool) -> Result<VlaSource, PolicyError> {
-        let source = self.source(is_real_time)?;
+    pub fn checked(&self, robot: &str, is_real_time: bool) -> Result<VlaSource, PolicyError> {
+        let source = self.source(robot, is_real_time)?;
         source.check().map_err(PolicyError::of("vla"))?;
         Ok(source)
     }

@@ -1,10 +1,13 @@
 use std::error::Error;
+use std::f64::consts::FRAC_PI_3;
 use std::net::TcpListener;
 
 use fiatlux_bridge::{Dialect, Form, ModelChunk, Tensor};
+use fiatlux_robot::GainSet;
 use tungstenite::Message;
 
 use super::*;
+use crate::tests::standing;
 
 /// The record has the whole chunk once, within the protocol's limits, and the origin of each action.
 #[test]
@@ -30,7 +33,8 @@ fn a_note_becomes_a_record_within_bounds() {
 
 #[test]
 fn flags_that_are_missing_are_told() {
-    let error = |args: VlaArgs| args.source(false).err().map(|error| format!("{error} {error:?}")).unwrap_or_default();
+    let error =
+        |args: VlaArgs| args.source("", false).err().map(|error| format!("{error} {error:?}")).unwrap_or_default();
     assert!(error(VlaArgs::default()).contains("--dialect and --model"));
     let model = |map: Option<&str>, url: &str| VlaArgs {
         dialect: Some(Dialect::Gr00t),
@@ -88,7 +92,7 @@ fn a_first_answer_may_take_long() {
             warm_up_timeout: Some(warm_up),
             ..VlaArgs::default()
         };
-        args.checked(false)
+        args.checked("", false)
     };
     let slow = Duration::from_millis(1500);
     let source = checked(slow, 10).expect("it waits");
@@ -104,4 +108,37 @@ fn a_first_answer_may_take_long() {
     let mut client = ModelClient::new(source.0.options.model().expect("an address"), Duration::from_millis(1500));
     let error = client.ask(&source.example().expect("an observation")).err().expect("too slow").to_string();
     assert!(error.contains("--reply-timeout"), "{error}");
+}
+
+/// The mapping is read for the robot that the session has: its own fingers play the model's, and the policy's name says so.
+#[test]
+fn a_mapping_is_read_for_the_robot_of_the_session() {
+    let args =
+        VlaArgs { dialect: Some(Dialect::Openpi), model: Some(slow_at_first(Duration::ZERO)), ..VlaArgs::default() };
+    let mut policy = args.source("dex3", false).expect("its joints are known").policy();
+    assert_eq!(policy.name(), "vla:openpi:openpi_g1:dex3");
+    let [width, height] = policy.image_size().expect("it sees");
+    let camera = Some(Image { width, height, rgb: vec![90; (3 * width * height) as usize] });
+    let session = |name: &str| {
+        let robot = Robot::by_name(name).expect("known");
+        let (info, first) = standing(&robot, GainSet::default());
+        let sensors = vec![Sensor::from("camera")];
+        (robot, SessionInfo { sensors, ..info }, Observation { camera: camera.clone(), ..first })
+    };
+    let (robot, info, first) = session("g1_dex3");
+    policy.reset(&info, &first).expect("the robot of the mapping");
+    let Command::JointTarget(targets) = policy.act(&first).expect("an answer") else { panic!("actions") };
+    assert_eq!(targets.len(), 43);
+    let target = |joint: &str| targets[robot.joint_index(joint).expect(joint)];
+    // The model's grips are 0: an open hand, its thumb turned to one stop.
+    for (side, thumb) in [("left", -FRAC_PI_3), ("right", FRAC_PI_3)] {
+        for (joint, open) in [("thumb_0", thumb), ("index_0", 0.0), ("middle_1", 0.0)] {
+            assert!((target(&format!("{side}_hand_{joint}_joint")) - open).abs() < 1e-4, "{side} {joint}");
+        }
+    }
+    let (_, info, first) = session("g1_inspire");
+    let error = policy.reset(&info, &first).expect_err("another robot").to_string();
+    assert!(error.contains("--robot g1_dex3"), "{error}");
+    let error = args.source("h1", false).expect_err("an unknown robot").to_string();
+    assert!(error.contains("g1_dex3"), "{error}");
 }
