@@ -10,7 +10,7 @@ use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
-use super::shape::{BULB_NAME, Surroundings};
+use super::shape::{BULB_NAME, SOCKET_NAME, Surroundings};
 
 /// The frame of a hand whose robot has no grasp of its own. Its x axis comes out of the back of the hand, the fingers point along -y.
 const HAND: &str = "right_hand_base_link";
@@ -485,8 +485,9 @@ fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [V
         (moves(a) || moves(b)) && !is_own
     };
     let all: Vec<_> = model.shape_pairs().filter(own).collect();
+    let is_socket = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(SOCKET_NAME);
     let touches = |&(a, b): &(ShapeId, ShapeId)| {
-        let meets = |bulb: ShapeId, other: ShapeId| is_bulb(bulb) && (is_hand(other) || body(other) == BodyId::WORLD);
+        let meets = |bulb: ShapeId, other: ShapeId| is_bulb(bulb) && (is_hand(other) || is_socket(other));
         meets(a, b) || meets(b, a)
     };
     let apart = all.iter().copied().filter(|pair| !touches(pair)).collect();

@@ -8,7 +8,7 @@ use fiatlux_rules::Bulb;
 use nalgebra::{Isometry3, Vector3};
 
 use super::arm::hand_link;
-use super::shape::{BULB_NAME, Shape, Surroundings};
+use super::shape::{BULB_NAME, SOCKET_NAME, Shape, Surroundings};
 use super::skill::{CAP, Seen};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m. These and all sizes below are those of
@@ -57,9 +57,9 @@ pub(super) fn fixture(hangs: bool) -> Vec<Shape> {
     let [x, y] = HOUSING;
     let (stop, mouth) = (CAP + STOP, CAP + MOUTH);
     let mut shapes = vec![
-        Shape::cuboid("housing", Vector3::z() * stop / 2.0, Vector3::new(x, y, stop / 2.0)),
+        Shape::cuboid(&format!("{SOCKET_NAME}housing"), Vector3::z() * stop / 2.0, Vector3::new(x, y, stop / 2.0)),
         Shape::cuboid(
-            "collar",
+            &format!("{SOCKET_NAME}collar"),
             Vector3::z() * (stop + mouth) / 2.0,
             Vector3::new(COLLAR, COLLAR, (mouth - stop) / 2.0),
         ),

@@ -3,8 +3,9 @@
 use fiatlux_dynamics::{BodyId, Geometry, Material, ShapeSpec};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Names of the shapes of a bulb begin with this.
+/// Names of the shapes of a bulb, and of those into which it is put, begin with these.
 pub(super) const BULB_NAME: &str = "bulb_";
+pub(super) const SOCKET_NAME: &str = "socket_";
 
 /// A shape, what carries it not yet decided.
 pub(super) struct Shape {
