@@ -114,16 +114,23 @@ def tumble(path=None):
 
 
 FINE = 2.5e-4
+# Joints of the fingers begin so, by the kind of hand.
+FINGERS = ("L_", "R_", "left_hand_", "right_hand_")
 
 
-def holding(_path=None):
+def holding(*robot):
     """A second from every task's start state with its joint targets held, and how far MuJoCo's own laws lead apart."""
-    return {"timestep": FINE, "tasks": [hold(task) for task in TASKS]}
+    return {"timestep": FINE, "tasks": [hold(task, *robot) for task in TASKS]}
 
 
-def hold(task):
+def holding_dex3():
+    """The same of the G1 with Dex3 hands."""
+    return holding("--robot", "g1_dex3")
+
+
+def hold(task, *robot):
     """MuJoCo at 0.25 ms under the laws nearest to ours, and the gaps of its variants to that."""
-    export = ["--task", task, "--seed", "0"]
+    export = ["--task", task, "--seed", "0", *robot]
     nearest, defaults = Scene.export(None, *export), Scene.export(None, *export)
     default_options(defaults.m)
     nearest.reset()
@@ -183,7 +190,7 @@ def free_bodies(scene):
 
 def gap(scene, bodies, a, b):
     """Largest difference of the body's joints and of the fingers', rad, then of each body's place, m, and rotation, rad."""
-    fingers = {int(q) for q, name in zip(scene.hinge_q, scene.hinge_names) if name.startswith(("L_", "R_"))}
+    fingers = {int(q) for q, name in zip(scene.hinge_q, scene.hinge_names) if name.startswith(FINGERS)}
     hinges = {int(q) for q in scene.hinge_q}
     largest = lambda group: max(abs(a[at] - b[at]) for at, q in enumerate(scene.q) if int(q) in group)
     gaps = [largest(hinges - fingers), largest(fingers)]

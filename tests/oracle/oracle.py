@@ -35,13 +35,15 @@ def main():
         "firm_ankles": (falls.firm_ankles, "whether the robot stands on ankles eight times as stiff"),
         "contacts": (contacts.contacts, "distance and normal of random pairs of shapes"),
         "holding": (motion.holding, "a second of every task with the start's targets held"),
+        "holding_dex3": (motion.holding_dex3, "the same of the robot with Dex3 hands"),
         "tasks": (scene.tasks, "what every task's start state holds, loaded without a warning"),
+        "tasks_dex3": (scene.tasks_dex3, "the same of the robot with Dex3 hands"),
     }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, (_, what) in fixtures.items():
         command = commands.add_parser(name, help=f"fixture: {what}")
-        if name not in ("contacts", "holding", "tasks"):
+        if name not in ("contacts", "holding", "holding_dex3", "tasks", "tasks_dex3"):
             command.add_argument("--scene", help="MJCF file to use in place of our own export")
     commands.add_parser("all", help="every fixture")
     command = commands.add_parser("check", help="load MJCF files; any warning is an error")

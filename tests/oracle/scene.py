@@ -159,11 +159,16 @@ def layout(value, indent=0):
 TASKS = [*(f"S{number:02}" for number in range(1, 13)), "replace", "climb"]
 
 
-def tasks():
+def tasks_dex3():
+    """The same of the G1 with Dex3 hands."""
+    return tasks("--robot", "g1_dex3")
+
+
+def tasks(*robot):
     """Every task's start state, loaded without a warning: what MuJoCo counts in it."""
     scenes = []
     for task in TASKS:
-        scene = Scene.export(None, "--task", task, "--seed", "0")
+        scene = Scene.export(None, "--task", task, "--seed", "0", *robot)
         m = scene.m
         print(f"tasks: {task}: {scene.summary()}")
         counts = {"bodies": m.nbody - 1, "dofs": m.nv, "drives": m.nu, "shapes": m.ngeom, "mass": m.body_mass.sum()}

@@ -338,14 +338,20 @@ struct TaskScene {
 
 #[test]
 fn every_task_holds_in_mujoco_what_it_holds_here() {
-    let fixture: TasksFixture = fixture("tasks");
+    for (robot, name) in [("g1_inspire", "tasks"), ("g1_dex3", "tasks_dex3")] {
+        check_tasks(robot, name);
+    }
+}
+
+fn check_tasks(robot: &str, name: &str) {
+    let fixture: TasksFixture = fixture(name);
     assert_eq!(fixture.scenes.len(), 14);
     for theirs in &fixture.scenes {
-        let model = ExportScene::task(theirs.task.parse().unwrap(), 0, "g1_inspire").unwrap().model;
+        let model = ExportScene::task(theirs.task.parse().unwrap(), 0, robot).unwrap().model;
         let mass: f64 = model.bodies().iter().map(|body| body.spec.mass).sum();
         let ours = [model.bodies().len() - 1, model.nv(), model.drives().len(), model.shapes().len()];
         let theirs_counted = [theirs.bodies, theirs.dofs, theirs.drives, theirs.shapes].map(|count| count as usize);
-        assert_eq!(ours, theirs_counted, "{}: the fixture is of another scene; run oracle.py tasks", theirs.task);
+        assert_eq!(ours, theirs_counted, "{}: the fixture is of another scene; run oracle.py {name}", theirs.task);
         assert!((mass - theirs.mass).abs() < 1e-5, "{}: {mass} kg against {}", theirs.task, theirs.mass);
     }
 }
