@@ -41,7 +41,7 @@ pub struct Changes {
     pub masses: f64,
     /// Control steps until an action has an effect.
     pub delay: usize,
-    /// Speed that the whole robot gets once while the plan runs, m/s: in each room at another time, in another direction.
+    /// Speed that the whole robot gets once while it climbs, m/s: in each room at another time, in another direction.
     pub push: Option<f64>,
 }
 
@@ -211,6 +211,11 @@ pub fn play(
         task.spec().gate.criteria_of(Protocol::Strict).position(|criterion| criterion.name.ends_with("_in_grip"));
     let (mut ladder, mut effort, mut loads, mut loose) = ((0.0_f64, 0.0_f64), 0.0_f64, Loads::new(gains.0.len()), 0);
     let mut late: VecDeque<Vec<f64>> = std::iter::repeat_n(world.row().joint_target.clone(), changes.delay).collect();
+    let climbing = match task {
+        Task::S02 | Task::S10 => [20.0, 44.0],
+        Task::Climb => [20.0, 80.0],
+        _ => [8.0, 86.0],
+    };
     let (mut is_pushed, mut again) = (false, world.dynamics().clone());
     loop {
         let row = world.row();
@@ -243,9 +248,9 @@ pub fn play(
         // As a session does it, to the last bit.
         let action: Vec<f64> = wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
         let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
-        // The plan that goes to the ladder and up or down is the long one.
-        let part = progress.filter(|(_, all)| *all > 30.0).map_or(0.0, |(time, all)| time / all);
-        let is_due = !is_pushed && part > (SPREAD[1] * (seed + 1) as f64).fract();
+        let part = (SPREAD[1] * (seed + 1) as f64).fract();
+        let due = climbing[0] + part * (climbing[1] - climbing[0]);
+        let is_due = !is_pushed && world.row().step as f64 * CONTROL_DT > due;
         let push = changes.push.filter(|_| is_due).map(|speed| {
             let angle = SPREAD[0] * seed as f64;
             Push { linear: speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }
