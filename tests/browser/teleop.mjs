@@ -100,6 +100,19 @@ function scriptedPad() {
   Object.defineProperty(navigator, "getGamepads", { value: () => [pad] });
 }
 
+// Says how long the last inputs took, by part: medians, and the worst.
+async function latency(page) {
+  const { roundTrips, parts, pictures } = await page.evaluate(() => globalThis.fiatlux.seen);
+  const say = (what, list) => {
+    if (list.length === 0) return;
+    const sorted = list.toSorted((a, b) => a - b);
+    console.log(`       ${what}: ${sorted[sorted.length >> 1].toFixed(2)} ms, at most ${sorted.at(-1).toFixed(2)} ms`);
+  };
+  say("from an input to the state that follows it", roundTrips);
+  ["waiting for an observation", "answer", "network, there and back"].forEach((what, part) => say(what, parts.map((all) => all[part])));
+  say("from a state to its picture", pictures);
+}
+
 async function walk() {
   const opened = await open("walk", address, { ...KINDS.desktop, colorScheme: "light" }, origin, true, scriptedPad);
   const { page } = opened;
@@ -140,8 +153,7 @@ async function walk() {
   await byKeys(page);
   await becomes(page, "ended");
   check((await status(page)).end === "success", "keys walk S07 to its gate", JSON.stringify(await status(page)));
-  const trips = await page.evaluate(() => globalThis.fiatlux.seen.roundTrips.toSorted((a, b) => a - b));
-  console.log(`       from an input to the state that follows it ${trips[trips.length >> 1]?.toFixed(0)} ms, at most ${trips.at(-1)?.toFixed(0)} ms`);
+  await latency(page);
   await page.screenshot({ path: `${screenshots}/teleop-ended.png` });
   await page.keyboard.press("KeyP");
   await becomes(page, "ready");
@@ -416,7 +428,7 @@ const palm = (page) =>
   });
 
 // Raises a right controller or hand until the robot's hand is wanted 6 cm higher than `from`; how far each of them rose, m. What it does
-// while no picture comes is lost.
+// while no picture comes is lost, and the robot's hands sway with its pelvis.
 async function raise(page, kind, from) {
   let [moved, raised] = [0, 0];
   while (raised < 0.06 && moved < 0.4) {
@@ -430,7 +442,7 @@ async function raise(page, kind, from) {
   return { moved, raised };
 }
 
-const rises = ({ moved, raised }) => raised >= 0.06 && raised < moved + 0.02;
+const rises = ({ moved, raised }) => raised >= 0.06 && raised < moved + 0.04;
 
 async function headset() {
   const opened = await worn("headset");
@@ -446,6 +458,7 @@ async function headset() {
   check(Math.hypot(...wanted.map((at, axis) => at - is[axis])) < 0.03, "the clutch does not jump", JSON.stringify({ is, wanted }));
   const raised = await raise(page, "controllers", wanted);
   check(rises(raised), "the hand is wanted higher, as the controller is", JSON.stringify(raised));
+  await latency(page);
   await page.evaluate(() => globalThis.headset.controllers.right.updateButtonValue("squeeze", 0));
 
   // Taken off, the headset drives no more.

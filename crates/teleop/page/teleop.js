@@ -23,9 +23,15 @@ const token = new URLSearchParams(location.search).get("token") ?? "";
 const keyboard = new Keyboard();
 const gamepad = new Gamepad();
 // For tests and the curious.
-const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, roundTrips: [] };
-// The newest state, which may come before its room.
+const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, roundTrips: [], parts: [], pictures: [] };
+const KEPT = 50;
+function keep(list, value) {
+  list.push(value);
+  if (list.length > KEPT) list.shift();
+}
+// The newest state, which may come before its room, and when it came.
 let newest = null;
+let arrived = 0;
 let [live, stage, headset, shownRoom, usesPad, usesEye, room] = [null, null, null, 0, false, false, Promise.resolve()];
 
 const socket = new Socket(token, {
@@ -49,11 +55,14 @@ const socket = new Socket(token, {
   },
   state: (buffer) => {
     newest = buffer;
+    arrived = performance.now();
     if (!live?.take(buffer)) return;
-    const { echo } = live.state;
+    const { echo, age, answer } = live.state;
     if (echo >= 0) {
-      seen.roundTrips.push(performance.now() - echo);
-      if (seen.roundTrips.length > 50) seen.roundTrips.shift();
+      const trip = arrived - echo;
+      keep(seen.roundTrips, trip);
+      // Waiting for an observation, the answer to it, and the ways there and back.
+      keep(seen.parts, [age, answer, trip - age - answer]);
     }
     panel();
     ask();
@@ -112,6 +121,7 @@ function ask() {
   requestAnimationFrame(() => {
     asked = false;
     draw(null);
+    keep(seen.pictures, performance.now() - arrived);
   });
 }
 
