@@ -77,7 +77,8 @@ fn it_takes_the_bulb_with_dex3_hands() {
 #[test]
 fn it_plays_all_its_tasks_with_dex3_hands() {
     let changes = Changes { robot: Some("g1_dex3".into()), ..Changes::default() };
-    for (task, seed) in [(Task::S03, 1006), (Task::S06, 1002), (Task::S11, 1010)] {
+    // In room 1023, a way that is planned for the hand alone strikes the guard rail with the bulb.
+    for (task, seed) in [(Task::S03, 1006), (Task::S06, 1002), (Task::S11, 1023)] {
         let ended = play::play(task, seed, Hands::new().unwrap(), &changes, |_| ()).unwrap();
         assert_eq!(ended.cause, Cause::Success, "{task:?}, room {seed}, {}", ended.phase);
     }
