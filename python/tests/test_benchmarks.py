@@ -15,14 +15,14 @@ import pytest
 SCRIPTS = pathlib.Path(__file__).resolve().parents[1] / "benchmarks"
 RUN = os.environ.get("FIATLUX_TEST_RUN")
 PROGRAMS = os.environ.get("FIATLUX_PROGRAMS")
-HANDS = PROGRAMS and f"{PROGRAMS}/examples/hands"
+DRIVE = PROGRAMS and f"{PROGRAMS}/examples/drive"
 SHORT = {
     "vector.py": ["--worlds", "4", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "stand_and_reach.py": ["--episodes", "1", "--reaches", "1"],
     "motors.py": [RUN],
     "mujoco_rollout.py": ["--worlds", "8", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "walk_in_mujoco.py": ["--episodes", "1"],
-    "hands_in_mujoco.py": ["--tasks", "S08", "--rooms", "1", "--program", HANDS],
+    "policy_in_mujoco.py": ["hands", "--tasks", "S08", "S11", "--rooms", "1", "--steps", "100", "--program", DRIVE],
 }
 
 

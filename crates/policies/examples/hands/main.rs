@@ -2,11 +2,9 @@
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
 //! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
-//! second into a phase, in another direction in each room). `S08 drive` lets it drive another simulator, as
-//! `python/benchmarks/hands_in_mujoco.py` does.
+//! second into a phase, in another direction in each room).
 #![allow(missing_docs)]
 
-mod drive;
 mod play;
 
 use std::error::Error;
@@ -15,16 +13,12 @@ use fiatlux_policies::Hands;
 use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Task, errand};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use fiatlux_robot::Robot;
-use play::{Changes, Moment, bulb_of, forces, play, session};
+use play::{Changes, Moment, bulb_of, forces, play};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [task, seeds, rest @ ..] = arguments.as_slice() else { return Err("TASK FIRST..LAST [trace] [FILE]".into()) };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
-    if seeds == "drive" {
-        return drive::drive(Hands::new()?, &session(task, &Robot::benchmark()?));
-    }
     let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".toml")).map(std::fs::read_to_string).transpose()?;

@@ -1,11 +1,18 @@
-//! Lets `hands` drive another simulator: a line of JSON in for each control step, a line out.
+//! Lets a policy drive another simulator: a line of JSON in for each control step, a line out, as `python/benchmarks/policy_in_mujoco.py` does.
+//! `cargo run -p fiatlux-policies --example drive -- hands S08 1000` is told of the benchmark's room 1000.
+#![allow(missing_docs)]
 
 use std::error::Error;
 use std::io::{BufRead, Write};
+use std::sync::Arc;
 
-use fiatlux_client::{Command, Policy};
-use fiatlux_policies::Hands;
-use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo};
+use fiatlux_client::Command;
+use fiatlux_policies::Policies;
+use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo, TaskInfo};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
+use fiatlux_world::{ACTION_SCALE, EpisodeSpec, Scene, SceneConfig};
 use serde::Deserialize;
 
 /// Measurements of the other simulator; joints and hand bodies in the order of the first line out, quaternions w first.
@@ -29,10 +36,17 @@ struct Measured {
     old_bulb: [f64; 7],
     #[serde(rename = "crate")]
     crate_: [f64; 7],
+    /// Held in the socket: old bulb, fresh bulb.
+    seated: [bool; 2],
 }
 
 /// Answers lines with joint targets until there are no more. The first line out has the session's joints and hand bodies.
-pub fn drive(mut hands: Hands, info: &SessionInfo) -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [policy, task, seed] = arguments.as_slice() else { return Err("POLICY TASK SEED".into()) };
+    let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
+    let mut policy = Policies::default().make(policy)?;
+    let info = session(task, seed.parse()?)?;
     let joints: Vec<(&str, f64)> = info.joints.iter().map(|joint| (joint.name.as_str(), joint.q0)).collect();
     let mut out = std::io::stdout().lock();
     writeln!(out, "{}", serde_json::json!({ "joints": joints, "hand_bodies": info.hand_bodies }))?;
@@ -40,14 +54,30 @@ pub fn drive(mut hands: Hands, info: &SessionInfo) -> Result<(), Box<dyn Error>>
     for (index, line) in std::io::stdin().lock().lines().enumerate() {
         let observation = observation(serde_json::from_str(&line?)?);
         if index == 0 {
-            hands.reset(info, &observation)?;
+            policy.reset(&info, &observation)?;
         }
-        let Command::JointTarget(targets) = hands.act(&observation)? else { return Err("no targets".into()) };
-        let (phase, _) = hands.progress().unwrap_or_default();
-        writeln!(out, "{}", serde_json::json!({ "targets": targets, "phase": phase }))?;
+        let Command::JointTarget(targets) = policy.act(&observation)? else { return Err("no targets".into()) };
+        writeln!(out, "{}", serde_json::json!({ "targets": targets }))?;
         out.flush()?;
     }
     Ok(())
+}
+
+/// A session in a room, as far as the policies read it.
+fn session(task: Task, seed: u64) -> Result<SessionInfo, Box<dyn Error>> {
+    let robot = Arc::new(Robot::benchmark()?);
+    let gains = robot.gains(GainSet::default());
+    let of_scene = EpisodeSpec::new(task, seed, 0).scene(gains.clone());
+    let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), of_scene)?;
+    Ok(SessionInfo {
+        task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
+        joints: joint_messages(&robot, &gains),
+        hand_bodies: hand_body_names(&robot),
+        footprints: footprint_messages(&scene),
+        action_scale: ACTION_SCALE,
+        control_dt: CONTROL_DT,
+        ..SessionInfo::default()
+    })
 }
 
 fn observation(measured: Measured) -> Observation {
@@ -71,6 +101,7 @@ fn observation(measured: Measured) -> Observation {
             fresh_bulb: pose(measured.fresh_bulb),
             old_bulb: pose(measured.old_bulb),
             crate_: pose(measured.crate_),
+            seated: measured.seated.to_vec(),
             ..Privileged::default()
         }),
         ..Observation::default()
