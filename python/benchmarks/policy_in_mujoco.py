@@ -8,7 +8,8 @@ policy is one program for all simulators, `cargo run -p fiatlux-policies --examp
 control step; `--program FILE` names it where it is built already. Neither side has noise.
 
 Fiatlux's judge says *succeeded* by the strict gate. In MuJoCo it is the gate's conditions as `is_done` has them, for a second (S06: two).
-*Grasped* is a bulb with forces above 1 N on two bodies of one hand, *pulled* one that the socket let go of. *Bore* counts the rooms in which a foot bore 20 N on the floor, each tread and the platform, and *tilt* is the ladder's largest, rad.
+*Grasped* is a bulb with forces above 1 N on two bodies of one hand, *pulled* one that the socket let go of. *Bore* counts the rooms in
+which a foot bore 20 N on the floor, each tread and the platform, and *tilt* is the ladder's largest, rad.
 """
 
 import argparse
