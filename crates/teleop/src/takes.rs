@@ -177,6 +177,8 @@ fn play_in(
         };
         let name = bag.as_ref().and_then(|bag| bag.path.file_name());
         let name = name.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        // Before the page knows: what its operator orders then is an answer.
+        station.forget_orders();
         station.status.send_modify(|status| {
             (status.phase, status.end, status.bag, status.problem) = (Phase::Ended, cause, name, problem);
         });
@@ -195,7 +197,10 @@ fn play_in(
             }
             (_, Some(bag)) => {
                 kept.bags.push(bag.path);
-                station.status.send_modify(|status| status.kept += 1);
+                station.status.send_modify(|status| {
+                    status.kept += 1;
+                    status.problem.clear();
+                });
             }
             (_, None) => {}
         }
@@ -221,7 +226,6 @@ fn lose(station: &Station, error: &ClientError, quit: &AtomicBool) {
 
 /// Decides on a take that has ended. It is kept if the program ends first.
 fn decision(station: &Station, quit: &AtomicBool) -> Order {
-    station.forget_orders();
     while !quit.load(Ordering::Relaxed) {
         match station.order() {
             Some(Order::Stop) => {}
