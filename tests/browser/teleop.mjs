@@ -450,6 +450,7 @@ async function headset() {
   await press("right", "a-button", "running");
   check(true, "A starts the take");
   await page.screenshot({ path: `${screenshots}/teleop-eyes.png` });
+  await page.evaluate(drawNothing, true);
 
   // While the clutch is held the hand is wanted where the controller goes, from where it was.
   await page.evaluate(() => globalThis.headset.controllers.right.updateButtonValue("squeeze", 1));
@@ -492,6 +493,12 @@ async function bareHands(page) {
       },
       [side, pose, at],
     );
+  const shoot = async (name) => {
+    await page.evaluate(drawNothing, false);
+    await drawn(page);
+    await page.screenshot({ path: `${screenshots}/${name}.png` });
+    await page.evaluate(drawNothing, true);
+  };
   const rest = async () => {
     await set("left", "default", [-0.2, 1.3, -0.4]);
     await set("right", "default", [0.2, 1.3, -0.4]);
@@ -513,7 +520,7 @@ async function bareHands(page) {
       return { hits: board.cursors.map((cursor) => board.buttonAt(cursor)) };
     }, button);
     check(hits.includes(button), `the hand points at '${button}'`, hits.join());
-    if (button === "start") await page.screenshot({ path: `${screenshots}/teleop-hands-${phase}.png` });
+    if (phase === "running") await shoot("teleop-board");
     await page.evaluate(() => globalThis.headset.hands.left.updatePinchValue(1));
     await becomes(page, phase);
     await page.evaluate(() => {
@@ -535,7 +542,7 @@ async function bareHands(page) {
   // The same once it has closed from where it was, and rests.
   const settled = async (from) => {
     let last = from;
-    for (const end = Date.now() + PATIENCE_MS / 4; Date.now() < end; ) {
+    for (const end = Date.now() + PATIENCE_MS; Date.now() < end; ) {
       await page.waitForTimeout(300);
       const now = await bent();
       if (angle(from, now) > 1 && angle(last, now) < 0.05) return now;
@@ -563,7 +570,7 @@ async function bareHands(page) {
   check(rises(raised), "the robot's hand rises as the operator's does", JSON.stringify(raised));
   const closed = await settled(open);
   check(angle(open, closed) > 1, "its index finger closes with the operator's", angle(open, closed));
-  await page.screenshot({ path: `${screenshots}/teleop-hands.png` });
+  await shoot("teleop-hands");
   await set("left", "default");
   await until(() => !globalThis.fiatlux.seen.live.state.follows[1]);
   await rest();
