@@ -318,3 +318,14 @@ fn the_turn_ends_with_the_face_to_the_guard_rail() {
     println!("{stood} of {count}");
     assert!(stood * 10 >= count * 9, "{stood} of {count}");
 }
+
+/// A ladder of another height has a turn, too.
+#[test]
+fn the_turn_fits_other_heights() {
+    let plan = fiatlux_climb::turn().unwrap();
+    for factor in [0.95, 1.05] {
+        let raised = raised(&body(), &plan, factor).unwrap();
+        let [before, after] = [&plan, &raised].map(|plan| plan.keyframes.last().unwrap().pelvis.translation.z);
+        assert!((after - before - (factor - 1.0) * 1.18).abs() < 0.01, "{before} {after}");
+    }
+}
