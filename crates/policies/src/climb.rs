@@ -171,7 +171,7 @@ impl Policy for Climb {
         let fingers = gains.0.iter().skip(JOINTS).map(|gains| (PRESSES * gains.effort_limit / gains.stiffness, None));
         let fingers = if matches!(task, "S04" | "S10") { fingers.collect() } else { Vec::new() };
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
-        let height = first.privileged.as_ref().map_or(Ok(1.0), relative_height)?;
+        let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
         let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
         let plan = plan
             .ok_or_else(|| unfit(format!("the ladder is {height:.2} times as high as the plan's; use another size")))?;
@@ -235,9 +235,9 @@ impl Policy for Climb {
 
 /// Height of the ladder in parts of the published one, by the distance of its top point from the seat, which is above it. 1 where
 /// the distance is not observed, as in `climb`.
-fn relative_height(seen: &Privileged) -> Result<f64, PolicyError> {
+pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result<f64, PolicyError> {
     let Some(distance) = seen.distances.first() else { return Ok(1.0) };
-    let pose = |pose: &Option<Pose>| body::pose("climb", pose.as_ref());
+    let pose = |pose: &Option<Pose>| body::pose(policy, pose.as_ref());
     let seat = pose(&seen.ladder)?.inverse() * pose(&seen.socket)? * Point3::new(0.0, 0.0, SEAT);
     let level = (seat.x - TOP[0]).powi(2) + (seat.y - TOP[1]).powi(2);
     Ok((seat.z - (distance.powi(2) - level).max(0.0).sqrt()) / TOP[2])

@@ -4,6 +4,7 @@
 //! platform until the ladder hangs on its head, walks to the lamp, and bends its knees. Where the episode goes on, it comes out and
 //! stands before the steps.
 
+mod posture;
 mod site;
 
 use std::sync::Arc;
@@ -13,8 +14,10 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_rules::Task;
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
+use self::posture::{PLATFORM_Z, Posture, Postures, UPRIGHT};
 use self::site::{choose_site, outside};
 use crate::body;
+use crate::climb::relative_height;
 use crate::entry::Entry;
 use crate::path::{Map, Point, distance, planar, rectangle, turn, wrapped};
 use crate::whole_body::WholeBody;
@@ -43,21 +46,15 @@ const FLAT: f64 = 0.02;
 const ARRIVED: [(f64, f64); 2] = [(0.08, 0.15), (0.03, 0.08)];
 /// Where the pelvis may be when it stands low below the platform: x either way, and y, m.
 const ALIGNED: (f64, [f64; 2]) = (0.06, [-0.07, 0.09]);
-/// Where the head bears the ladder: below its centre of mass, y of its frame, and height of the platform's underside, m.
+/// Where the head bears the ladder: below its centre of mass, y of its frame, m.
 const BEARS_Y: f64 = -0.018;
-const PLATFORM_Z: f64 = 1.15;
 /// Height of the head above the waist, m: how far a lean takes it. Largest lean for that, rad, and its rate, rad/s.
 const HEAD_M: f64 = 0.45;
 const MAX_LEAN: f64 = 0.2;
 const LEAN_RATE: f64 = 0.15;
-/// Heights of the pelvis, m, and pitches of the torso, rad: on the way to the ladder, bent, below the platform without touching it, and with the ladder.
-const UPRIGHT: (f64, f64) = (0.74, 0.0);
-const BENT: (f64, f64) = (0.65, 0.5);
-const LOW: (f64, f64) = (0.57, 0.0);
-const CARRYING: (f64, f64) = (0.70, 0.0);
 /// Pitch from which its head does not lift the ladder when it comes out, rad.
 const STOOPS: f64 = 0.45;
-/// Rates of height, m/s, and pitch, rad/s.
+/// Rates of height, m/s, and of roll and pitch, rad/s.
 const RATES: (f64, f64) = (0.07, 0.5);
 /// Preferred distances from obstacles, m: of the robot alone, and of the ladder's centre.
 const CLEAR_M: [f64; 2] = [0.45, 1.2];
@@ -164,8 +161,9 @@ struct Episode {
     path: Vec<Point>,
     planned: Option<u64>,
     command: BodyCommand,
-    /// Pitch of the torso by the phase, and roll and pitch on top of it that take the head below the ladder's centre of mass, rad.
-    pitch: f64,
+    postures: Postures,
+    /// Roll and pitch of the torso by the phase, and those on top of it that take the head below the ladder's centre of mass, rad.
+    torso: [f64; 2],
     lean: [f64; 2],
     /// Averages of the ladder's up along x and y of the world, and the tilt that they come to, rad.
     up: [f64; 2],
@@ -236,7 +234,8 @@ impl Policy for Ladder {
             path: Vec::new(),
             planned: None,
             command: BodyCommand::default(),
-            pitch: 0.0,
+            postures: Postures::new(relative_height("ladder", seen)?),
+            torso: [0.0; 2],
             lean: [0.0; 2],
             up: [0.0; 2],
             tilt: 0.0,
@@ -250,7 +249,7 @@ impl Policy for Ladder {
         let (robot, stands) = (place(seen.robot.as_ref())?, place(seen.ladder.as_ref())?);
         let up = upwards(seen.ladder.as_ref())?;
         // Where it would stand if it hung straight from its platform.
-        let ladder = ([0, 1].map(|axis| stands.0[axis] + PLATFORM_Z * up[axis]), stands.1);
+        let ladder = ([0, 1].map(|axis| stands.0[axis] + episode.postures.platform * up[axis]), stands.1);
         episode.up = [0, 1].map(|axis| episode.up[axis] + (up[axis] - episode.up[axis]) * CONTROL_DT / AVERAGE_S);
         episode.tilt = libm::hypot(episode.up[0], episode.up[1]);
         episode.decide(observation.step, robot, ladder);
@@ -272,12 +271,13 @@ impl Episode {
     /// The command of this control step, and the phase after it.
     fn decide(&mut self, step: u64, robot: Place, ladder: Place) {
         let spent = step.saturating_sub(self.since);
+        let Postures { bent, low, carrying, .. } = self.postures;
         let here = inside(ladder, robot.0);
         let turned = wrapped(robot.1 - ladder.1 + std::f64::consts::FRAC_PI_2);
         let is_at = |y: f64, (off, angle): (f64, f64)| distance(here, [0.0, y]) < off && turned.abs() < angle;
         let next = match self.phase {
             Phase::Approach => {
-                self.pose(if distance(here, [0.0, BEFORE_Y]) < NEAR_M { BENT } else { UPRIGHT });
+                self.pose(if distance(here, [0.0, BEFORE_Y]) < NEAR_M { bent } else { UPRIGHT });
                 if step < SETTLES {
                     self.stop();
                 } else {
@@ -286,9 +286,16 @@ impl Episode {
                 }
                 is_at(BEFORE_Y, ARRIVED[0]).then_some(Phase::Enter)
             }
+            // Below a lower platform it stoops before it stands up.
+            Phase::Enter if self.postures.platform < PLATFORM_Z && self.torso[1] < STOOPS => {
+                self.stop();
+                self.straighten();
+                self.pose((low.0, bent.1));
+                None
+            }
             Phase::Enter => {
                 self.straighten();
-                self.pose(BENT);
+                self.pose(bent);
                 self.go(robot, outside(ladder, [0.0, BELOW_Y]), -turned, INSIDE);
                 let is_late = spent > MAX_ENTER;
                 if is_at(BELOW_Y, ARRIVED[1]) { Some(Phase::Crouch) } else { is_late.then_some(Phase::Leave) }
@@ -296,7 +303,9 @@ impl Episode {
             Phase::Crouch => {
                 self.stop();
                 if spent > SETTLES {
-                    self.pose(LOW);
+                    // Below a lower platform it straightens its back once it is down.
+                    let comes_down = self.postures.platform < PLATFORM_Z && self.command.height > low.0;
+                    self.pose(if comes_down { (low.0, bent.1) } else { low });
                     self.lean(here);
                 }
                 let is_aligned = here[0].abs() < ALIGNED.0 && (ALIGNED.1[0]..ALIGNED.1[1]).contains(&here[1]);
@@ -305,12 +314,12 @@ impl Episode {
             }
             Phase::Lift => {
                 self.stop();
-                self.pose(CARRYING);
+                self.pose(carrying);
                 (self.held > CALMS).then_some(Phase::Carry)
             }
             Phase::Carry => {
                 self.straighten();
-                self.pose(CARRYING);
+                self.pose(carrying);
                 let is_there = self.carry(step, robot, ladder);
                 let slips =
                     self.tilt > MAX_TILT && self.site.is_some_and(|(goal, _)| distance(ladder.0, goal) > TILT_M);
@@ -318,14 +327,14 @@ impl Episode {
             }
             Phase::Calm => {
                 self.stop();
-                self.pose(CARRYING);
+                self.pose(carrying);
                 let is_off = self.site.is_some_and(|(goal, _)| distance(ladder.0, goal) > MAX_OFF_M);
                 let is_calm = self.body.is_standing() && spent > CALMS;
                 if is_off { Some(Phase::Carry) } else { (is_calm || spent > MAX_CALM).then_some(Phase::Lower) }
             }
             Phase::Lower => {
                 self.stop();
-                self.pose(LOW);
+                self.pose(low);
                 let is_placed = self.site.is_some_and(|(goal, _)| distance(ladder.0, goal) < NEAR_M);
                 let next = if is_placed { Phase::Done } else { Phase::Enter };
                 (self.held > CALMS).then_some(next)
@@ -335,15 +344,15 @@ impl Episode {
                 let next = if self.is_placed(ladder) { Phase::ComeOut } else { Phase::Enter };
                 (spent > MAX_DONE).then_some(next)
             }
-            Phase::ComeOut if self.pitch < STOOPS => {
+            Phase::ComeOut if self.torso[1] < STOOPS => {
                 self.stop();
                 self.straighten();
-                self.pose((LOW.0, BENT.1));
+                self.pose((low.0, bent.1));
                 None
             }
             Phase::ComeOut => {
                 self.straighten();
-                self.pose(BENT);
+                self.pose(bent);
                 let side = [1.0, -1.0].map(|side| outside(ladder, [side * OUT_X, OUT_Y]));
                 let [left, right] = side.map(|place| self.maps[1].clearance(place));
                 let is_inside = here[0].abs() < HALF[0];
@@ -369,7 +378,7 @@ impl Episode {
             }
             Phase::Leave => {
                 self.straighten();
-                self.pose(BENT);
+                self.pose(bent);
                 self.go(robot, outside(ladder, [0.0, BEFORE_Y]), -turned, INSIDE);
                 is_at(BEFORE_Y, ARRIVED[0]).then_some(Phase::Enter)
             }
@@ -438,12 +447,12 @@ impl Episode {
         self.command.velocity = [0.0; 3];
     }
 
-    /// Goes on to a height of the pelvis and a pitch of the torso.
-    fn pose(&mut self, (height, pitch): (f64, f64)) {
+    /// Goes on to a posture.
+    fn pose(&mut self, (height, torso): Posture) {
         self.command.height = towards(self.command.height, height, RATES.0);
-        self.pitch = towards(self.pitch, pitch, RATES.1);
-        self.command.torso = [self.lean[0], self.pitch + self.lean[1], 0.0];
-        let is_there = self.command.height == height && self.pitch == pitch;
+        self.torso = [0, 1].map(|axis| towards(self.torso[axis], torso[axis], RATES.1));
+        self.command.torso = [self.torso[0] + self.lean[0], self.torso[1] + self.lean[1], 0.0];
+        let is_there = self.command.height == height && self.torso == torso;
         self.held = if is_there { self.held + 1 } else { 0 };
     }
 

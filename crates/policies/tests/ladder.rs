@@ -15,13 +15,13 @@ fn it_carries_the_ladder_under_the_lamp() {
     let rooms: &[u64] = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { &[3, 5, 10, 25] } else { &[3] };
     for &room in rooms {
         let mut highest = f64::INFINITY;
-        let ended = play::play(Ladder::new("").unwrap(), room, |episode, phase| {
-            let feet = episode.scene().geometry().ladder_feet(episode.row());
-            if phase == "Carry" && episode.row().step.is_multiple_of(50) {
+        let ended = play::play(Ladder::new("").unwrap(), room, &play::Changes::default(), |world, phase| {
+            let feet = world.scene().geometry().ladder_feet(world.row());
+            if phase == "Carry" && world.row().step.is_multiple_of(50) {
                 highest = highest.min(feet.into_iter().fold(f64::NEG_INFINITY, f64::max));
             }
         });
-        let play::Played { cause, seconds, phase, distance, tilt, feet, touched } = ended.unwrap();
+        let play::Played { cause, seconds, phase, distance, tilt, feet, touched, .. } = ended.unwrap();
         assert_eq!(cause, Cause::Success, "room {room} after {seconds} s in {phase}");
         assert!(distance[0] > 1.5 && distance[1] < 0.67, "room {room}: {distance:?} m");
         assert!(
@@ -35,24 +35,28 @@ fn it_carries_the_ladder_under_the_lamp() {
 /// At a wall: it comes out sideways, leaves the ladder where it stands, and stands where S02 begins.
 #[test]
 fn it_comes_out_to_the_steps() {
-    let mut game = play::Game::start(5, Some(Causes::of(&[Cause::Fall, Cause::Tip]))).unwrap();
+    let mut game = play::Game::start(
+        5,
+        &play::Changes { end_on: Some(Causes::of(&[Cause::Fall, Cause::Tip])), ..play::Changes::default() },
+    )
+    .unwrap();
     let (mut ladder, mut seen) = (Ladder::new("").unwrap(), game.observe().unwrap());
     ladder.reset(&game.info, &seen).unwrap();
     let mut put_down = None;
     while ladder.phase().as_deref() != Some("Away") {
         let phase = ladder.phase().unwrap();
-        assert!(game.episode.end().is_none() && game.episode.row().step < 6000, "{:?} in {phase}", game.episode.end());
+        assert!(game.verdict().end.is_none() && game.world.row().step < 6000, "{:?} in {phase}", game.verdict().end);
         if phase == "Done" {
-            put_down = Some(game.episode.row().things[errand::LADDER].pose);
+            put_down = Some(game.world.row().things[errand::LADDER].pose);
         }
         seen = game.step(&mut ladder, &seen).unwrap();
     }
-    let row = game.episode.row();
+    let row = game.world.row();
     let (now, put_down) = (row.things[errand::LADDER].pose, put_down.unwrap());
     assert!((now.translation.vector - put_down.translation.vector).norm() < 0.005);
     let here = now.inverse() * row.robot.pose;
     assert!(here.translation.y < -0.8 && here.translation.x.abs() < 0.1, "{here}");
-    assert!(play::distance(&game.episode) < 0.67);
+    assert!(play::distance(&game.world) < 0.67);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Plays `ladder` in rooms, the last included, and prints how each ended:
-//! `cargo run -p fiatlux-policies --example ladder -- 1000..1003 [trace] [climb]`. With `climb` it goes on past S01, to where the robot
+//! `cargo run -p fiatlux-policies --example ladder -- 1000..1003 [trace] [climb] [height=0.95] [push=0.3@Carry]`. With `height` the
+//! ladder is so many times as high; with `push` the robot gets a speed in m/s 2 s after it came into a phase of the policy. With `climb` it goes on past S01, to where the robot
 //! has come out to the ladder's steps, and lets the policy `climb` play S02 from there.
 #![allow(missing_docs)]
 
@@ -11,9 +12,9 @@ use fiatlux_client::Policy;
 use fiatlux_policies::{Climb, Ladder};
 use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, Task, Thresholds, errand, measure};
-use fiatlux_world::Episode;
+use fiatlux_world::World;
 
-use play::{Game, Played, distance, play, touched};
+use play::{Changes, Game, Played, distance, play, touched};
 
 /// Time after which S01 has failed, with the way out, s.
 const MAX_SECONDS: f64 = 240.0;
@@ -24,10 +25,24 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
     let trace = rest.iter().any(|word| word == "trace");
     let climbs = rest.iter().any(|word| word == "climb");
+    let mut changes = Changes::default();
+    for word in rest {
+        match word.split_once('=') {
+            Some(("height", value)) => changes.height = Some(value.parse()?),
+            Some(("push", value)) => {
+                let (speed, phase) = value.split_once('@').ok_or("push=SPEED@PHASE")?;
+                changes.push = Some((speed.parse()?, phase.into()));
+            }
+            None if word == "trace" || word == "climb" => {}
+            _ => {
+                return Err(format!("there is no '{word}'; use trace, climb, height=FACTOR or push=SPEED@PHASE").into());
+            }
+        }
+    }
     let (mut won, mut played) = (0, 0);
     if climbs {
         for seed in first.parse::<u64>()?..=last.parse()? {
-            let (text, has_won) = climb_after(seed, trace)?;
+            let (text, has_won) = climb_after(seed, trace, &changes)?;
             println!("{seed}: {text}");
             won += u64::from(has_won);
             played += 1;
@@ -37,20 +52,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     for seed in first.parse::<u64>()?..=last.parse()? {
         let mut before = String::new();
-        let Played { cause, seconds, phase, distance, tilt, feet, touched } =
-            play(Ladder::new("")?, seed, |episode, phase| {
-                if trace && (phase != before || episode.row().step.is_multiple_of(50) || touched(episode).0 > 10.0) {
-                    print_state(episode, phase);
+        let Played { cause, seconds, phase, distance, tilt, feet, touched, penetration } =
+            play(Ladder::new("")?, seed, &changes, |world, phase| {
+                if trace && (phase != before || world.row().step.is_multiple_of(50) || touched(world).0 > 10.0) {
+                    print_state(world, phase);
                 }
                 before = phase.into();
             })?;
         println!(
-            "{seed}: {cause:?} after {seconds:.1} s in {phase}, top from {:.2} to {:.2} m of the lamp, tilt {tilt:.3} rad, feet {:.0} mm, {:.1} N on {}",
+            "{seed}: {cause:?} after {seconds:.1} s in {phase}, top from {:.2} to {:.2} m of the lamp, tilt {tilt:.3} rad, feet {:.0} mm, {:.1} N on {}, {:.1} mm deep",
             distance[0],
             distance[1],
             1e3 * feet,
             touched.0,
-            touched.1
+            touched.1,
+            1e3 * penetration
         );
         won += u64::from(cause == Cause::Success);
         played += 1;
@@ -60,43 +76,44 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// S01, the way to the steps, and S02 from there; how that ended, and whether S02 did well.
-fn climb_after(seed: u64, trace: bool) -> Result<(String, bool), Box<dyn Error>> {
-    let mut game = Game::start(seed, Some(Causes::of(&[Cause::Fall, Cause::Tip])))?;
+fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, bool), Box<dyn Error>> {
+    let mut game =
+        Game::start(seed, &Changes { end_on: Some(Causes::of(&[Cause::Fall, Cause::Tip])), ..changes.clone() })?;
     let mut ladder = Ladder::new("")?;
     let mut seen = game.observe()?;
     ladder.reset(&game.info, &seen)?;
     let mut put_down = None;
-    let now = |game: &Game| game.episode.row().step as f64 * CONTROL_DT;
+    let now = |game: &Game| game.world.row().step as f64 * CONTROL_DT;
     while ladder.phase().as_deref() != Some("Away") {
         let phase = ladder.phase().unwrap_or_default();
-        if trace && game.episode.row().step.is_multiple_of(50) {
-            print_state(&game.episode, &phase);
+        if trace && game.world.row().step.is_multiple_of(50) {
+            print_state(&game.world, &phase);
         }
-        if let Some(end) = game.episode.end() {
+        if let Some(end) = game.verdict().end {
             return Ok((format!("{:?} after {:.1} s in {phase}", end.cause(), now(&game)), false));
         }
         if now(&game) > MAX_SECONDS {
             return Ok((format!("still in {phase} after {MAX_SECONDS} s"), false));
         }
         if phase == "Done" {
-            put_down = Some(game.episode.row().things[errand::LADDER].pose);
+            put_down = Some(game.world.row().things[errand::LADDER].pose);
         }
         seen = game.step(&mut ladder, &seen)?;
     }
-    let (out, ladder) = (now(&game), game.episode.row().things[errand::LADDER].pose);
+    let (out, ladder) = (now(&game), game.world.row().things[errand::LADDER].pose);
     let moved = put_down.map_or(f64::NAN, |pose| (pose.translation.vector - ladder.translation.vector).norm());
     let mut climb = Climb::new()?;
     let task = Some(TaskInfo { task: "S02".into(), ..TaskInfo::default() });
     // As at the start of an episode.
     seen.step = 0;
     climb.reset(&SessionInfo { task, ..game.info.clone() }, &seen)?;
-    let mut row = game.episode.row().clone();
+    let mut row = game.world.row().clone();
     row.step = 0;
-    let geometry = game.episode.scene().geometry();
+    let geometry = game.world.scene().geometry();
     let mut judge = Judge::new(Protocol::Strict, Task::S02, Thresholds::default(), geometry, JudgeOptions::default());
     judge.start(&row);
     loop {
-        if let Some(end) = judge.verdict().end.or(game.episode.end()) {
+        if let Some(end) = judge.verdict().end.or(game.verdict().end) {
             let text = format!(
                 "before the steps after {out:.1} s, the ladder {:.1} mm off; then S02 {:?} after {:.1} s",
                 1e3 * moved,
@@ -105,16 +122,20 @@ fn climb_after(seed: u64, trace: bool) -> Result<(String, bool), Box<dyn Error>>
             );
             return Ok((text, end.cause() == Cause::Success));
         }
+        if trace && row.step.is_multiple_of(50) {
+            let part = climb.progress().map_or("to S02".into(), |(time, all)| format!("{time:.1}/{all:.1}"));
+            print_state(&game.world, &part);
+        }
         seen = game.step(&mut climb, &seen)?;
-        row.clone_from(game.episode.row());
+        row.clone_from(game.world.row());
         row.step = ((now(&game) - out) / CONTROL_DT).round() as u64;
         seen.step = row.step;
         judge.advance(&row);
     }
 }
 
-fn print_state(episode: &Episode, phase: &str) {
-    let row = episode.row();
+fn print_state(world: &World, phase: &str) {
+    let row = world.row();
     let (ladder, pelvis) = (row.things[errand::LADDER].pose, row.robot.pose);
     let here = ladder.inverse() * pelvis;
     let up = ladder.inverse() * nalgebra::Vector3::z();
@@ -128,8 +149,8 @@ fn print_state(episode: &Episode, phase: &str) {
         measure::tilt(&ladder),
         up.x,
         up.y,
-        distance(episode),
-        match touched(episode) {
+        distance(world),
+        match touched(world) {
             (force, name) if force > 1.0 => format!(", {force:.1} N on {name}"),
             _ => String::new(),
         }
