@@ -2,10 +2,10 @@
 
     python python/benchmarks/policy_in_mujoco.py climb --tasks S02 S12 --rooms 16
 
-MuJoCo gets the exported start state, under the options that are nearest to Fiatlux's laws (elliptic cones) and under its own defaults
-(pyramids). Bulbs are held by contact alone; the socket's hold is the law of `crates/world/src/attach.rs`, once per control step. The
-policy is one program for all simulators, `cargo run -p fiatlux-policies --example drive -- POLICY TASK ROOM`, asked for targets in each
-control step; `--program FILE` names it where it is built already. Neither side has noise.
+MuJoCo gets the exported start state, under the options that are nearest to Fiatlux's laws (elliptic cones) with `impratio` 100, and
+under its own defaults (pyramids). Bulbs are held by contact alone; the socket's hold is the law of `crates/world/src/attach.rs`, once per
+control step. The policy is one program for all simulators, `cargo run -p fiatlux-policies --example drive -- POLICY TASK ROOM`, asked for
+targets in each control step; `--program FILE` names it where it is built already. Neither side has noise.
 
 Fiatlux's judge says *succeeded* by the strict gate. In MuJoCo it is the gate's conditions as `is_done` has them, for a second (S06: two).
 *Grasped* is a bulb with forces above 1 N on two bodies of one hand, *pulled* one that the socket let go of. *Bore* counts the rooms in
@@ -145,6 +145,9 @@ class Mujoco:
         self.fixed = ours.seen()
         self.model = mujoco.MjModel.from_xml_string(ours.env.to_mjcf(self.nearest))
         ours.env.close()
+        if self.nearest:
+            # At 1, MuJoCo's default and the export's, a held bulb creeps out of the hand.
+            self.model.opt.impratio = 100.0
         self.task, self.data = task, mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         body = {self.model.body(index).name: index for index in range(self.model.nbody)}
