@@ -9,7 +9,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Allocations and reallocations of `work` by all threads: the least of two runs, each from a new `start`, which is not counted.
 ///
-/// What deterministic work allocates, it allocates each time; the thread of the test harness allocates once, when it begins to wait.
+/// Deterministic work allocates the same each time; the thread of the test harness allocates once, when it begins to wait.
 pub fn count<T>(mut start: impl FnMut() -> T, mut work: impl FnMut(&mut T)) -> usize {
     let mut run = || {
         let mut state = start();

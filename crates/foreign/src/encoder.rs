@@ -15,7 +15,7 @@ const JOINTS: usize = 72;
 const ORIENTATION: usize = 6;
 const WRISTS: usize = 6;
 
-/// What an encoder of one release reads, told apart by its number of inputs.
+/// Inputs of an encoder of one release, told apart by its number of inputs.
 #[derive(Debug, Clone, Copy)]
 struct Layout {
     inputs: usize,

@@ -42,7 +42,7 @@ impl Gesture {
 /// Place of a hand, x forwards, y left, z up, and its fingers.
 pub(crate) type Seen = (Vector3<f64>, TrackedHand);
 
-/// What a hand does.
+/// Gestures of a hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Doing {
     /// The robot's hand repeats its motion.

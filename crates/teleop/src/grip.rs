@@ -25,7 +25,7 @@ const TORQUE_NM: f64 = 0.3;
 const TAKES_OVER: f64 = 0.05;
 const OPENS: f64 = 0.02;
 
-/// What of a tracked finger turns a joint.
+/// Flexion of a tracked finger that turns a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Bend {

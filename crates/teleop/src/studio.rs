@@ -80,7 +80,7 @@ pub(crate) trait Studio {
 pub(crate) struct Bag {
     /// Where it is; for a server elsewhere, below its recorder's folder.
     pub path: PathBuf,
-    /// How it ended; `None` where only the server knows.
+    /// Its end; `None` where only the server knows.
     pub end: Option<String>,
 }
 

@@ -197,7 +197,7 @@ fn stances_hold(plan: &Plan) {
     assert!(count > 50 && held * 20 >= count * 19, "{held} of {count}");
 }
 
-/// How a stance was held in the rooms; the largest numbers are those of the rooms in which it was.
+/// A stance over all rooms; the largest numbers are those of the rooms in which it was.
 #[derive(Debug, Default)]
 struct Stood {
     held: usize,

@@ -45,7 +45,7 @@ pub struct Changes {
     pub push: Option<f64>,
 }
 
-/// How an episode went.
+/// The figures of an episode.
 #[derive(Debug)]
 pub struct Played {
     pub cause: Cause,

@@ -74,7 +74,7 @@ fn body(index: i64) -> Vec<u8> {
     )
 }
 
-/// What the robot observes with this heading, at rest.
+/// An observation of the robot with this heading, at rest.
 fn observed(heading: f64, joints: &[Joint]) -> Observation {
     let (sin, cos) = (heading / 2.0).sin_cos();
     let robot = PoseMessage { position: vec![0.0, 0.0, 0.79], quaternion: vec![cos, 0.0, 0.0, sin] };

@@ -18,7 +18,7 @@ const WALKS: [f64; 2] = [0.65, 0.79];
 /// not walk with a pelvis lower than [`BENT`].
 const STOOP: [f64; 2] = [6.0, 5.0];
 const MAX_STOOP: [f64; 2] = [0.3, 0.6];
-/// How much higher it carries a ladder whose platform is a metre higher, m/m: the guard rail must pass the lamp.
+/// Additional height at which it carries a ladder whose platform is a metre higher, m/m: the guard rail must pass the lamp.
 const RAISES: f64 = 0.5;
 /// Part of the height from which on a ladder is not the published one.
 const OTHER_HEIGHT: f64 = 1e-3;
