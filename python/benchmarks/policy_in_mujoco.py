@@ -231,8 +231,8 @@ class Mujoco:
         self.sense()
         found = self.found
         found["bore"] |= (self.loads > LOADED_N).any(axis=0)
-        ladder = self.data.xmat[self.bodies["ladder"]][8]
-        found["tilt"] = max(found["tilt"], float(np.arccos(np.clip(ladder, -1, 1))))
+        if "ladder" in self.bodies:
+            found["tilt"] = max(found["tilt"], angle(self.data.xmat[self.bodies["ladder"]][8]))
         if self.bulb is not None:
             found["grasped"] |= self.in_grip()
         if self.task == "S03":
@@ -259,7 +259,7 @@ class Mujoco:
                 if self.held[1] >= HOLD["release_steps"]:
                     self.held = [None, 0]
             elif self.held[0] is None and fits and abs(gap) <= HOLD["seat_gap"]:
-                if np.arccos(np.clip(axis @ bulb_axis, -1, 1)) < HOLD["seat_tilt"]:
+                if angle(axis @ bulb_axis) < HOLD["seat_tilt"]:
                     self.held = [bulb, 0]
             self.data.xfrc_applied[body] = 0.0
             if self.held[0] == bulb and fits and gap < HOLD["hold_range"]:
@@ -285,10 +285,13 @@ class Mujoco:
 
     def is_done(self):
         """The conditions of the task's gate that MuJoCo's state tells."""
-        pelvis, ladder = self.data.xpos[self.pelvis], self.bodies["ladder"]
+        pelvis, on_treads = self.data.xpos[self.pelvis], (self.loads[:, TREADS].sum(axis=1) > LOADED_N).all()
+        if self.task == "climb":
+            # Its ladder is a part of the room.
+            return pelvis[2] > 1.82 and on_treads
+        ladder = self.bodies["ladder"]
         top = self.data.xpos[ladder] + self.data.xmat[ladder].reshape(3, 3) @ SCENE["ladder"]["top_point"]
         speed = np.linalg.norm(self.data.cvel[ladder, 3:])
-        on_treads = (self.loads[:, TREADS].sum(axis=1) > LOADED_N).all()
         on_floor = (self.loads[:, 0] > LOADED_N).all()
         held = None if self.held[0] is None else BULBS[self.held[0]]
         match self.task:
@@ -298,8 +301,6 @@ class Mujoco:
             case "S02" | "S10":
                 near = np.linalg.norm((pelvis - top)[:2]) < 0.6 and pelvis[2] > 1.03
                 return near and on_treads and (self.task == "S02" or self.in_grip())
-            case "climb":
-                return pelvis[2] > 1.82 and on_treads
             case "S12" | "S04":
                 near = np.linalg.norm((pelvis - self.data.xpos[ladder])[:2]) < 0.6 and pelvis[2] < 0.94
                 return near and on_floor and (held == "fresh_bulb" if self.task == "S12" else self.in_grip())
@@ -337,6 +338,10 @@ class Pyramids(Mujoco):
     """The same with MuJoCo's own defaults."""
 
     nearest = False
+
+
+def angle(cosine):
+    return float(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def bounded(vector, limit):

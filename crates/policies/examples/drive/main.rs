@@ -44,9 +44,8 @@ struct Measured {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [policy, task, seed] = arguments.as_slice() else { return Err("POLICY TASK SEED".into()) };
-    let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     let mut policy = Policies::default().make(policy)?;
-    let info = session(task, seed.parse()?)?;
+    let info = session(task.parse()?, seed.parse()?)?;
     let joints: Vec<(&str, f64)> = info.joints.iter().map(|joint| (joint.name.as_str(), joint.q0)).collect();
     let mut out = std::io::stdout().lock();
     writeln!(out, "{}", serde_json::json!({ "joints": joints, "hand_bodies": info.hand_bodies }))?;
@@ -70,7 +69,7 @@ fn session(task: Task, seed: u64) -> Result<SessionInfo, Box<dyn Error>> {
     let of_scene = EpisodeSpec::new(task, seed, 0).scene(gains.clone());
     let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), of_scene)?;
     Ok(SessionInfo {
-        task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
+        task: Some(TaskInfo { task: task.to_string(), ..TaskInfo::default() }),
         joints: joint_messages(&robot, &gains),
         hand_bodies: hand_body_names(&robot),
         footprints: footprint_messages(&scene),
