@@ -34,6 +34,11 @@ const SETTLES: u64 = 25;
 const BEFORE: f64 = 0.10;
 /// Distance from there and turn at which it has arrived, m and rad.
 const ARRIVED: (f64, f64) = (0.04, 0.08);
+/// Distances beyond the goal, towards the ladder, from which a robot is beside it, if it is that far to a side, and from which it is
+/// behind it; and from the ladder's middle line to where a robot passes it, m.
+const BESIDE: (f64, f64) = (0.08, 0.3);
+const BEHIND: f64 = 0.6;
+const CLEAR: f64 = 0.75;
 /// Turn from which it stays where it is while it turns, rad.
 const TURNS: f64 = 0.4;
 /// Largest speeds, m/s and rad/s, and their changes, m/s^2 and rad/s^2.
@@ -243,6 +248,18 @@ pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result
     Ok((seat.z - (distance.powi(2) - level).max(0.0).sqrt()) / TOP[2])
 }
 
+/// The next point on the way to a goal before the ladder's steps: from beside or behind the ladder around it, in the plan's frame.
+fn around(here: &Vector3<f64>, goal: &Vector3<f64>) -> Vector3<f64> {
+    let beyond = here.x - goal.x;
+    if beyond > BEHIND && here.y.abs() < CLEAR {
+        Vector3::new(here.x, CLEAR.copysign(here.y) * 1.1, 0.0)
+    } else if beyond > BESIDE.0 && here.y.abs() > BESIDE.1 {
+        Vector3::new(goal.x, here.y, 0.0)
+    } else {
+        *goal
+    }
+}
+
 impl Episode {
     /// The way to where the plan begins, in the plan's frame.
     fn walk(&mut self, step: u64, here: &Isometry3<f64>) -> BodyCommand {
@@ -254,7 +271,7 @@ impl Episode {
         let heading = libm::atan2(heading.y, heading.x);
         let error = std::f64::consts::PI - heading;
         let error = libm::atan2(libm::sin(error), libm::cos(error));
-        let aim = if error.abs() > TURNS { start.translation.vector } else { goal };
+        let aim = if error.abs() > TURNS { start.translation.vector } else { around(&here.translation.vector, &goal) };
         let away = aim - here.translation.vector;
         let is_there = error.abs() < ARRIVED.1 && (goal - here.translation.vector).xy().norm() < ARRIVED.0;
         if is_there || self.stood > 0 {

@@ -47,9 +47,11 @@ const AT_RAILS: f64 = 0.25;
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
 const NEAR_M: f64 = 0.4;
-/// Where the hand takes the bulb from, from the pelvis, and room that the body needs there from the bench, m.
-const REACH_M: f64 = 0.39;
-const BENCH_ROOM_M: f64 = 0.22;
+/// Where the right hand takes the bulb from the bench, ahead of the pelvis and to the left: `[stand]` of `hands/grab.toml`; where its
+/// elbow is then, to the right; and room that pelvis and elbow need there from the bench, m.
+const GRAB: [f64; 2] = [0.38, -0.08];
+const ELBOW_M: f64 = 0.25;
+const BENCH_ROOM_M: [f64; 2] = [0.18, 0.31];
 /// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
 const FACING: (f64, f64) = (0.15, 0.35);
 const SLACK_M: f64 = 0.025;
@@ -253,11 +255,15 @@ impl EpisodeState {
     }
 }
 
-/// From there, steps towards the bulb lead to where the hand reaches it, clear of the bench.
+/// From there, steps towards the bulb lead to where the hand reaches it, and pelvis and elbow are clear of the bench.
 fn has_room_to_reach(map: &Map, bulb: Point, at: Point) -> bool {
-    let share = REACH_M / distance(at, bulb).max(REACH_M);
-    let place = [0, 1].map(|axis| bulb[axis] + share * (at[axis] - bulb[axis]));
-    map.distance_to("bench", place).is_none_or(|room| room > BENCH_ROOM_M)
+    let away = distance(at, bulb).max(1e-6);
+    let ahead = [0, 1].map(|axis| (bulb[axis] - at[axis]) / away);
+    let left = [-ahead[1], ahead[0]];
+    let pelvis = [0, 1].map(|axis| bulb[axis] - GRAB[0] * ahead[axis] - GRAB[1] * left[axis]);
+    let elbow = [0, 1].map(|axis| pelvis[axis] - ELBOW_M * left[axis]);
+    let mut rooms = [pelvis, elbow].into_iter().zip(BENCH_ROOM_M);
+    rooms.all(|(place, least)| map.distance_to("bench", place).is_none_or(|room| room > least))
 }
 
 fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {

@@ -39,6 +39,8 @@ struct Params {
 struct Stand {
     ahead: f64,
     left: f64,
+    close: f64,
+    clear: f64,
     tolerance: f64,
     speed: f64,
     height: f64,
@@ -91,6 +93,8 @@ struct Close {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
+    /// Steps back where the hand, as it comes up, would catch on the bench's edge. Ends where it is clear.
+    StepBack,
     /// Brings the hand up where it will be clear of bench and bulb. Ends in the posture.
     Raise,
     /// Steps until the bulb is at its place before the pelvis.
@@ -209,6 +213,11 @@ impl Grab {
         Ok(best.is_some())
     }
 
+    /// Distance of the bulb from the pelvis on the level, m.
+    fn away(&self, seen: &Seen) -> f64 {
+        (seen.fresh_bulb.translation.vector - seen.pelvis.translation.vector).xy().norm()
+    }
+
     /// Steps that bring the bulb to its place before the robot.
     fn step_up(&self, seen: &Seen) -> Steps {
         let stand = &self.params.stand;
@@ -242,6 +251,11 @@ impl Skill for Grab {
         let closing = CONTROL_DT / close.time;
         let closed = 1.0 + close.excess * (1.0 - self.size);
         let next = match self.phase {
+            Phase::StepBack => {
+                (command.velocity, command.height) = ([-params.stand.speed, 0.0, 0.0], params.stand.walk_height);
+                (self.away(seen) > params.stand.clear).then_some(Phase::Raise)
+            }
+            Phase::Raise if self.posture.is_none() && self.away(seen) < params.stand.close => Some(Phase::StepBack),
             Phase::Raise => {
                 let posture = match self.posture {
                     Some(posture) => posture,
