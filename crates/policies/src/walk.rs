@@ -285,7 +285,17 @@ fn known(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
 
 #[cfg(test)]
 mod tests {
-    use super::touched;
+    use super::{GRAB, touched};
+
+    /// Guards that S07 ends where S08 then steps to.
+    #[test]
+    fn the_bulb_is_taken_from_where_the_hand_takes_it() {
+        for text in [include_str!("hands/grab.toml"), include_str!("hands/grab.g1_dex3.toml")] {
+            let parameters: toml::Table = text.parse().expect("TOML");
+            let stand = ["ahead", "left"].map(|key| parameters["stand"][key].as_float());
+            assert_eq!(stand, GRAB.map(Some));
+        }
+    }
 
     #[test]
     fn a_hand_that_a_bulb_presses_is_told_from_the_other() {

@@ -5,12 +5,12 @@ use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 
 use fiatlux_client::Command;
-use fiatlux_proto::v3::{Joint, Pose as PoseMessage, Privileged, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Pose as PoseMessage, Privileged};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_wire::joint_messages;
 
 use super::*;
 use crate::Policies;
+use crate::tests::standing;
 
 /// Small networks written by Python: the encoder halves 64 of its inputs, which `tests/oracle/foreign.py` lists.
 const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../foreign/tests/fixtures");
@@ -74,24 +74,12 @@ fn body(index: i64) -> Vec<u8> {
     )
 }
 
-/// An observation of the robot with this heading, at rest.
-fn observed(heading: f64, joints: &[Joint]) -> Observation {
+/// An observation of the robot's heading.
+fn observed(heading: f64) -> Observation {
     let (sin, cos) = (heading / 2.0).sin_cos();
     let robot = PoseMessage { position: vec![0.0, 0.0, 0.79], quaternion: vec![cos, 0.0, 0.0, sin] };
-    let count = joints.len();
-    Observation {
-        proprioception: Some(Proprioception {
-            base_angular_velocity: vec![0.0; 3],
-            projected_gravity: vec![0.0, 0.0, -1.0],
-            base_linear_velocity: vec![0.0; 3],
-            base_height: 0.79,
-            joint_position: vec![0.0; count],
-            joint_velocity: vec![0.0; count],
-        }),
-        last_action: vec![0.0; count],
-        privileged: Some(Privileged { robot: Some(robot), ..Privileged::default() }),
-        ..Observation::default()
-    }
+    let privileged = Some(Privileged { robot: Some(robot), ..Privileged::default() });
+    Observation { privileged, ..Observation::default() }
 }
 
 /// Waits until the newest frame is that one.
@@ -126,7 +114,7 @@ fn a_tracked_body_moves_the_robot() {
     tracked.reset();
     (1..12).for_each(|index| send(&mut stream, &body(index)));
     until(&tracked, 11);
-    let token = tracked.token(&observed(1.0, &[])).expect("a token");
+    let token = tracked.token(&observed(1.0)).expect("a token");
     assert_near(&token[..1], [1.0]);
     let joints = |frame: usize| (0..18).map(move |part| ((part / 3) as f64 + frame as f64) / 200.0);
     assert_near(&token[1..19], joints(2));
@@ -137,7 +125,7 @@ fn a_tracked_body_moves_the_robot() {
     assert_near(&token[49..61], (0..12).map(|part| if part < 6 { 0.1 } else { 0.55 } + (part % 6) as f64 / 200.0));
     assert_near(&token[61..], [0.0; 3]);
     // The robot has turned to the left by 90 degrees, so that the operator looks to its right.
-    let token = tracked.token(&observed(1.0 + std::f64::consts::FRAC_PI_2, &[])).expect("a token");
+    let token = tracked.token(&observed(1.0 + std::f64::consts::FRAC_PI_2)).expect("a token");
     assert_near(&token[37..43], [0.0, 0.5, -cos, 0.0, -sin, 0.0]);
 
     let wrong = message(3, &[("smpl_joints", &[1, 24, 3], &[f32::NAN; 72]), ("body_quat", &[1, 4], &[0.5; 4])], 12);
@@ -150,7 +138,7 @@ fn a_tracked_body_moves_the_robot() {
         std::thread::sleep(LOOK);
     }
     std::thread::sleep(MAX_AGE);
-    let held = tracked.token(&observed(1.0, &[])).expect("a token");
+    let held = tracked.token(&observed(1.0)).expect("a token");
     assert_near(&held[1..19], joints(11));
     assert_near(&held[19..37], joints(11));
 
@@ -158,7 +146,7 @@ fn a_tracked_body_moves_the_robot() {
     let mut stream = sender.accept();
     send(&mut stream, &body(13));
     until(&tracked, 13);
-    assert_near(&tracked.token(&observed(1.0, &[])).expect("a token")[19..37], joints(13));
+    assert_near(&tracked.token(&observed(1.0)).expect("a token")[19..37], joints(13));
     let blind = Observation::default();
     assert!(matches!(tracked.token(&blind), Err(PolicyError::Sensor { sensor: "privileged", .. })));
     drop((stream, sender));
@@ -168,9 +156,8 @@ fn a_tracked_body_moves_the_robot() {
 #[test]
 fn a_stream_of_tokens_plays_as_a_file_of_them() {
     let robot = Robot::benchmark().expect("loads");
-    let joints = joint_messages(&robot, &robot.gains(GainSet::Sonic));
-    let first = observed(0.0, &joints);
-    let info = SessionInfo { joints, action_scale: 0.5, control_dt: 0.02, ..SessionInfo::default() };
+    let (info, standing) = standing(&robot, GainSet::Sonic);
+    let first = Observation { privileged: observed(0.0).privileged, ..standing };
     let (sender, address) = Sender::new();
     let path: PathBuf = std::env::temp_dir().join(format!("fiatlux-stream-token-{}.txt", std::process::id()));
     std::fs::write(&path, "0.25 ".repeat(64)).expect("written");
