@@ -21,7 +21,7 @@ use crate::kinematics::Kinematics;
 use crate::model::{CullGroupPair, Model, State};
 use crate::spatial::V3;
 use crate::spec::{Material, ShapeId};
-use closed_form::{Placed, Point, box_distance};
+use closed_form::{BoxAt, Placed, Point, box_distance};
 use nearest::{nearest, pose_between, vector};
 use polyhedra::HullScratch;
 
@@ -350,7 +350,7 @@ fn collide_pair(
             closed_form::convex_ball(pa, |p| hull.distance(p), pb.position, *radius, margin, push);
         }
         (Hull(hull), Capsule { radius, half_length }) => {
-            closed_form::convex_capsule(pa, |p| hull.distance(p), pb, *radius, *half_length, margin, push);
+            closed_form::convex_capsule(pa, &**hull, pb, *radius, *half_length, margin, push);
         }
         (Box { half_extents: ha }, Box { half_extents: hb }) => {
             box_box(&mut scratch.manifold, (pa, ha), (pb, hb), margin, push);
@@ -359,8 +359,8 @@ fn collide_pair(
             closed_form::convex_ball(pa, |p| box_distance(p, half_extents), pb.position, *radius, margin, push);
         }
         (Box { half_extents }, Capsule { radius, half_length }) => {
-            let distance = |p: &V3| box_distance(p, half_extents);
-            closed_form::convex_capsule(pa, distance, pb, *radius, *half_length, margin, push);
+            let body = BoxAt { half: half_extents };
+            closed_form::convex_capsule(pa, &body, pb, *radius, *half_length, margin, push);
         }
         (Sphere { radius: ra }, Sphere { radius: rb }) => {
             closed_form::ball_ball(pa.position, *ra, pb.position, *rb, margin, push);

@@ -43,7 +43,13 @@ impl Point {
     /// At `arm` from the pair's origin; `inverse_mass` of the pair in 1/kg.
     pub fn new(arm: &V3, normal: &V3, friction: f64, distance: f64, inverse_mass: f64, dt: f64) -> Self {
         // The axis least along the normal gives well-conditioned tangents.
-        let tangent = normal.cross(&V3::ith(normal.iamin(), 1.0)).normalize();
+        // A constant stays in registers, where an indexed store would have to reach memory first.
+        let axis = match normal.iamin() {
+            0 => V3::x(),
+            1 => V3::y(),
+            _ => V3::z(),
+        };
+        let tangent = normal.cross(&axis).normalize();
         let other = normal.cross(&tangent);
         let row = |d: &V3| Force { torque: arm.cross(d), force: *d };
         Self {

@@ -5,6 +5,7 @@
 
 use nalgebra::Matrix3;
 
+use crate::hull::Hull;
 use crate::spatial::V3;
 
 /// A shape's pose in the world; of the rotation, a capsule has only its axis (the third column) and a ball nothing.
@@ -109,10 +110,11 @@ pub(crate) fn capsule_capsule(
 pub(crate) fn box_distance(p: &V3, half: &V3) -> (f64, V3) {
     let excess = p.abs() - half;
     if excess.x <= 0.0 && excess.y <= 0.0 && excess.z <= 0.0 {
-        let k = excess.imax();
-        let mut normal = V3::zeros();
-        normal[k] = 1.0_f64.copysign(p[k]);
-        return (excess[k], normal);
+        return match excess.imax() {
+            0 => (excess.x, V3::new(1.0_f64.copysign(p.x), 0.0, 0.0)),
+            1 => (excess.y, V3::new(0.0, 1.0_f64.copysign(p.y), 0.0)),
+            _ => (excess.z, V3::new(0.0, 0.0, 1.0_f64.copysign(p.z))),
+        };
     }
     let outside = excess.sup(&V3::zeros());
     let distance = outside.norm();
@@ -150,11 +152,81 @@ fn push_point(
     }
 }
 
-/// A convex body (first) by its signed distance, and a capsule: the ends of the stretch of the capsule that lies within
-/// [`FLAT_WITHIN`] of its deepest point, or that point alone.
+/// A convex body in its own frame, by its signed distance.
+pub(crate) trait Convex {
+    /// Signed distance of a point, and the outward direction of its fastest growth.
+    fn distance(&self, p: &V3) -> (f64, V3);
+
+    /// True if a point is at most this far away.
+    #[inline(always)]
+    fn is_within(&self, p: &V3, level: f64) -> bool {
+        self.distance(p).0 <= level
+    }
+
+    /// True if the distance does not shrink along an axis.
+    #[inline(always)]
+    fn grows(&self, p: &V3, axis: &V3) -> bool {
+        self.distance(p).1.dot(axis) >= 0.0
+    }
+
+    /// False only if a capsule at `centre` along `axis` is farther away than `reach` from its segment.
+    #[inline(always)]
+    fn may_reach(&self, centre: &V3, _axis: &V3, half_length: f64, reach: f64) -> bool {
+        self.distance(centre).0 <= half_length + reach
+    }
+}
+
+impl Convex for Hull {
+    fn distance(&self, p: &V3) -> (f64, V3) {
+        self.distance(p)
+    }
+}
+
+/// Part of a number that rounding changes by less.
+const ROUNDING: f64 = 1e-12;
+
+/// A box about the origin. Comparisons do without root and division, unless rounding could decide them.
+pub(crate) struct BoxAt<'a> {
+    pub half: &'a V3,
+}
+
+impl Convex for BoxAt<'_> {
+    #[inline(always)]
+    fn distance(&self, p: &V3) -> (f64, V3) {
+        box_distance(p, self.half)
+    }
+
+    #[inline(always)]
+    fn is_within(&self, p: &V3, level: f64) -> bool {
+        let square = (p.abs() - self.half).sup(&V3::zeros()).norm_squared();
+        let limit = level * level;
+        let is_clear = (square - limit).abs() > ROUNDING * limit;
+        if is_clear & (level > 0.0) { square < limit } else { self.distance(p).0 <= level }
+    }
+
+    #[inline(always)]
+    fn grows(&self, p: &V3, axis: &V3) -> bool {
+        let outside = (p.abs() - self.half).sup(&V3::zeros());
+        let [x, y, z] = [0, 1, 2].map(|k| outside[k].copysign(p[k]) * axis[k]);
+        let slope = x + y + z;
+        // A point inside has a slope of zero here.
+        let is_clear = slope.abs() > ROUNDING * (x.abs() + y.abs() + z.abs());
+        if is_clear { slope > 0.0 } else { self.distance(p).1.dot(axis) >= 0.0 }
+    }
+
+    #[inline(always)]
+    fn may_reach(&self, centre: &V3, axis: &V3, half_length: f64, reach: f64) -> bool {
+        let gap = centre.abs() - self.half - axis.abs() * half_length;
+        let limit = reach + ROUNDING;
+        (gap.x <= limit) & (gap.y <= limit) & (gap.z <= limit)
+    }
+}
+
+/// A convex body (first) and a capsule: the ends of the stretch of the capsule that lies within [`FLAT_WITHIN`] of its deepest
+/// point, or that point alone.
 pub(crate) fn convex_capsule(
     convex: &Placed,
-    signed_distance: impl Fn(&V3) -> (f64, V3),
+    body: &impl Convex,
     capsule: &Placed,
     radius: f64,
     half_length: f64,
@@ -162,38 +234,30 @@ pub(crate) fn convex_capsule(
     out: &mut impl FnMut(Point),
 ) {
     let centre = convex.rotation.tr_mul(&(capsule.position - convex.position));
-    if signed_distance(&centre).0 > half_length + radius + margin {
+    let axis = convex.rotation.tr_mul(&capsule.rotation.column(2));
+    if !body.may_reach(&centre, &axis, half_length, radius + margin) {
         return;
     }
-    let axis = convex.rotation.tr_mul(&capsule.rotation.column(2));
     let at = |t: f64| centre + axis * t;
-    let distance_at = |t: f64| signed_distance(&at(t)).0;
-    let slope_at = |t: f64| signed_distance(&at(t)).1.dot(&axis);
+    let grows = |t: f64| body.grows(&at(t), &axis);
     // The distance to a convex set is convex along a line, so its slope changes sign once.
-    let deepest = if slope_at(-half_length) >= 0.0 {
+    let deepest = if grows(-half_length) {
         -half_length
-    } else if slope_at(half_length) <= 0.0 {
+    } else if body.distance(&at(half_length)).1.dot(&axis) <= 0.0 {
         half_length
     } else {
-        bisect(-half_length, half_length, |t| slope_at(t) >= 0.0)
+        bisect(-half_length, half_length, grows)
     };
-    let least = distance_at(deepest);
+    let least = body.distance(&at(deepest)).0;
     if least - radius > margin {
         return;
     }
     let level = least + FLAT_WITHIN;
-    let low = if distance_at(-half_length) <= level {
-        -half_length
-    } else {
-        bisect(-half_length, deepest, |t| distance_at(t) <= level)
-    };
-    let high = if distance_at(half_length) <= level {
-        half_length
-    } else {
-        bisect(deepest, half_length, |t| distance_at(t) > level)
-    };
+    let is_within = |t: f64| body.is_within(&at(t), level);
+    let low = if is_within(-half_length) { -half_length } else { bisect(-half_length, deepest, is_within) };
+    let high = if is_within(half_length) { half_length } else { bisect(deepest, half_length, |t| !is_within(t)) };
     let mut push = |t: f64| {
-        let (distance, normal) = signed_distance(&at(t));
+        let (distance, normal) = body.distance(&at(t));
         push_point(convex, capsule.position + capsule.rotation.column(2) * t, distance, &normal, radius, margin, out);
     };
     if high - low < 0.5 * radius {
@@ -205,14 +269,15 @@ pub(crate) fn convex_capsule(
 }
 
 /// Where a predicate turns from false (at `low`) to true (at `high`), to a 4096th of the interval.
+#[inline(always)]
 fn bisect(mut low: f64, mut high: f64, past: impl Fn(f64) -> bool) -> f64 {
+    // Nobody foresees the way, so that bits are chosen by a mask, without a branch.
+    let choose = |mask: u64, a: f64, b: f64| f64::from_bits(a.to_bits() & mask | b.to_bits() & !mask);
     for _ in 0..12 {
         let middle = 0.5 * (low + high);
-        if past(middle) {
-            high = middle;
-        } else {
-            low = middle;
-        }
+        let mask = u64::from(past(middle)).wrapping_neg();
+        high = choose(mask, middle, high);
+        low = choose(mask, low, middle);
     }
     0.5 * (low + high)
 }
@@ -263,3 +328,6 @@ pub(crate) fn half_space_box(plane: &Placed, cuboid: &Placed, half: &V3, margin:
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
