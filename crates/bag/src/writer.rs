@@ -18,8 +18,9 @@ pub const ROWS_PER_CHUNK: u64 = 128;
 /// A chunk ends early when it would grow beyond this, bytes.
 const MAX_GROUP: usize = 8 << 20;
 
-/// zstd. Of 6,000 rows, level 3 takes 1.4 times as long for 2 % less.
-const LEVEL: u32 = 1;
+/// zstd, which reads the bits as a signed number. Of 6,000 rows, level 1 takes 1.8 times as long for 5 % less, level 3 4.4 times for
+/// 8 % less.
+const LEVEL: u32 = (-3_i32).cast_unsigned();
 
 /// Takes everything up to the first row, and chunks of some rows.
 const BUFFER: usize = 256 << 10;
