@@ -13,7 +13,7 @@ use fiatlux_climb::{
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
-use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
+use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::body;
@@ -44,6 +44,8 @@ const TURNS: f64 = 0.4;
 /// Largest speeds, m/s and rad/s, and their changes, m/s^2 and rad/s^2.
 const FASTEST: (f64, f64) = (0.25, 0.6);
 const GAIN: (f64, f64) = (0.6, 1.2);
+/// Rate of the arms' angles before it climbs, rad/s.
+const ARM_RATE: f64 = 1.0;
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
 /// Speeds of the plans' times, up and down.
@@ -214,6 +216,7 @@ impl Policy for Climb {
         }
         if episode.player.is_none() {
             let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
+            episode.move_arms();
             let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
                 if let Command::JointTarget(targets) = &mut goes_on {
@@ -291,6 +294,15 @@ impl Episode {
         }
         command.velocity = self.velocity;
         command
+    }
+
+    /// Brings free arms to where they are at the start of a task, away from the ladder: whatever played before may have left them
+    /// beside the body, where a hand meets the ladder as the pelvis turns.
+    fn move_arms(&mut self) {
+        if self.fingers.is_empty() {
+            let arms = self.walker.targets.iter_mut().zip(&self.q0).take(BODY).skip(MOVED);
+            arms.for_each(|(now, to)| *now += (to - *now).clamp(-ARM_RATE * CONTROL_DT, ARM_RATE * CONTROL_DT));
+        }
     }
 
     /// Hands over to the player, which first stands still.

@@ -38,6 +38,17 @@ fn it_climbs_a_higher_ladder() {
     assert!(height > 1.22, "{height} m");
 }
 
+/// From arms that hang beside the body, as `ladder` leaves them: a finger met the ladder in this room as the pelvis turned, and the
+/// robot fell.
+#[test]
+fn it_climbs_from_hanging_arms() {
+    let changes = Changes { arms: Some([0.12, 1.2]), ..Changes::default() };
+    let play::Played { cause, seconds, progress, ladder, .. } =
+        play::play(Climb::new().unwrap(), Task::S02, 1009, &changes, |_| ()).unwrap();
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(ladder.0 < 1e-3 && ladder.1 < 1e-3, "{ladder:?}");
+}
+
 /// Strict, up and down: the bulb is in the grip of the hand at the end, and was never let go.
 #[test]
 fn it_climbs_with_a_bulb() {

@@ -2,7 +2,8 @@
 //! `cargo run -p fiatlux-policies --example climb -- S02 1000..1003 [trace] [loads] [FILE.safetensors] [CHANGE...]`, with the network
 //! in the file where one is named. `loads` ends with a table of the joints' efforts and speeds in the successes. Changes are
 //! `friction=0.8` (of the ladder), `x=1.05`, `y=` and `z=` (sizes of the ladder), `mass=0.05` (all masses of the robot more by that part),
-//! `masses=0.05` (each by another part up to it), `delay=1` (control steps) and `push=0.3` (m/s, once during the climb).
+//! `masses=0.05` (each by another part up to it), `delay=1` (control steps), `push=0.3` (m/s, once during the climb) and
+//! `arms=0.12,1.2` (roll of the shoulders and angle of the elbows from which on it goes, rad: as `ladder` leaves them).
 #![allow(missing_docs)]
 
 mod play;
@@ -80,8 +81,12 @@ fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
             "masses" => changes.masses = value.parse()?,
             "delay" => changes.delay = value.parse()?,
             "push" => changes.push = Some(value.parse()?),
+            "arms" => {
+                let (roll, elbow) = value.split_once(',').ok_or("arms=ROLL,ELBOW")?;
+                changes.arms = Some([roll.parse()?, elbow.parse()?]);
+            }
             _ => {
-                let known = "use friction, x, y, z, mass, masses, delay or push";
+                let known = "use friction, x, y, z, mass, masses, delay, push or arms";
                 return Err(format!("there is no change '{name}'; {known}").into());
             }
         }

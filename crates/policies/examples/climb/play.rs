@@ -13,7 +13,7 @@ use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, Verdict, errand};
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_wire::joint_messages;
+use fiatlux_wire::{footprint_messages, joint_messages};
 use fiatlux_world::{
     ACTION_SCALE, ControlInput, EpisodeSpec, PHYSICS_DT, PropScale, Push, SUBSTEPS, Scene, SceneConfig, ShapeOwner,
     StartOptions, World, start_drawn,
@@ -43,6 +43,8 @@ pub struct Changes {
     pub delay: usize,
     /// Speed that the whole robot gets once while it climbs, m/s: in each room at another time, in another direction.
     pub push: Option<f64>,
+    /// Angles of shoulders and elbows at which the arms are when it begins, rad: roll and elbow, as `ladder` leaves them.
+    pub arms: Option<[f64; 2]>,
 }
 
 /// The figures of an episode.
@@ -196,6 +198,7 @@ pub fn play(
     let info = SessionInfo {
         task: Some(TaskInfo { task: name, ..TaskInfo::default() }),
         joints: joint_messages(&robot, &gains),
+        footprints: footprint_messages(&scene),
         action_scale: ACTION_SCALE,
         control_dt: CONTROL_DT,
         ..SessionInfo::default()
@@ -205,6 +208,17 @@ pub fn play(
         suite.observe(&view, SENSORS)
     };
     let mut observation = view(&world, &judge, &mut suite)?;
+    if let Some([roll, elbow]) = changes.arms {
+        for (joint, action) in robot.joints().iter().zip(&mut observation.last_action) {
+            let angle = match joint.name.as_str() {
+                "left_shoulder_roll_joint" => roll,
+                "right_shoulder_roll_joint" => -roll,
+                "left_elbow_joint" | "right_elbow_joint" => elbow,
+                _ => continue,
+            };
+            *action = (angle / ACTION_SCALE) as f32;
+        }
+    }
     climb.reset(&info, &observation)?;
     let start = world.row().things[errand::LADDER].pose;
     let grip =

@@ -8,7 +8,7 @@ use fiatlux_policies::Expert;
 use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Judge, JudgeOptions, Protocol, Row, Task, Thresholds};
+use fiatlux_rules::{CONTROL_DT, Judge, JudgeOptions, Protocol, Task, Thresholds};
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
 use fiatlux_world::{ACTION_SCALE, ControlInput, EpisodeSpec, Scene, SceneConfig, StartOptions, World, start_drawn};
@@ -32,7 +32,7 @@ pub struct Played {
 }
 
 /// Plays the first episode of a room from a subtask's start, by the rules of the errand.
-pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&Row, &str)) -> Result<Played, Box<dyn Error>> {
+pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&World, &str)) -> Result<Played, Box<dyn Error>> {
     let robot = Arc::new(Robot::by_name(Robot::NAMES[0])?);
     let gains = robot.gains(GainSet::default());
     let spec = EpisodeSpec::new(start, seed, 0);
@@ -71,7 +71,7 @@ pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&Row, &str)) -> Result
             stages.push((task, seconds));
         }
         let phase = expert.phase().unwrap_or_default();
-        watch(world.row(), &format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string())));
+        watch(&world, &format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string())));
         if seconds > MAX_SECONDS {
             return Ok(Played { stages, seconds, end: "stuck".into() });
         }
