@@ -42,17 +42,18 @@ fn it_puts_the_bulb_into_the_crate() {
 /// Below a ceiling and in front of a wall it puts the bulb into the socket, lets go, and does not press it hard.
 #[test]
 fn it_puts_the_bulb_into_the_socket() {
-    changes_the_bulb(Task::S11, [1000, 1003]);
+    changes_the_bulb(Task::S11, &[1000, 1003]);
 }
 
-/// It takes the spent bulb out, and keeps it in a grip that strict accepts.
+/// It takes the spent bulb out, and keeps it in a grip that strict accepts. In room 232 the thumb pushes the glass out of fingers that are
+/// not closed yet; in 242 an arm that is not kept clear of what is around it pushes the robot off the platform.
 #[test]
 fn it_takes_the_bulb_out_of_the_socket() {
-    changes_the_bulb(Task::S03, [1015, 1016]);
+    changes_the_bulb(Task::S03, &[1015, 232, 242]);
 }
 
-fn changes_the_bulb(task: Task, rooms: [u64; 2]) {
-    for seed in rooms {
+fn changes_the_bulb(task: Task, rooms: &[u64]) {
+    for &seed in rooms {
         let ended = play::play(task, seed, Hands::new().unwrap(), &Changes::default(), |_| ()).unwrap();
         assert!(ended.cause == Cause::Success && !ended.is_spoilt, "room {seed}: {:?}, {}", ended.cause, ended.phase);
         assert!(ended.later_peak < 30.0 && ended.seconds < 30.0, "room {seed}: {} N", ended.later_peak);

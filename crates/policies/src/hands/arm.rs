@@ -318,8 +318,9 @@ impl RightArm {
         left
     }
 
-    /// Moves the hand on a straight line towards a pose, m/s; the way that is left, m, turns included.
-    pub fn move_to(&mut self, goal: &Isometry3<f64>, speed: f64) -> Result<f64, PolicyError> {
+    /// Moves the hand on a straight line towards a pose, m/s; the way that is left, m, turns included. On request the arm keeps clear of
+    /// what surrounds it.
+    pub fn move_to(&mut self, is_careful: bool, goal: &Isometry3<f64>, speed: f64) -> Result<f64, PolicyError> {
         let from = match self.way {
             Some(way) => way,
             None => self.world_from_hand(),
@@ -327,7 +328,8 @@ impl RightArm {
         let (next, left) = next_on_way(&from, goal, speed);
         self.way = Some(next);
         let from = self.angles;
-        let (angles, _) = self.solve(&next, &from, 1)?;
+        let whole = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: next, free: None };
+        let (angles, _) = if is_careful { self.reach(&whole, &from, 1)? } else { self.solve(&next, &from, 1)? };
         self.follow(&angles, MAX_TURN_RATE);
         Ok(left)
     }

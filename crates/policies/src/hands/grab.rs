@@ -289,13 +289,13 @@ impl Skill for Grab {
                     self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
                     None
                 } else {
-                    let left = arm.move_to(&goal, motion.speed)?;
+                    let left = arm.move_to(false, &goal, motion.speed)?;
                     arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
                 }
             }
             Phase::Approach => {
                 let goal = self.goal;
-                let left = arm.move_to(&goal, motion.approach_speed)?;
+                let left = arm.move_to(false, &goal, motion.approach_speed)?;
                 arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
             }
             Phase::Close => {
@@ -305,7 +305,7 @@ impl Skill for Grab {
                     finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
                 }
                 let goal = self.goal;
-                arm.move_to(&goal, motion.approach_speed)?;
+                arm.move_to(false, &goal, motion.approach_speed)?;
                 self.bulb_height = seen.fresh_bulb.translation.vector.z;
                 (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
                     self.goal.translation.vector.z += motion.lift;
@@ -314,7 +314,7 @@ impl Skill for Grab {
             }
             Phase::Lift | Phase::Hold => {
                 let goal = self.goal;
-                let left = arm.move_to(&goal, motion.lift_speed)?;
+                let left = arm.move_to(false, &goal, motion.lift_speed)?;
                 let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
                 let next = if risen > close.risen { Phase::Hold } else { Phase::Open };
                 (left < ARRIVED && elapsed > close.verify && next != self.phase).then_some(next)
@@ -327,7 +327,8 @@ impl Skill for Grab {
             }
             Phase::Retreat => {
                 let goal = self.goal * back_off;
-                (arm.move_to(&goal, motion.speed)? < ARRIVED || elapsed > motion.patience).then_some(Phase::Settle)
+                (arm.move_to(false, &goal, motion.speed)? < ARRIVED || elapsed > motion.patience)
+                    .then_some(Phase::Settle)
             }
         };
         arm.write(targets);

@@ -270,7 +270,7 @@ impl Skill for Insert {
             }
             Phase::Relax | Phase::Open => {
                 let goal = self.goal;
-                arm.move_to(&goal, open.speed)?;
+                arm.move_to(false, &goal, open.speed)?;
                 if self.phase == Phase::Relax {
                     (elapsed > open.relax).then_some(Phase::Open)
                 } else {
@@ -284,7 +284,7 @@ impl Skill for Insert {
             }
             Phase::Retreat => {
                 let goal = self.goal;
-                (arm.move_to(&goal, open.speed)? < ARRIVED).then_some(Phase::Done)
+                (arm.move_to(false, &goal, open.speed)? < ARRIVED).then_some(Phase::Done)
             }
             Phase::Done => None,
         };

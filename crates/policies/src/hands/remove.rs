@@ -228,9 +228,9 @@ impl Skill for Remove {
                 let (goal, next) = if is_near { (around, Phase::Close) } else { (beside, Phase::Approach) };
                 if self.has_arrived {
                     let off = goal * arm.sensed_hand().inverse();
-                    arm.nudge(false, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
+                    arm.nudge(true, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
                 } else {
-                    self.has_arrived = arm.move_to(&goal, grasp.speed)? < ARRIVED;
+                    self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
                 }
                 if !is_near && seen.palm_force > TOUCHED {
                     self.taking.goes_back();
@@ -272,7 +272,7 @@ impl Skill for Remove {
                 (elapsed > close.time).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
-                let left = arm.move_to(&beside, grasp.speed)?;
+                let left = arm.move_to(true, &beside, grasp.speed)?;
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
                     self.taking.again();
                     Phase::Take

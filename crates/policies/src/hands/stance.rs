@@ -20,6 +20,9 @@ pub(super) const TOUCHED: f64 = 1.0;
 const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
 /// So often the arm is held up on its way before another stance is looked for.
 const MAX_BLOCKS: u32 = 2;
+/// So often the time until the next look for a way doubles, where there was none or the arm was held up. It bounds what a search
+/// that fails again and again takes.
+const MAX_DOUBLINGS: u32 = 4;
 /// Error of a posture from which it is no use to go on, m.
 const LOST: f64 = 0.012;
 
@@ -89,6 +92,8 @@ pub(super) struct Taking {
     changes: u32,
     /// Number of times that the arm was held up.
     blocks: u32,
+    /// Number of looks for a way that found none, and of ways on which the arm was held up.
+    failures: u32,
     /// The hand holds the bulb.
     holds: bool,
 }
@@ -195,6 +200,7 @@ impl Taking {
             leans_since: 0.0,
             changes: 0,
             blocks: 0,
+            failures: 0,
             holds,
         }
     }
@@ -237,7 +243,7 @@ impl Taking {
                     (self.stage, self.leans_since) = (Stage::Lean, seen.time);
                 }
             }
-            Stage::Lean if seen.time - self.leans_since < self.lean.settle => {}
+            Stage::Lean if seen.time - self.leans_since < self.wait() => {}
             Stage::Lean => {
                 let Some(before) = self.stance.clone() else { return Ok(false) };
                 let from = arm.angles();
@@ -269,12 +275,12 @@ impl Taking {
                         (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, from);
                     }
                     // From another posture there may be one.
-                    None => self.leans_since = seen.time,
+                    None => (self.leans_since, self.failures) = (seen.time, self.failures + 1),
                 }
             }
             Stage::Reach if !self.holds && seen.palm_force > TOUCHED => self.goes_back(),
             Stage::Reach if arm.gives_way() => {
-                self.blocks += 1;
+                (self.blocks, self.failures) = (self.blocks + 1, self.failures + 1);
                 (self.stage, self.leans_since) = (Stage::Lean, seen.time);
                 if self.blocks.is_multiple_of(MAX_BLOCKS) {
                     self.search(arm, self.command(), judge)?;
@@ -284,6 +290,12 @@ impl Taking {
             Stage::Reach => return Ok(self.goes(arm)),
         }
         Ok(false)
+    }
+
+    /// Until the arm's reach is looked at after the robot began to lean, s; longer with each failure.
+    fn wait(&self) -> f64 {
+        let doublings = self.failures.saturating_sub(1).min(MAX_DOUBLINGS);
+        self.lean.settle * f64::from(1 << doublings)
     }
 
     /// Takes the arm back to where the way to the first posture began; it is looked for again there.
