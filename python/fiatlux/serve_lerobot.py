@@ -34,10 +34,11 @@ class Refused(Exception):
 
 
 class Model:
-    """A LeRobot checkpoint, on the CPU.
+    """A LeRobot checkpoint.
 
     Args:
         checkpoint: The folder ``pretrained_model`` of a training run.
+        device: Device of PyTorch, such as ``cuda``.
 
     Raises:
         ImportError: ``lerobot`` is not installed.
@@ -45,7 +46,7 @@ class Model:
         ValueError: This server cannot serve the policy; the message names the feature.
     """
 
-    def __init__(self, checkpoint: Union[str, "PathLike[str]"]) -> None:
+    def __init__(self, checkpoint: Union[str, "PathLike[str]"], device: str = "cpu") -> None:
         folder = Path(checkpoint)
         if not (folder / "config.json").is_file():
             raise FileNotFoundError(f"no checkpoint at '{folder}'; name a folder pretrained_model with its config.json")
@@ -59,7 +60,7 @@ class Model:
             ) from error
         self._torch = torch
         config = PreTrainedConfig.from_pretrained(folder)
-        config.device = "cpu"
+        config.device = device
         if config.n_obs_steps != 1:
             raise ValueError(f"the policy needs {config.n_obs_steps} observation steps; train one with n_obs_steps=1")
         self.images = {
@@ -77,7 +78,7 @@ class Model:
         """Length of the state."""
         self._policy = get_policy_class(config.type).from_pretrained(folder, config=config).eval()
         self._before, self._after = make_pre_post_processors(
-            config, str(folder), preprocessor_overrides={"device_processor": {"device": "cpu"}}
+            config, str(folder), preprocessor_overrides={"device_processor": {"device": device}}
         )
 
     def contract(self) -> dict[str, Any]:
@@ -114,7 +115,7 @@ class Model:
             chunk = self._policy.predict_action_chunk(self._before(batch))
             # The postprocessor expects one row at a time.
             actions = torch.cat([self._after(row[None]) for row in chunk[0]])
-        return actions.to(torch.float32).numpy()
+        return actions.to(torch.float32).cpu().numpy()
 
 
 def _array(observation: Any, group: str, key: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -218,12 +219,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on; 0.0.0.0 for the whole network")
     parser.add_argument("--port", type=int, default=5555, help="port to listen on; 0 picks a free one [default: 5555]")
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch [default: 1]")
+    parser.add_argument("--device", default="cpu", help="device of PyTorch, such as cuda [default: cpu]")
     given = parser.parse_args(arguments)
     try:
         # LeRobot prints while it loads.
         with contextlib.redirect_stdout(sys.stderr):
-            model = Model(given.checkpoint)
-    except (ImportError, OSError, ValueError) as error:
+            model = Model(given.checkpoint, given.device)
+    except (ImportError, OSError, RuntimeError, ValueError) as error:
         print(f"serve_lerobot: {error}", file=sys.stderr)
         return 1
     model._torch.set_num_threads(max(1, given.threads))

@@ -104,6 +104,8 @@ pub struct Mapping {
     pub body: Body,
     /// Angles of arms are those at which they rest: their weight is compensated. Only with [`Body::Wbc`].
     pub hold_arms: bool,
+    /// Where the robot stands still, commands may bend it lower than our controller can walk. Only with [`Body::Wbc`].
+    pub bend_low: bool,
     /// Width and height of the pictures of the session's cameras, pixels.
     pub picture: [u32; 2],
     /// Retargeting of the fingers; `None` if the model has no hands.

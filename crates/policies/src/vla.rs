@@ -84,6 +84,7 @@ impl Shared {
     /// A body as the mapping wants it.
     fn body(&self, body: WholeBody, info: &SessionInfo) -> Result<Driven, PolicyError> {
         let body = if self.mapping.hold_arms { body.holding_arms(info)? } else { body };
+        let body = if self.mapping.bend_low { body.bending_low() } else { body };
         Ok(Driven::Body(Box::new(body)))
     }
 

@@ -408,6 +408,28 @@ def test_a_checkpoint_is_served(commands, tmp_path):
         process.communicate()
 
 
+def test_act_is_trained_on_bags(commands, tmp_path):
+    """The checkpoint plays commands, both arms and the right hand. A folder without bags is refused."""
+    from fiatlux.serve_lerobot import Model
+    from fiatlux.train_lerobot import episode, main
+
+    main([str(commands[0]), "--out", str(tmp_path / "act"), "--minutes", "0.01", "--batch", "2", "--workers", "1"])
+    model = Model(tmp_path / "act")
+    images, state, steps, actions = episode(next(commands[0].rglob("*.mcap")))
+    observation = {
+        "video": {"camera": images[None, :1]},
+        "state": {"state": state[None, :1]},
+        "language": {"task": [["carry the bulb"]]},
+    }
+    assert model.images == {"camera": (3, 48, 64)} and model.act(observation).shape == (20, 33) == (
+        20,
+        actions.shape[1],
+    )
+    assert steps[1] == 5 and state.shape[1] == 63
+    with pytest.raises(SystemExit):
+        main([str(tmp_path), "--out", str(tmp_path / "none")])
+
+
 def test_bad_use_is_refused_by_name(run, tmp_path):
     with pytest.raises(ValueError, match="fps is 30"):
         fiatlux.export_lerobot(run, tmp_path / "a", fps=30)

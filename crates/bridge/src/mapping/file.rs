@@ -24,6 +24,8 @@ struct File {
     body: String,
     #[serde(default)]
     hold_arms: bool,
+    #[serde(default)]
+    bend_low: bool,
     #[serde(default = "picture")]
     picture: [u32; 2],
     hands: Option<String>,
@@ -119,6 +121,9 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     if file.hold_arms && body != Body::Wbc {
         return Err(reader.wrong("hold_arms", "only body = \"wbc\" can hold arms; leave it out".into()));
     }
+    if file.bend_low && body != Body::Wbc {
+        return Err(reader.wrong("bend_low", "only body = \"wbc\" can bend low; leave it out".into()));
+    }
     reader.hands = file.hands.as_deref().map(|hands| Hands::open(hands, robot)).transpose()?;
     let name_fits = |char: char| char.is_ascii_alphanumeric() || "_-.".contains(char);
     if file.name.is_empty() || file.name.len() > 64 || !file.name.chars().all(name_fits) {
@@ -143,6 +148,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         dialects,
         body,
         hold_arms: file.hold_arms,
+        bend_low: file.bend_low,
         picture: file.picture,
         horizon: file.horizon,
         prefix: file.prefix,
@@ -267,8 +273,17 @@ impl Reader<'_> {
             }
             FilePart { group: Some(group), .. } if part.count() == 1 => {
                 let names = self.robot.joints().iter().map(|joint| joint.name.as_str());
+                if let Some((_, side)) = FINGERS.iter().find(|(known, _)| known == group) {
+                    let fingers: Vec<&str> =
+                        names.skip(BODY).filter(|name| side.iter().any(|side| name.starts_with(side))).collect();
+                    if fingers.is_empty() {
+                        return Err(wrong(format!("robot {} has no joints in its {group}", self.robot.name())));
+                    }
+                    return joints(fingers);
+                }
                 let members = group_of(group).ok_or_else(|| {
-                    wrong(format!("group '{group}' is not known; use {}", GROUPS.map(|(name, _)| name).join(", ")))
+                    let known = GROUPS.iter().map(|(name, _)| *name).chain(FINGERS.map(|(name, _)| name));
+                    wrong(format!("group '{group}' is not known; use {}", known.collect::<Vec<_>>().join(", ")))
                 })?;
                 joints(
                     names.take(BODY).enumerate().filter(|(at, _)| members.contains(at)).map(|(_, name)| name).collect(),
@@ -372,6 +387,9 @@ impl FilePart {
 /// Named groups of consecutive joints; GR00T uses the same names.
 const GROUPS: [(&str, std::ops::Range<usize>); 5] =
     [("left_leg", 0..6), ("right_leg", 6..12), ("waist", 12..15), ("left_arm", 15..22), ("right_arm", 22..29)];
+
+/// Groups of the robot's own finger joints, and how the names of these joints begin.
+const FINGERS: [(&str, [&str; 2]); 2] = [("left_hand", ["L_", "left_"]), ("right_hand", ["R_", "right_"])];
 
 fn group_of(name: &str) -> Option<std::ops::Range<usize>> {
     GROUPS.iter().find(|(known, _)| *known == name).map(|(_, joints)| joints.clone())

@@ -2,7 +2,7 @@
 
 use crate::Dialect;
 
-const SHIPPED: [(&str, &str); 7] = [
+const SHIPPED: [(&str, &str); 8] = [
     ("unitree_g1", include_str!("../../mappings/unitree_g1.toml")),
     ("real_g1", include_str!("../../mappings/real_g1.toml")),
     ("unitree_g1_sonic", include_str!("../../mappings/unitree_g1_sonic.toml")),
@@ -10,6 +10,7 @@ const SHIPPED: [(&str, &str); 7] = [
     ("behavior_g1", include_str!("../../mappings/behavior_g1.toml")),
     ("roboarena_g1", include_str!("../../mappings/roboarena_g1.toml")),
     ("lerobot_g1", include_str!("../../mappings/lerobot_g1.toml")),
+    ("lerobot_g1_hand", include_str!("../../mappings/lerobot_g1_hand.toml")),
 ];
 
 /// Names of the mappings that come with this program, for [`Mapping::open`](crate::Mapping::open).

@@ -11,7 +11,7 @@ fn shipped(name: &str) -> Mapping {
     Mapping::open(name, &robot()).unwrap()
 }
 
-/// Sizes from the models' documentation: 43 and 35, 49 and 53, 46 and 78, and those of the four others.
+/// Sizes from the models' documentation: 43 and 35, 49 and 53, 46 and 78, and those of the five others.
 #[test]
 fn shipped_mappings_have_the_dimensions_of_their_models() {
     let widths = |mapping: &Mapping, keys: &[Key]| keys.iter().map(|key| mapping.width(key)).sum::<usize>();
@@ -23,6 +23,7 @@ fn shipped_mappings_have_the_dimensions_of_their_models() {
         ("behavior_g1", 23, 23, 16),
         ("roboarena_g1", 8, 8, 10),
         ("lerobot_g1", 4, 7, 20),
+        ("lerobot_g1_hand", 63, 33, 20),
     ] {
         let mapping = shipped(name);
         assert_eq!(mapping.name, name);
@@ -34,6 +35,20 @@ fn shipped_mappings_have_the_dimensions_of_their_models() {
     }
     assert_eq!(shipped("unitree_g1").label(), "unitree_g1:dex3-inspire-1");
     assert_eq!(shipped("unitree_g1_sonic").token(), Some(("motion_token", 64)));
+}
+
+/// The group is the hand's own joints, whatever hand the robot has; a robot without fingers is refused.
+#[test]
+fn a_group_is_the_fingers_of_a_hand() {
+    for (name, fingers) in [("g1_inspire", 12), ("g1_dex3", 7)] {
+        let robot = Robot::by_name(name).unwrap();
+        let mapping = Mapping::open("lerobot_g1_hand", &robot).unwrap();
+        let Some(KeyPart::Joints(joints)) = mapping.actions[0].parts.last() else { panic!("{name}") };
+        assert_eq!(joints.len(), fingers, "{name}");
+        assert!(joints.iter().all(|joint| robot.joints()[*joint].name.to_lowercase().starts_with('r')), "{name}");
+    }
+    let problem = Mapping::open("lerobot_g1_hand", &Robot::by_name("g1_bare").unwrap()).unwrap_err().to_string();
+    assert!(problem.contains("no joints in its right_hand"), "{problem}");
 }
 
 /// Guards that errors in a file name the field.
@@ -68,6 +83,7 @@ fn wrong_files_are_refused() {
     for (from, to, says) in [
         ("body = \"tokens\"", "", "set body = \"tokens\""),
         ("body = \"tokens\"", "body = \"tokens\"\nhold_arms = true", "only body = \"wbc\" can hold arms"),
+        ("body = \"tokens\"", "body = \"tokens\"\nbend_low = true", "only body = \"wbc\" can bend low"),
         ("{ token = 64 }", "{ skip = 64 }", "needs one token in the actions, which have 0"),
         ("{ token = 64 }", "{ token = 32 }, { token = 32 }", "which have 2"),
         ("{ token = 64 }", "{ token = 64 }, { group = \"waist\" }", "belongs to the decoder of the tokens"),
