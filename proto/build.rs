@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 26] = [
+const IN_METADATA: [&str; 27] = [
     "EpisodeHeader",
     "Asset",
     "OpenRequest",
@@ -18,6 +18,7 @@ const IN_METADATA: [&str; 26] = [
     "Sensor",
     "Randomization",
     "PropScale",
+    "Range",
     "DomainSample",
     "Layout",
     "Place",

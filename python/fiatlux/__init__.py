@@ -19,7 +19,7 @@ from .env import Env
 from .evaluation import Evaluation, evaluate
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
-from .settings import ROBOTS, Settings
+from .settings import ROBOTS, EpisodeSettings, Settings
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import ClimbingVectorEnv, SharedSettings, Start, VectorEnv, WalkingVectorEnv
@@ -39,6 +39,7 @@ __all__ = [
     "Client",
     "ClimbingVectorEnv",
     "Env",
+    "EpisodeSettings",
     "Evaluation",
     "FiatluxError",
     "Kinematics",

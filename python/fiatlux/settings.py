@@ -1,6 +1,6 @@
 """Settings of episodes: the same keys for single environments, vectors of worlds, and sessions on a server."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any, TypedDict
 
@@ -11,8 +11,8 @@ ROBOTS: tuple[str, ...] = tuple(_native.robots())
 """Names of all robots. The first is the benchmark's."""
 
 
-class Settings(TypedDict, total=False):
-    """Settings that every way of playing the benchmark takes; all are optional.
+class EpisodeSettings(TypedDict, total=False):
+    """Settings that vectors of worlds, environments and sessions share; all are optional.
 
     Attributes:
         sensors: Names of the sensors; observations have them in the simulator's order. By default proprioception, contact
@@ -52,6 +52,19 @@ class Settings(TypedDict, total=False):
     action_delay: int
 
 
+class Settings(EpisodeSettings, total=False):
+    """Settings that environments and sessions take; all are optional. Those of :class:`EpisodeSettings` and this one.
+
+    Attributes:
+        ranges: Least and greatest value of what the benchmark holds constant, drawn anew for each episode: ``gravity`` (m/s^2),
+            ``noise`` (factor of the width of the sensors' noise), ``action_delay`` (ms, in steps of 20), ``floor_friction`` (floor
+            and soles), and by name ``friction`` of surfaces and ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction":
+            {"floor": (0.5, 1.1)}}``.
+    """
+
+    ranges: Mapping[str, Any] | None
+
+
 _DEFAULTS: dict[str, Any] = {
     "sensors": None,
     "privileged": False,
@@ -68,6 +81,7 @@ _DEFAULTS: dict[str, Any] = {
     "thresholds": {},
     "end_on": (),
     "action_delay": 0,
+    "ranges": None,
 }
 
 
@@ -87,10 +101,26 @@ def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> di
     sizes = settings["prop_scale"]
     settings["prop_scale"] = [sizes] if isinstance(sizes, str) else [f"{name}={float(sizes[name])!r}" for name in sizes]
     settings["thresholds"] = {name: float(value) for name, value in settings["thresholds"].items()}
+    settings["ranges"] = list(_ranges(settings["ranges"] or {}))
     settings["action_delay"] = whole("action_delay", settings["action_delay"], 0, 100)
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
     return settings
+
+
+def _ranges(ranges: Mapping[str, Any], group: str = "") -> Iterator[str]:
+    """Each range as the programs' flag has it."""
+    for name, value in ranges.items():
+        if isinstance(value, Mapping):
+            if group:
+                raise ValueError(f"ranges: {group}{name} is a mapping; give (least, most)")
+            yield from _ranges(value, f"{name}.")
+            continue
+        try:
+            least, most = map(float, value)
+        except (TypeError, ValueError):
+            raise ValueError(f"ranges: {group}{name} is {value!r}; give (least, most)") from None
+        yield f"{group}{name}={least!r}..{most!r}"
 
 
 def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, privileged: bool) -> list[str] | None:

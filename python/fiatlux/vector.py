@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import _native
 from ._numbers import MAX_SEED, seed_of, seeds_of, whole
 from .kinematics import Contacts
-from .settings import Settings, complete
+from .settings import EpisodeSettings, complete
 from .spaces import Layout, ObservationForm, as_actions
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class SharedSettings(TypedDict, total=False):
     judge: Judgement | None
 
 
-class VectorSettings(SharedSettings, Settings, total=False):
+class VectorSettings(SharedSettings, EpisodeSettings, total=False):
     """All optional arguments of :class:`VectorEnv` that another class has too."""
 
 
@@ -438,7 +438,7 @@ class VectorEnv(_Batch):
         starts: Where episodes begin, mixed by weight; by default at the task's own starts.
         horizon_steps: Control steps until time-out, at most the task's own.
         reward_weights: Weights of the reward's terms where they are not to be the usual ones; :attr:`reward_weights` has all.
-        settings: See :class:`SharedSettings` and :class:`fiatlux.Settings`.
+        settings: See :class:`SharedSettings` and :class:`EpisodeSettings`.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig};
+use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig, delay_steps, noise_scale};
 use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
@@ -68,6 +68,7 @@ impl Episode {
             let play = Play::start(Arc::clone(&scene), &spec)?;
             let setup = Setup { protocol, image_size, ..Setup::new(&scene, task) };
             let mut suite = SensorSuite::new(sensors, setup).with_network(network);
+            suite.scale_noise(noise_scale(&spec.varied()));
             let visuals = sensors.meets(Sensors::WITH_IMAGE).then(|| Arc::new(Visuals::new(&scene)));
             let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
             suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
@@ -78,7 +79,8 @@ impl Episode {
         let begun = py.detach(|| guarded(begin))?;
         let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); action_delay[0]]));
+        let delay = delay_steps(&play.spec().varied()).unwrap_or(action_delay[0]);
+        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); delay]));
         let mut made = Self {
             settings: given,
             played,

@@ -38,6 +38,7 @@ pub(crate) struct Settings {
     weights: Option<PathBuf>,
     fix: Vec<String>,
     prop_scale: Vec<String>,
+    ranges: Vec<String>,
     thresholds: BTreeMap<String, f64>,
     end_on: Vec<String>,
     action_delay: u32,
@@ -72,7 +73,15 @@ impl Settings {
         let end_on = end_on.map_err(|error| PyValueError::new_err(format!("end_on: {error}")))?;
         let scale = fiatlux_wire::prop_scale(&request.prop_scale.unwrap_or_default());
         scale.check().map_err(|error| PyValueError::new_err(format!("prop_scale: {error}")))?;
+        let ranges = fiatlux_wire::episode_ranges(&request).map_err(|error| refuse_range(&error.to_string()))?;
+        if ranges.get("noise").is_some() && !self.noise {
+            return Err(refuse_range("noise has a range, but noise=False; choose one of the two"));
+        }
+        if ranges.get("action_delay").is_some() && self.action_delay > 0 {
+            return Err(refuse_range("action_delay has a range, and action_delay is set; choose one of the two"));
+        }
         Ok(EpisodeSpec {
+            ranges,
             protocol: self.protocol.parse::<Protocol>().map_err(|error| refused(&error))?,
             variant: self.variant()?,
             randomize: fiatlux_wire::randomization(&request.randomization.unwrap_or_default()),
@@ -166,6 +175,7 @@ impl Settings {
             ("--record", record),
             ("--fix", &self.fix),
             ("--prop-scale", &self.prop_scale),
+            ("--range", &self.ranges),
             ("--end-on", &self.end_on),
         ];
         session_args(&lists)?.apply(&mut request);
@@ -179,6 +189,10 @@ impl Settings {
         self.weights = path.file_name().map(PathBuf::from);
         (self, Some(folder))
     }
+}
+
+fn refuse_range(problem: &str) -> PyErr {
+    PyValueError::new_err(format!("ranges: {problem}"))
 }
 
 /// A delay in ms as control steps.

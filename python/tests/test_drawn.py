@@ -76,3 +76,38 @@ def test_noise_has_the_same_size():
         assert (ours == 0) == (spread[1][name] == 0), name
         assert 0.6 * ours <= spread[1][name] <= 1.6 * ours, name
     assert sum(size > 0 for size in spread[0].values()) == 6
+
+
+def test_ranges_are_drawn_and_played_alike_by_the_service():
+    ranges = {
+        "gravity": (9.0, 9.5),
+        "noise": (0.5, 2.0),
+        "action_delay": (20, 40),
+        "friction": {"floor": (0.5, 0.6)},
+        "thing_mass": {"ladder": (1.5, 2.0)},
+    }
+    env = fiatlux.Env("S05", ranges=ranges)
+    drawn = env.reset(seed=1001)[1]["drawn"]["varied"]
+    assert sorted(drawn) == ["action_delay", "friction.floor", "gravity", "noise", "thing_mass.ladder"]
+    assert 9.0 <= drawn["gravity"] <= 9.5 and drawn["action_delay"] in (20, 40)
+    for action in actions():
+        env.step(action)
+    queue = iter(actions())
+    played = fiatlux.evaluate(lambda _: next(queue), ["S05"], [1001], max_steps=STEPS, ranges=ranges)
+    assert played.episodes[0]["state_digest"] == env.digest
+    assert env.reset(seed=1001, options={"episode": 1})[1]["drawn"]["varied"] != drawn
+
+
+@pytest.mark.parametrize(
+    "settings, words",
+    [
+        ({"ranges": {"wind": (0, 1)}}, "ranges: 'wind' has no range"),
+        ({"ranges": {"gravity": (10, 9)}}, "ranges: gravity is from 10 to 9"),
+        ({"ranges": {"gravity": 9.8}}, "ranges: gravity is 9.8; give"),
+        ({"ranges": {"noise": (0.5, 2)}, "noise": False}, "noise=False; choose one"),
+        ({"ranges": {"action_delay": (0, 40)}, "action_delay": 20}, "choose one of the two"),
+    ],
+)
+def test_ranges_that_cannot_be_drawn_from_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        fiatlux.Env("S05", **settings)

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
-use fiatlux_rules::{Motion, manifest};
-use fiatlux_world::{Random, Scene, ShapeOwner};
+use fiatlux_world::{Random, Scene, ShapeOwner, free_things, surfaces};
 use nalgebra::Vector3;
 
 use crate::BatchError;
@@ -184,15 +183,4 @@ impl Ranges {
         }
         drawn
     }
-}
-
-fn surfaces() -> impl Iterator<Item = &'static str> {
-    let room = [ShapeOwner::Floor, ShapeOwner::Room, ShapeOwner::Bench, ShapeOwner::Robot(0)];
-    room.into_iter().map(ShapeOwner::name).chain(manifest().things.iter().map(|thing| thing.name.as_str()))
-}
-
-/// Name and index of each thing that can move.
-fn free_things() -> impl Iterator<Item = (&'static str, usize)> {
-    let things = manifest().things.iter().enumerate();
-    things.filter(|(_, thing)| thing.motion == Motion::Free).map(|(index, thing)| (thing.name.as_str(), index))
 }

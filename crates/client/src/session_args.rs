@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use fiatlux_cli::whole;
-use fiatlux_proto::v3::{OpenRequest, PropScale, Sensor};
+use fiatlux_proto::v3::{OpenRequest, PropScale, Range, Sensor};
 use fiatlux_robot::Robot;
 
 /// Flags that describe a session. Each flag that is given overrides the request's own value.
@@ -54,6 +54,11 @@ pub struct SessionArgs {
     /// fresh_bulb). In one random draw of seven the fresh bulb is too large for its socket
     #[arg(long, value_name = "SIZES", value_parser = sizes)]
     prop_scale: Option<Sizes>,
+    /// Ranges from which each episode draws what the benchmark holds constant, such as
+    /// gravity=9.6..10,noise=0.5..2,friction.floor=0.5..1.1: gravity (m/s^2), noise (factor), action_delay (ms), floor_friction (floor
+    /// and soles), friction.SURFACE, thing_mass.THING (factor)
+    #[arg(long = "range", value_name = "NAME=LEAST..MOST", value_delimiter = ',', value_parser = range)]
+    ranges: Vec<(String, Range)>,
     /// Override a threshold, such as fragility_n=30; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, f64)>,
@@ -138,6 +143,7 @@ impl SessionArgs {
             Some(Sizes::Random) => request.randomization.get_or_insert_default().prop_scale = true,
             Some(Sizes::Factors(factors)) => request.prop_scale = Some(factors),
         }
+        request.ranges.extend(self.ranges.iter().cloned());
         request.thresholds.extend(self.set.iter().cloned());
         if !self.end_on.is_empty() {
             request.end_on.clone_from(&self.end_on);
@@ -209,6 +215,14 @@ fn sizes(text: &str) -> Result<Sizes, String> {
     Ok(Sizes::Factors(factors))
 }
 
+fn range(text: &str) -> Result<(String, Range), String> {
+    let wrong = || format!("'{text}' is not a range; write NAME=LEAST..MOST, such as gravity=9.6..10");
+    let (name, range) = text.split_once('=').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
+    let (least, most) = range.split_once("..").unwrap_or((range, range));
+    let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(wrong);
+    Ok((name.into(), Range { least: number(least)?, most: number(most)? }))
+}
+
 fn assignment(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as fragility_n=30")?;
     let value: f64 = value.parse().map_err(|_| format!("'{value}' is not a number"))?;
@@ -246,7 +260,8 @@ mod tests {
     #[test]
     fn flags_go_first() {
         let flags = "--sensors lidar+room@12.5,camera@look --record camera@5,features --image 64x32 --fix start,noise \
-                     --prop-scale ladder_z=1.05,socket=0.95 --set fragility_n=30 --gains sonic";
+                     --prop-scale ladder_z=1.05,socket=0.95 --set fragility_n=30 --gains sonic \
+                     --range gravity=9.6..10,friction.floor=0.5 --range noise=0.5..2";
         let request =
             applied(&flags.replace('\\', ""), OpenRequest { reward: "training".into(), ..OpenRequest::default() });
         let [lidar, camera, features] = request.sensors.as_slice() else { panic!("{:?}", request.sensors) };
@@ -258,6 +273,8 @@ mod tests {
         let random = request.randomization.unwrap();
         assert!(random.fixed_start && random.exact_sensors && !random.fixed_light && !random.fixed_layout);
         assert_eq!(request.prop_scale.map(|scale| (scale.ladder_z, scale.socket)), Some((1.05, 0.95)));
+        let ranges: Vec<_> = request.ranges.iter().map(|(name, range)| (&**name, range.least, range.most)).collect();
+        assert_eq!(ranges, [("friction.floor", 0.5, 0.5), ("gravity", 9.6, 10.0), ("noise", 0.5, 2.0)]);
         assert_eq!((request.gains.as_str(), request.reward.as_str()), ("sonic", "training"));
     }
 
@@ -303,6 +320,10 @@ mod tests {
             "--prop-scale socket=0",
             "--set fragility_n",
             "--fix wind",
+            "--range gravity",
+            "--range gravity=9.6..",
+            "--range gravity=inf",
+            "--range =1..2",
         ] {
             assert!(Cli::try_parse_from(std::iter::once("x").chain(flags.split(' '))).is_err(), "{flags}");
         }

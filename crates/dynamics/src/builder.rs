@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use crate::check::{check_body, check_finite, check_shape};
+use crate::check::{check_body, check_finite, check_friction, check_shape};
 use crate::error::ModelError;
 use crate::geometry::Geometry;
 use crate::inverse_weights::inverse_weights;
@@ -19,6 +19,14 @@ pub struct ModelBuilder {
     gravity: Vector3<f64>,
     nq: usize,
     nv: usize,
+}
+
+fn missing(part: &'static str, index: usize) -> ModelError {
+    ModelError::Structure {
+        part,
+        name: format!("{part} {index}"),
+        reason: "it does not exist yet; add it first".into(),
+    }
 }
 
 /// Acceleration of free fall in a new model, m/s^2, along -z.
@@ -117,6 +125,39 @@ impl ModelBuilder {
         }
         self.shapes.push(spec);
         Ok(ShapeId(self.shapes.len() - 1))
+    }
+
+    /// The bodies so far; entry 0 is the world.
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+
+    /// The shapes so far, indexed by [`ShapeId`].
+    pub fn shapes(&self) -> &[ShapeSpec] {
+        &self.shapes
+    }
+
+    /// Sets the coefficient of friction of a shape; the priority of its material stays.
+    ///
+    /// # Errors
+    /// A shape that does not exist; a coefficient that is negative or not finite.
+    pub fn set_friction(&mut self, id: ShapeId, friction: f64) -> Result<(), ModelError> {
+        let shape = self.shapes.get_mut(id.0).ok_or_else(|| missing("shape", id.0))?;
+        check_friction(&shape.name, friction)?;
+        shape.material.friction = friction;
+        Ok(())
+    }
+
+    /// Multiplies mass and inertia of a body: its shape stays and its density changes.
+    ///
+    /// # Errors
+    /// A body that does not exist; a factor with which it has no mass or inertia that a solid can have.
+    pub fn scale_mass(&mut self, id: BodyId, factor: f64) -> Result<(), ModelError> {
+        let body = self.bodies.get_mut(id.0).filter(|_| id != BodyId::WORLD).ok_or_else(|| missing("body", id.0))?;
+        let spec = BodySpec { mass: body.spec.mass * factor, inertia: body.spec.inertia * factor, ..body.spec.clone() };
+        check_body(&spec)?;
+        body.spec = spec;
+        Ok(())
     }
 
     /// Lets the shapes of two bodies pass through each other. Bodies joined by a joint never touch anyway.

@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_proto::is_of_images;
-use fiatlux_proto::v3;
+use fiatlux_proto::{is_of_images, plain, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +30,8 @@ pub struct Conditions {
     pub fixed: Vec<String>,
     #[serde(default)]
     pub prop_scale: String,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub ranges: BTreeMap<String, [f64; 2]>,
     #[serde(default)]
     pub sensors: Vec<String>,
     #[serde(default)]
@@ -86,6 +87,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
         ("robot", robot(header).into()),
         ("fixed", listed(&fixed(header))),
         ("prop_scale", prop_scale(header)),
+        ("ranges", described(&ranges(header))),
         ("sensors", listed(&comparable_sensors(header))),
         ("weights", quoted(weights(header))),
         ("meshes", quoted(meshes(header))),
@@ -138,6 +140,9 @@ impl Conditions {
         if prop_scale(header) != PUBLISHED {
             deviations.push(format!("sizes of props are {}", prop_scale(header)));
         }
+        if !ranges(header).is_empty() {
+            deviations.push(format!("each episode draws {}", described(&ranges(header))));
+        }
         let assets = assets(header);
         if assets.is_empty() {
             if header.scene_digest != pins::SCENE || !header.scene_config.is_empty() {
@@ -189,6 +194,7 @@ impl Conditions {
             noise: !fixed(header).iter().any(|what| ["start", "sensors"].contains(what)),
             fixed: fixed(header).into_iter().map(str::to_owned).collect(),
             prop_scale: prop_scale(header),
+            ranges: ranges(header),
             sensors: comparable_sensors(header),
             weights: weights(header).into(),
             meshes: meshes(header).into(),
@@ -304,6 +310,17 @@ fn prop_scale(header: &v3::EpisodeHeader) -> String {
     let changed = factors.into_iter().filter(|(_, factor)| ![0.0, 1.0].contains(factor));
     let changed: Vec<_> = changed.map(|(name, factor)| format!("{name} {factor}")).collect();
     if changed.is_empty() { PUBLISHED.into() } else { changed.join(", ") }
+}
+
+/// Ranges of what the benchmark holds constant and these episodes drew.
+fn ranges(header: &v3::EpisodeHeader) -> BTreeMap<String, [f64; 2]> {
+    let ranges = header.request.iter().flat_map(|request| &request.ranges);
+    ranges.map(|(name, range)| (name.clone(), [range.least, range.most])).collect()
+}
+
+pub(crate) fn described(ranges: &BTreeMap<String, [f64; 2]>) -> String {
+    let each = ranges.iter().map(|(name, [least, most])| format!("{} from {least} to {most}", plain(name)));
+    listed(&each.collect::<Vec<_>>())
 }
 
 /// Sensors of a session that named none: they differ from task to task.
@@ -458,6 +475,9 @@ mod tests {
         let sized = v3::PropScale { ladder_z: 1.05, ..v3::PropScale::default() };
         let request = v3::OpenRequest { prop_scale: Some(sized), ..v3::OpenRequest::default() };
         let delayed = v3::OpenRequest { action_delay_ms: 40, ..v3::OpenRequest::default() };
+        let range = |name: &str, least, most| (name.to_owned(), v3::Range { least, most });
+        let ranges = [range("noise", 0.5, 2.0), range("gravity", 9.6, 10.0)].into();
+        let ranging = v3::OpenRequest { ranges, ..v3::OpenRequest::default() };
         let sensing = |sensor: v3::Sensor| v3::EpisodeHeader { sensors: vec![sensor], ..header() };
         let seeded = v3::EpisodeHeader { weights: "fiatlux-resnet18-seeded/1:0".into(), ..sensing("flat".into()) };
         let cases = [
@@ -467,6 +487,11 @@ mod tests {
             (random(v3::Randomization { prop_scale: true, ..default }), "sizes of props are random", "standard"),
             (v3::EpisodeHeader { request: Some(request), ..header() }, "sizes of props are ladder_z 1.05", "standard"),
             (v3::EpisodeHeader { request: Some(delayed), ..header() }, "actions are delayed by 40 ms", "standard"),
+            (
+                v3::EpisodeHeader { request: Some(ranging), ..header() },
+                "each episode draws gravity from 9.6 to 10, noise from 0.5 to 2",
+                "standard",
+            ),
             (
                 v3::EpisodeHeader { scene_config: "[bench]".into(), ..header() },
                 "the scene is not the pinned one",

@@ -1,6 +1,6 @@
 //! Checks, without a simulation, that the request in a header fits the rest of it.
 
-use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale};
+use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale, Range};
 use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
 
 use crate::conditions::ROBOT;
@@ -57,6 +57,14 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
     }
     if let Some(sample) = asked.domain_sample.as_mut().filter(|_| !randomization.prop_scale) {
         sample.prop_scale = Some(prop_scale(&request.prop_scale.unwrap_or_default()));
+    }
+    if let Some(sample) = asked.domain_sample.as_mut() {
+        let drawn = |name: &String, range: &Range| {
+            let recorded = sample.varied.get(name).copied().unwrap_or(range.least);
+            // What is not a number is below none.
+            if range.least <= recorded && recorded <= range.most { recorded } else { range.least }
+        };
+        sample.varied = request.ranges.iter().map(|(name, range)| (name.clone(), drawn(name, range))).collect();
     }
     let names = |header: &EpisodeHeader| header.sensors.iter().map(|sensor| sensor.name.clone()).collect::<Vec<_>>();
     if request.sensors.iter().any(|sensor| !sensor.bag_only) {
@@ -156,9 +164,21 @@ mod tests {
                 OpenRequest { prop_scale: Some(PropScale { socket: 1.1, ..PropScale::default() }), ..request() },
                 "domain_sample",
             ),
+            (
+                OpenRequest { ranges: [("gravity".into(), Range { least: 9.0, most: 10.0 })].into(), ..request() },
+                "varied",
+            ),
             (OpenRequest { sensors: vec![sensor("camera", 10.0)], ..request() }, "sensors"),
             (OpenRequest { sensors: vec![sensor("lidar", 10.0)], ..request() }, "sensors"),
         ];
+        let ranging = |drawn: f64| {
+            let ranges = [("gravity".into(), Range { least: 9.0, most: 10.0 })].into();
+            let mut header = header(OpenRequest { ranges, ..request() });
+            header.domain_sample.get_or_insert_default().varied.insert("gravity".into(), drawn);
+            contradiction(&header)
+        };
+        assert_eq!(ranging(9.5), None);
+        assert!(ranging(10.5).is_some() && ranging(f64::NAN).is_some());
         for (request, field) in cases {
             let difference = contradiction(&header(request.clone()));
             let found = difference.map(|difference| difference.field).unwrap_or_default();

@@ -1,10 +1,24 @@
 //! The identity of an episode, without its rows: the start of its digest chain.
 
+use std::collections::BTreeMap;
+
 use fiatlux_judge::{Causes, Protocol};
 
 use crate::digest::RowDigest;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
+
+/// Name of the varied width of the sensors' noise, which changes no scene.
+pub const NOISE: &str = "noise";
+
+/// Name of the varied delay of the actions, which changes no scene.
+pub const ACTION_DELAY: &str = "action_delay";
+
+/// Those of an episode's varied values that change its scene, and with it the rows.
+pub fn of_scene(varied: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+    let is_of_scene = |name: &str| ![NOISE, ACTION_DELAY].contains(&name);
+    varied.iter().filter(|(name, _)| is_of_scene(name)).map(|(name, value)| (name.clone(), *value)).collect()
+}
 
 /// Drive of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +57,8 @@ pub struct EpisodeIdentity {
     pub prop_scale: [f64; 5],
     /// The start has noise.
     pub is_start_drawn: bool,
+    /// What differs from the published scene besides friction of the hands and sizes, by name; mostly nothing.
+    pub varied: BTreeMap<String, f64>,
     /// All thresholds in force.
     pub thresholds: Thresholds,
     /// The rulebook that ends the episode.
@@ -68,7 +84,7 @@ impl EpisodeIdentity {
     /// Texts (the task's id, names and digests) are followed by a zero byte; numbers are little-endian, whole ones of 8 bytes,
     /// others f64. Of each drive stiffness, damping, effort limit, speed limit and armature; the friction is NaN for the
     /// robot's own; the start's noise is one byte; thresholds are name and value; the conditions that end it are names
-    /// and then an empty text.
+    /// and then an empty text; last come name and value of all that is varied.
     pub fn context(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(4096);
         let text = |bytes: &mut Vec<u8>, text: &str| {
@@ -100,6 +116,10 @@ impl EpisodeIdentity {
         }
         for last in ["", &self.model_digest, &self.scene_digest, &self.generator] {
             text(&mut bytes, last);
+        }
+        for (name, value) in &self.varied {
+            text(&mut bytes, name);
+            number(&mut bytes, *value);
         }
         bytes
     }

@@ -76,7 +76,7 @@ pub use fiatlux_judge::{
     wilson_interval,
 };
 pub use geometry::{BulbGeometry, Geometry};
-pub use identity::{EpisodeIdentity, JointDrive};
+pub use identity::{ACTION_DELAY, EpisodeIdentity, JointDrive, NOISE, of_scene};
 pub use judge::{Judge, JudgeOptions};
 pub use judges::{Judges, JudgesState};
 pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Partner, Thing};

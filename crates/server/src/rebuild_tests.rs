@@ -1,14 +1,15 @@
 //! The scene and the rows of a recorded episode, from nothing but what its bag holds.
 #![allow(clippy::unwrap_used)]
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use fiatlux_proto::Message;
-use fiatlux_proto::v3::{EpisodeHeader, Layout, OpenRequest, PropScale, Randomization, State};
+use fiatlux_proto::v3::{EpisodeHeader, Layout, OpenRequest, PropScale, Randomization, Range, State};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Row;
 use fiatlux_wire::{layout_of, light_of, read_row, scene_of, state_message};
-use fiatlux_world::{ACTION_SCALE, Episode, Light, Object, SceneConfig, World};
+use fiatlux_world::{ACTION_SCALE, Episode, Light, Object, Scene, SceneConfig, ShapeOwner, World};
 
 use crate::server::recorded_header;
 
@@ -69,6 +70,55 @@ fn an_episode_is_rebuilt_from_what_was_recorded() {
             assert_eq!(world.step(&row.action, &target).unwrap(), row, "{task} row {}", row.step);
         }
     }
+}
+
+/// So is one whose gravity, friction and masses were drawn from ranges; its delay and the width of its noise are in the header too.
+#[test]
+fn what_varies_is_rebuilt() {
+    let robot = Arc::new(Robot::benchmark().unwrap());
+    let ranges = [
+        ("gravity", 9.0, 9.5),
+        ("noise", 2.0, 3.0),
+        ("action_delay", 20.0, 40.0),
+        ("floor_friction", 0.3, 0.4),
+        ("friction.bench", 0.2, 0.2),
+        ("thing_mass.ladder", 1.5, 2.0),
+    ];
+    let given = ranges.map(|(name, least, most)| (name.to_owned(), Range { least, most }));
+    let request = OpenRequest { task: "S01".into(), seed: 3, ranges: given.into(), ..OpenRequest::default() };
+    let (header, rows) = recorded(request, &SceneConfig::default(), 30);
+    let header = EpisodeHeader::decode(header.as_slice()).unwrap();
+    let varied = &header.domain_sample.as_ref().unwrap().varied;
+    assert_eq!(varied.len(), ranges.len());
+    for (name, least, most) in ranges {
+        assert!((least..=most).contains(&varied[name]), "{name}: {varied:?}");
+    }
+    assert_eq!(varied["action_delay"] % 20.0, 0.0);
+    let scene = Arc::new(scene_of(&header, Arc::clone(&robot)).unwrap());
+    assert_eq!(scene.model.gravity().z, -varied["gravity"]);
+    let mass = |scene: &Scene| scene.model.bodies()[scene.model.body("ladder").unwrap().0].spec.mass;
+    let nominal = Scene::build(&SceneConfig::default(), Arc::clone(&robot), {
+        let varied = BTreeMap::new();
+        fiatlux_world::SceneSpec { varied, ..scene.spec.clone() }
+    });
+    assert_eq!(mass(&scene), mass(&nominal.unwrap()) * varied["thing_mass.ladder"]);
+    for (shape, drawn) in [(ShapeOwner::Floor, "floor_friction"), (ShapeOwner::Bench, "friction.bench")] {
+        let of = scene.model.shapes().iter().filter(|of| of.label == shape.label()).collect::<Vec<_>>();
+        assert!(!of.is_empty() && of.iter().all(|of| of.material.friction == varied[drawn]), "{drawn}");
+    }
+    let layout = layout_of(&header).unwrap();
+    let rows = rows.iter().map(|row| read_row(&State::decode(row.as_slice()).unwrap(), layout).unwrap());
+    let rows: Vec<Row> = rows.collect();
+    let mut world = World::new(Arc::clone(&scene));
+    world.reset_to(&rows[0]).unwrap();
+    for row in &rows[1..] {
+        let target: [f64; JOINTS] = std::array::from_fn(|j| robot.q0()[j] + ACTION_SCALE * row.action[j]);
+        assert_eq!(world.step(&row.action, &target).unwrap(), row, "row {}", row.step);
+    }
+    let mut wrong = header.clone();
+    wrong.domain_sample.as_mut().unwrap().varied.insert("gravity".into(), f64::NAN);
+    let text = fiatlux_cli::in_full(&scene_of(&wrong, robot).unwrap_err());
+    assert!(text.contains("gravity is from NaN"), "{text}");
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Domain samples, as messages and back.
 
 use fiatlux_proto::v3;
-use fiatlux_world::{DomainSample, Layout, Light, Mount, Place, PropScale, Randomization, StartOffset};
+use fiatlux_world::{
+    DomainSample, EpisodeRanges, Layout, Light, Mount, Place, PropScale, Randomization, RangeError, StartOffset,
+};
 use nalgebra::Vector2;
 
 use crate::WireError;
@@ -44,8 +46,16 @@ pub fn prop_scale(asked: &v3::PropScale) -> PropScale {
     }
 }
 
+/// Ranges of a session.
+///
+/// # Errors
+/// [`RangeError`] for a name that is not known, or a range that is empty or beyond its limits.
+pub fn episode_ranges(asked: &v3::OpenRequest) -> Result<EpisodeRanges, RangeError> {
+    EpisodeRanges::new(asked.ranges.iter().map(|(name, range)| (name.clone(), [range.least, range.most])))
+}
+
 pub fn domain_sample_message(sample: &DomainSample) -> v3::DomainSample {
-    let DomainSample { layout, scale, hand_friction, light, start } = sample;
+    let DomainSample { layout, scale, hand_friction, light, start, varied } = sample;
     let point = |point: Option<Vector2<f64>>| point.map_or_else(Vec::new, |point| vec![point.x, point.y]);
     let [ladder_x, ladder_y, ladder_z] = scale.ladder;
     let StartOffset { shift: [x, y], turn, joints } = start;
@@ -82,6 +92,7 @@ pub fn domain_sample_message(sample: &DomainSample) -> v3::DomainSample {
             tint_value: light.tint_value,
         }),
         start: Some(v3::StartNoise { x: *x, y: *y, yaw: *turn, joint_position: joints.clone() }),
+        varied: varied.clone(),
     }
 }
 

@@ -3,7 +3,9 @@
 use data_encoding::HEXLOWER;
 use fiatlux_proto::Message;
 use fiatlux_proto::v3::{self, EpisodeHeader};
-use fiatlux_rules::{Cause, Causes, EpisodeIdentity, JointDrive, JointGroups, RobotLayout, Thresholds, Variant};
+use fiatlux_rules::{
+    Cause, Causes, EpisodeIdentity, JointDrive, JointGroups, RobotLayout, Thresholds, Variant, of_scene,
+};
 use sha2::{Digest, Sha256};
 
 use crate::WireError;
@@ -119,6 +121,7 @@ pub fn read_identity(header: &EpisodeHeader) -> Result<EpisodeIdentity, WireErro
         hand_friction: sample.hand_friction.as_ref().map(|friction| friction.dynamic_friction),
         prop_scale,
         is_start_drawn: !random.fixed_start,
+        varied: of_scene(&sample.varied),
         thresholds,
         protocol: header
             .episode_protocol

@@ -47,7 +47,7 @@ pub use pose::{pose_message, read_pose};
 pub use row::{contact_messages, read_row, state_message};
 
 #[cfg(feature = "world")]
-pub use domain_sample::{domain_sample_message, light_of, prop_scale, randomization};
+pub use domain_sample::{domain_sample_message, episode_ranges, light_of, prop_scale, randomization};
 #[cfg(feature = "world")]
 pub use footprint::footprint_messages;
 #[cfg(feature = "world")]

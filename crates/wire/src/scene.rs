@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_proto::v3;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, of_scene};
 use fiatlux_world::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec};
 use thiserror::Error;
 
@@ -62,6 +62,7 @@ pub fn scene_of(header: &v3::EpisodeHeader, robot: Arc<Robot>) -> Result<Scene, 
         hand_friction: sample.hand_friction.as_ref().map(|friction| friction.dynamic_friction),
         scale: prop_scale(&sample.prop_scale.unwrap_or_default()),
         layout: Some(layout(sample)?),
+        varied: of_scene(&sample.varied),
     };
     Ok(Scene::build(&config, robot, spec)?)
 }

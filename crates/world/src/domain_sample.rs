@@ -1,4 +1,4 @@
-use crate::{HandFriction, Layout, Light, PropScale, StartOffset};
+use crate::{HandFriction, Layout, Light, PropScale, StartOffset, Varied};
 
 /// Everything that was drawn for an episode, or is nominal, except the noise of the sensors.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,4 +13,6 @@ pub struct DomainSample {
     pub light: Light,
     /// Offset of the robot from its nominal start.
     pub start: StartOffset,
+    /// Values drawn from the ranges of the episode; empty without any.
+    pub varied: Varied,
 }

@@ -5,14 +5,14 @@ use std::sync::Arc;
 use fiatlux_robot::{Gains, JointGains};
 use fiatlux_rules::{
     Cause, Causes, End, EpisodeIdentity, JointDrive, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest,
-    Summary, Task, Term, Thresholds, Variant, Verdict,
+    Summary, Task, Term, Thresholds, Variant, Verdict, of_scene,
 };
 use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, DomainSample, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene, SceneKind,
-    SceneSpec, StartError, StartOffset, StartOptions, World, WorldError, start_drawn,
+    ACTION_SCALE, DomainSample, EpisodeRanges, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene,
+    SceneKind, SceneSpec, StartError, StartOffset, StartOptions, Varied, World, WorldError, start_drawn,
 };
 
 /// Defines an episode. It plays in the scene that [`EpisodeSpec::scene`] describes, with that scene's gains.
@@ -28,6 +28,8 @@ pub struct EpisodeSpec {
     pub randomize: Randomization,
     /// Sizes of the props, unless they are drawn.
     pub scale: PropScale,
+    /// Ranges of what the benchmark holds constant; those of noise and delay are for whoever plays the episode.
+    pub ranges: EpisodeRanges,
     /// The thresholds that are in force.
     pub thresholds: Thresholds,
     /// Which of the two judges ends it and pays its rewards.
@@ -47,6 +49,7 @@ impl EpisodeSpec {
             episode,
             randomize: Randomization::default(),
             scale: PropScale::default(),
+            ranges: EpisodeRanges::default(),
             thresholds: Thresholds::default(),
             protocol: Protocol::Strict,
             end_on: None,
@@ -69,6 +72,11 @@ impl EpisodeSpec {
         self.randomize.hand_friction.then(|| HandFriction::draw(self.seed, self.episode))
     }
 
+    /// Values drawn from its ranges.
+    pub fn varied(&self) -> Varied {
+        self.ranges.draw(self.seed, self.episode)
+    }
+
     /// Light and tint. No row depends on them.
     pub fn light(&self) -> Light {
         Light::draw(self.seed, self.episode, &self.randomize)
@@ -79,6 +87,7 @@ impl EpisodeSpec {
         SceneSpec {
             hand_friction: self.drawn_hand_friction().map(|friction| friction.dynamic_friction),
             scale: self.prop_scale(),
+            varied: of_scene(&self.varied()),
             ..SceneSpec::new(SceneKind::of(self.task), self.layout_seed(), gains)
         }
     }
@@ -95,6 +104,8 @@ impl EpisodeSpec {
             ("hand friction", friction(&needed), friction(found))
         } else if needed.scale != found.scale {
             ("prop scale", format!("{:?}", needed.scale), format!("{:?}", found.scale))
+        } else if needed.varied != found.varied {
+            ("variation", format!("{:?}", needed.varied), format!("{:?}", found.varied))
         } else if found.layout.is_some()
             && Layout::of(&scene.config, needed.parts, needed.seed).ok() != Some(scene.layout)
         {
@@ -124,6 +135,7 @@ impl EpisodeSpec {
             hand_friction: scene.spec.hand_friction,
             prop_scale: scene.spec.scale.factors().map(|(_, factor, _)| factor),
             is_start_drawn: self.randomize.start,
+            varied: scene.spec.varied.clone(),
             thresholds: self.thresholds.clone(),
             protocol: self.protocol,
             ends_on: self.judges(scene).in_force().ends_on(),
@@ -263,6 +275,7 @@ impl Episode {
             hand_friction: self.spec.drawn_hand_friction(),
             light: self.spec.light(),
             start: self.start.clone(),
+            varied: self.spec.varied(),
         }
     }
 

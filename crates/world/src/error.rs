@@ -3,7 +3,7 @@ use fiatlux_robot::RobotError;
 use fiatlux_rules::RobotLayout;
 use thiserror::Error;
 
-use crate::ACTION_LIMIT;
+use crate::{ACTION_LIMIT, RangeError};
 
 /// Why a scene cannot be built.
 #[derive(Debug, Error)]
@@ -21,6 +21,8 @@ pub enum SceneError {
     Layout { seed: u64, redraws: u32, zone: &'static str },
     #[error("prop scale: {factor} is {value}; it must be within {low} and {high}")]
     Scale { factor: &'static str, value: f64, low: f64, high: f64 },
+    #[error("scene cannot be varied")]
+    Varied(#[from] RangeError),
     #[error("recorded layout: {field} {rule}; use the layout as it was recorded, in a scene of the same kind")]
     Recorded { field: &'static str, rule: &'static str },
     #[error("scene cannot be modelled")]

@@ -60,7 +60,10 @@ pub use object::{ASSET_PLACES, AssetArg, BulbShape, JointKind, Link, LinkJoint, 
 pub use owner::ShapeOwner;
 pub use parts::{LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, Part, PropSizes};
-pub use randomize::{HandFriction, Light, PropScale, Randomization};
+pub use randomize::{
+    EpisodeRanges, HandFriction, Light, PropScale, Randomization, RangeError, Varied, delay_steps, free_things,
+    noise_scale, surfaces,
+};
 pub use rng::{GENERATORS, RNG_NAME, Random, Stream};
 pub use scene::{Placed, Scene, SceneSpec};
 pub use start::{StartError, StartOffset, StartOptions, start, start_drawn};

@@ -5,6 +5,7 @@
 //! | the room is laid out | [`Layout`](crate::Layout) | layout seed |
 //! | before start-up, where asked for | [`PropScale`] | seed |
 //! | start-up | [`HandFriction`] | seed (64 materials), seed and episode (which of them) |
+//! | reset, where asked for | [`EpisodeRanges`] | seed and episode |
 //! | reset | [`StartOffset`](crate::StartOffset), [`Light`] and tint, noise of the sensors | seed and episode |
 //!
 //! Each is drawn from its own stream, so that omitting one does not change the others.
@@ -12,10 +13,13 @@
 mod hand_friction;
 mod light;
 mod prop_scale;
+mod ranges;
 
 pub use hand_friction::HandFriction;
 pub use light::Light;
 pub use prop_scale::PropScale;
+pub use ranges::{EpisodeRanges, RangeError, Varied, delay_steps, free_things, noise_scale, surfaces};
+pub(crate) use ranges::{check_varied, vary};
 
 use crate::Random;
 

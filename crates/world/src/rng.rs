@@ -28,6 +28,8 @@ pub enum Stream {
     Tint,
     /// Sizes of the props; drawn by seed alone.
     Props,
+    /// What a session asks to vary besides what the benchmark varies.
+    Ranges,
     /// Trials of benchmarks and tests; no episode draws from it.
     Trial,
     /// Worlds of a batch; by its seed and the world's index.
@@ -43,6 +45,7 @@ impl Stream {
             Stream::Light => "light",
             Stream::Tint => "tint",
             Stream::Props => "props",
+            Stream::Ranges => "ranges",
             Stream::Trial => "trial",
             Stream::Batch => "batch",
         }
@@ -125,6 +128,7 @@ mod tests {
             (Stream::Light, 0, 0),
             (Stream::Tint, 0, 0),
             (Stream::Props, 0, 0),
+            (Stream::Ranges, 0, 0),
             (Stream::Batch, 0, 0),
             (Stream::Reset, 1, 0),
             (Stream::Reset, 0, 1),

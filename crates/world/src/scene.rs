@@ -12,7 +12,8 @@ use crate::layout::{Layout, Mount};
 use crate::owner::ShapeOwner;
 use crate::parts::{LadderPart, SceneParts};
 use crate::props::{self, LadderPoints, Part, PropSizes, add_parts};
-use crate::{PropScale, SceneConfig, SceneError};
+use crate::randomize::{check_varied, vary};
+use crate::{PropScale, SceneConfig, SceneError, Varied};
 
 /// Description of a scene to build.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,12 +30,15 @@ pub struct SceneSpec {
     pub scale: PropScale,
     /// A recorded layout to use instead of a draw.
     pub layout: Option<Layout>,
+    /// What is not as in the config, by the names of [`EpisodeRanges`](crate::EpisodeRanges).
+    pub varied: Varied,
 }
 
 impl SceneSpec {
     /// The scene of a layout seed, with the robot's own friction, props of nominal size and a drawn layout.
     pub fn new(parts: impl Into<SceneParts>, seed: u64, gains: Gains) -> Self {
-        Self { parts: parts.into(), seed, gains, hand_friction: None, scale: PropScale::default(), layout: None }
+        let (scale, varied) = (PropScale::default(), Varied::new());
+        Self { parts: parts.into(), seed, gains, hand_friction: None, scale, layout: None, varied }
     }
 
     /// The robot on a floor, at the origin, and nothing else.
@@ -90,6 +94,7 @@ impl Scene {
     pub fn build(config: &SceneConfig, robot: Arc<Robot>, spec: SceneSpec) -> Result<Self, SceneError> {
         config.check()?;
         check_robot(&robot)?;
+        check_varied(&spec.varied)?;
         let sizes = PropSizes::new(config, &spec.scale)?;
         let layout = match spec.layout {
             Some(recorded) => recorded.check(config, &spec.parts).map(|()| recorded)?,
@@ -108,6 +113,7 @@ impl Scene {
             },
         );
         let placed = placed.map_err(robot_error)?;
+        vary(&spec.varied, &robot, &mut builder)?;
         let model = builder.build()?;
         let owners = model.shapes().iter().map(|shape| ShapeOwner::from_label(shape.label)).collect();
         Ok(Self {

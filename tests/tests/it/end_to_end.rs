@@ -45,10 +45,14 @@ fn actions_go_all_the_way() {
 }
 
 /// Guards the whole way for joint targets, whose record is made of what the client sent and not of its rounded form; and
-/// that thresholds of the run's own reach the second run.
+/// that thresholds of the run's own, and ranges, reach the second run.
 #[test]
 fn joint_targets_go_all_the_way() {
-    goes_all_the_way("targets", &["--policy", "stand", "--task", "S05", "--set", "fall_tilt_rad=0.05"]);
+    let ranges = "gravity=9.0..9.6,noise=0.5..2,action_delay=20..60,floor_friction=0.5..0.7";
+    let args = ["--policy", "stand", "--task", "S05", "--set", "fall_tilt_rad=0.05", "--range", ranges];
+    let service = goes_all_the_way("targets", &args);
+    let header = Bag::open(&service.folder.files(".mcap")[0]).unwrap().header().clone();
+    assert_eq!(header.domain_sample.unwrap().varied.len(), 4);
 }
 
 /// Guards the whole way for a robot of another size: the hands that were asked for are in the bag, and all that reads it

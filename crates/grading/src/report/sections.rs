@@ -5,6 +5,7 @@ use std::fmt::Write;
 use fiatlux_rules::Thresholds;
 
 use super::markup::{escape, shell_word};
+use crate::conditions::described;
 use crate::tables::{force, seeds};
 use crate::{Results, TaskResult};
 
@@ -146,6 +147,7 @@ pub(super) fn conditions(out: &mut String, results: &Results) {
             ("Noise", if c.noise { "on" } else { "off" }.into()),
             ("Does not vary", if c.fixed.is_empty() { "nothing".into() } else { c.fixed.join(", ") }),
             ("Sizes of props", c.prop_scale.clone()),
+            ("Drawn besides", described(&c.ranges)),
             ("Delay of actions", format!("{} ms", c.action_delay_ms)),
             ("Ends on", ends),
             ("Counting", if c.published_counting { "as published" } else { "from the reset state" }.into()),

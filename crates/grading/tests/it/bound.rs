@@ -37,7 +37,7 @@ fn detail(name: &str, header: &EpisodeHeader, rows: &[Row], result: &EpisodeResu
 type Change = fn(&mut EpisodeHeader);
 
 /// Fields that rows depend on: the start of the digest chain covers them.
-const OF_THE_EPISODE: [(&str, Change); 16] = [
+const OF_THE_EPISODE: [(&str, Change); 17] = [
     ("task", |header| {
         header.task = "S06".into();
         header.task_id = Task::S06.id().into();
@@ -60,16 +60,22 @@ const OF_THE_EPISODE: [(&str, Change); 16] = [
     ("friction", |header| {
         sample(header).hand_friction = Some(v3::HandFriction { dynamic_friction: 0.5, ..Default::default() });
     }),
+    ("gravity", |header| {
+        sample(header).varied.insert("gravity".into(), 9.7);
+    }),
     ("generator", |header| header.random = "other/1".into()),
 ];
 
 /// Fields that only inform the reader.
-const OF_THE_RUN: [(&str, Change); 22] = [
+const OF_THE_RUN: [(&str, Change); 23] = [
     ("mode", |header| header.mode = v3::Mode::RealTime.into()),
     ("sensors", |header| header.sensors.push(v3::Sensor { name: "privileged".into(), ..Default::default() })),
     ("exact sensors", |header| random(header).exact_sensors = true),
     ("light", |header| sample(header).light = Some(v3::Light { dome: 7.0, ..Default::default() })),
     ("image", |header| header.image_width = 64),
+    ("width of the noise", |header| {
+        sample(header).varied.insert("noise".into(), 2.0);
+    }),
     ("weights", |header| header.weights = "trained".into()),
     ("meshes", |header| header.meshes = "meshes:0".into()),
     ("policy", |header| header.policy = "best".into()),

@@ -7,7 +7,7 @@ use fiatlux_rules::{Bulb, Protocol, Row, Task, errand, measure};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_world::{
     ACTION_SCALE, DomainSample, Episode, EpisodeSpec, HandFriction, Light, PropScale, Randomization, Scene,
-    SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, World, start,
+    SceneConfig, SceneError, SceneSpec, StartError, StartOffset, StartOptions, Varied, World, start,
 };
 
 /// The G1 with Inspire hands.
@@ -59,6 +59,7 @@ fn nothing_drawn_means_nothing_differs() {
             hand_friction: None,
             light: Light::default(),
             start: StartOffset::none(JOINTS),
+            varied: Varied::new(),
         };
         assert_eq!(drawn, nominal, "{task}");
         let rows = played(&mut first, 30);

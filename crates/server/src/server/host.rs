@@ -16,7 +16,7 @@ use fiatlux_proto::{BodyCommand, encode};
 use fiatlux_render::Lighting;
 use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::{Command, Host};
-use fiatlux_world::Episode;
+use fiatlux_world::{Episode, delay_steps, noise_scale};
 
 use super::info;
 use super::plan::{Plan, SensorPlan};
@@ -108,17 +108,18 @@ impl Host for Simulation {
         self.attempt.as_ref().map_or(Ok(()), |attempt| attempt.stage(episode))?;
         let spec = self.plan.episode(episode);
         let start = |error: &dyn std::error::Error| self.plan.does_not_start("", error);
-        let friction = spec.drawn_hand_friction().map(|friction| friction.dynamic_friction);
-        let scene = self.built.with_friction(friction).map_err(|error| start(&error))?;
+        let scene = self.built.for_episode(&spec).map_err(|error| start(&error))?;
         let episode = Episode::start(scene, &spec).map_err(|error| start(&error))?;
         note_row(self.attempt.as_deref(), &episode)?;
-        let (suite, built) = (&mut self.suite, &self.built);
+        let (suite, built, varied) = (&mut self.suite, &self.built, spec.varied());
+        suite.scale_noise(noise_scale(&varied));
         let observation = suite
             .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
             .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
             .map_err(|error| sensors_fail(&error))?;
         // Until the first action arrives, the staged posture holds.
-        let delayed = VecDeque::from(vec![episode.row().action.clone(); self.plan.action_delay]);
+        let delay = delay_steps(&varied).unwrap_or(self.plan.action_delay);
+        let delayed = VecDeque::from(vec![episode.row().action.clone(); delay]);
         let (whole_body, followed) = (None, None);
         let run = Run { episode, record: None, observation, outside_box: false, delayed, whole_body, followed };
         Ok(&self.run.insert(run).observation)
@@ -141,7 +142,7 @@ impl Host for Simulation {
         }
         // Flags of the action that arrived and is recorded; the row has the one that takes effect.
         run.outside_box = action.iter().any(|number| number.abs() > 1.0);
-        let acting = if self.plan.action_delay == 0 {
+        let acting = if run.delayed.is_empty() {
             action
         } else {
             run.delayed.push_back(action.into_owned());

@@ -13,7 +13,7 @@ use fiatlux_render::HEAD_PIXELS;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
 
-use fiatlux_world::{EpisodeSpec, PropScale, Randomization, Scene};
+use fiatlux_world::{EpisodeRanges, EpisodeSpec, PropScale, Randomization, RangeError, Scene};
 
 use fiatlux_sensing::{Sensor, Sensors, Setup};
 use fiatlux_wire as wire;
@@ -46,12 +46,13 @@ pub(super) struct Plan {
     pub robot: &'static str,
     pub randomize: Randomization,
     pub scale: PropScale,
+    pub ranges: EpisodeRanges,
     pub recorded: bool,
     pub protocol: Protocol,
     pub end_on: Option<Causes>,
     pub thresholds: Thresholds,
     pub reward: Variant,
-    /// Control steps from an action's arrival to the step in which it acts.
+    /// Control steps from an action's arrival to the step in which it acts, where episodes draw no delay.
     pub action_delay: usize,
     /// Time for which a whole-body command stays in force without a new action, s; 0 in lockstep.
     pub command_timeout_s: f64,
@@ -95,6 +96,7 @@ impl Plan {
         EpisodeSpec {
             randomize: self.randomize,
             scale: self.scale,
+            ranges: self.ranges.clone(),
             thresholds: self.thresholds.clone(),
             protocol: self.protocol,
             end_on: self.end_on,
@@ -144,6 +146,7 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         robot: robot(&request.robot)?,
         randomize,
         scale: prop_scale(request, &randomize)?,
+        ranges: ranges(request, &randomize)?,
         recorded: request.recorded,
         protocol: protocol(&request.episode_protocol)?,
         end_on,
@@ -187,6 +190,26 @@ fn prop_scale(request: &OpenRequest, randomize: &Randomization) -> Result<PropSc
         return wrong("sizes are both given and random; choose one of the two".into());
     }
     scale.check().map(|()| scale).or_else(|error| wrong(error.to_string()))
+}
+
+fn ranges(request: &OpenRequest, randomize: &Randomization) -> Result<EpisodeRanges, Refusal> {
+    let refuse = |code, message: String| Refusal::new(code, "ranges", message);
+    let ranges = wire::episode_ranges(request).map_err(|error| match error {
+        RangeError::Name { .. } => refuse(Code::Unknown, error.to_string()),
+        RangeError::Value { .. } => refuse(Code::Value, error.to_string()),
+    })?;
+    let twice = [
+        ("noise", !randomize.sensors, "noise has a range, but the sensors are exact; choose one of the two"),
+        (
+            "action_delay",
+            request.action_delay_ms > 0,
+            "action_delay has a range, and action_delay_ms is set; choose one of the two",
+        ),
+    ];
+    match twice.into_iter().find(|(name, is_set, _)| *is_set && ranges.get(name).is_some()) {
+        Some((_, _, message)) => Err(refuse(Code::Value, message.into())),
+        None => Ok(ranges),
+    }
 }
 
 fn reward_name(reward: Variant) -> &'static str {
@@ -333,6 +356,10 @@ mod tests {
         names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()
     }
 
+    fn ranging(name: &str, least: f64, most: f64) -> OpenRequest {
+        OpenRequest { ranges: [(name.to_owned(), v3::Range { least, most })].into(), ..request() }
+    }
+
     fn request() -> OpenRequest {
         OpenRequest { protocol: Some(PROTOCOL), task: "S05".into(), ..OpenRequest::default() }
     }
@@ -443,6 +470,23 @@ mod tests {
                 },
                 Code::Value,
                 "prop_scale",
+                "choose one of the two",
+            ),
+            (ranging("wind", 1.0, 2.0), Code::Unknown, "ranges", "'wind' has no range"),
+            (ranging("gravity", 2.0, 1.0), Code::Value, "ranges", "gravity is from 2 to 1"),
+            (
+                OpenRequest {
+                    randomization: Some(v3::Randomization { exact_sensors: true, ..v3::Randomization::default() }),
+                    ..ranging("noise", 0.5, 2.0)
+                },
+                Code::Value,
+                "ranges",
+                "the sensors are exact",
+            ),
+            (
+                OpenRequest { action_delay_ms: 20, ..ranging("action_delay", 0.0, 40.0) },
+                Code::Value,
+                "ranges",
                 "choose one of the two",
             ),
             (OpenRequest { action_delay_ms: 30, ..request() }, Code::Value, "action_delay_ms", "a multiple of 20 ms"),

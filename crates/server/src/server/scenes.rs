@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use fiatlux_proto::Message;
 use fiatlux_render::{MeshError, RobotMeshes, Visuals};
 use fiatlux_robot::{Robot, RobotError};
-use fiatlux_world::{Scene, SceneConfig, SceneError, SceneSpec};
+use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneError, SceneSpec, Varied};
 
 use super::lock;
 
@@ -43,13 +43,12 @@ impl Built {
         self.meshes.as_ref().map_or("", |meshes| meshes.label())
     }
 
-    /// The same scene with another friction of the hands, which is not visible.
-    pub fn with_friction(&self, hand_friction: Option<f64>) -> Result<Arc<Scene>, SceneError> {
-        let spec = &self.scene.spec;
-        if spec.hand_friction == hand_friction {
+    /// The same scene with what an episode draws of it, none of which is visible: friction, masses and gravity.
+    pub fn for_episode(&self, episode: &EpisodeSpec) -> Result<Arc<Scene>, SceneError> {
+        let spec = episode.scene(self.scene.spec.gains.clone());
+        if spec == self.scene.spec {
             return Ok(Arc::clone(&self.scene));
         }
-        let spec = SceneSpec { hand_friction, ..spec.clone() };
         Scene::build(&self.scene.config, Arc::clone(&self.scene.robot), spec).map(Arc::new)
     }
 }
@@ -99,9 +98,9 @@ impl Scenes {
         self.robots.get(name)
     }
 
-    /// A scene with the hands' nominal friction.
+    /// A scene with the hands' nominal friction, in which nothing varies.
     pub fn get(&self, robot: &'static str, spec: SceneSpec) -> Result<Built, SceneError> {
-        let spec = SceneSpec { hand_friction: None, ..spec };
+        let spec = SceneSpec { hand_friction: None, varied: Varied::new(), ..spec };
         if let Some(built) = self.find(robot, &spec) {
             return Ok(built);
         }

@@ -54,6 +54,41 @@ const LIGHTS: [Value; 8] = [
 ];
 
 #[test]
+fn ranges_are_drawn_uniformly_and_apart() {
+    let ranges = |given: &[(&str, [f64; 2])]| {
+        EpisodeRanges::new(given.iter().map(|(name, range)| ((*name).to_owned(), *range))).unwrap()
+    };
+    let both = ranges(&[("gravity", [9.6, 10.0]), ("action_delay", [20.0, 60.0]), ("friction.crate", [0.3, 0.3])]);
+    let draws: Vec<Varied> = (0..N).map(at).map(|(seed, episode)| both.draw(seed, episode)).collect();
+    assert_uniform("gravity", draws.iter().map(|varied| varied["gravity"]).collect(), [9.6, 10.0]);
+    for ms in [20.0, 40.0, 60.0] {
+        let share = draws.iter().filter(|varied| varied["action_delay"] == ms).count() as f64 / N as f64;
+        assert!((share - 1.0 / 3.0).abs() < 0.02, "{ms} ms: {share}");
+    }
+    assert!(draws.iter().all(|varied| varied["friction.crate"] == 0.3));
+    assert_eq!(draws[7]["gravity"], ranges(&[("gravity", [9.6, 10.0])]).draw(0, 7)["gravity"], "a stream of its own");
+    assert_eq!((noise_scale(&draws[0]), delay_steps(&Varied::new())), (1.0, None));
+    assert!(matches!(delay_steps(&draws[0]), Some(1..=3)));
+}
+
+#[test]
+fn ranges_that_cannot_be_drawn_from_are_refused() {
+    for (name, range, words) in [
+        ("wind", [0.0, 1.0], "'wind' has no range; use gravity, noise, "),
+        ("friction.moon", [0.0, 1.0], "'friction.moon' has no range"),
+        ("thing_mass.crate", [1.0, 1.0], "'thing_mass.crate' has no range"),
+        ("gravity", [10.0, 9.0], "gravity is from 10 to 9"),
+        ("gravity", [9.0, 101.0], "from 0 to 100 m/s^2"),
+        ("noise", [f64::NAN, 1.0], "noise is from NaN"),
+        ("action_delay", [0.0, 30.0], "in steps of 20"),
+        ("thing_mass.ladder", [0.0, 1.0], "from 0.01 to 100"),
+    ] {
+        let error = EpisodeRanges::new([(name.to_owned(), range)]).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
 fn light_and_tint_are_uniform() {
     let lights: Vec<Light> =
         (0..N).map(at).map(|(seed, episode)| Light::draw(seed, episode, &Randomization::default())).collect();
