@@ -2,35 +2,52 @@
 # Makes a leaderboard with real entries from nothing: plays the built-in policies, submits their bags, has every episode simulated again, and
 # serves the pages until Ctrl-C.
 #
-#   deploy/leaderboard/make.sh [--out DIR] [--seeds LIST] [--policies LIST] [--http HOST:PORT] [--exit]
+#   deploy/leaderboard/make.sh [--out DIR] [--seeds LIST] [--policies LIST] [--act CHECKPOINT] [--ppo TASK=FILE] [--http HOST:PORT] [--exit]
 #
 #   --out DIR         folder for runs and board [default: results/leaderboard]; what is there is kept, and played no second time
 #   --seeds LIST      rooms, as of `fiatlux evaluate` [default: 0..3]; one room is enough for a try
 #   --policies LIST   [default: zero,random,stand,walk,expert]
+#   --act CHECKPOINT  also plays a checkpoint of python -m fiatlux.train_lerobot, in S06
+#   --ppo TASK=FILE   also plays the exported file of a run of `python -m fiatlux.train ppo`, in its task
 #   --http HOST:PORT  address of the pages [default: 127.0.0.1:8080]; port 0 takes a free one
 #   --exit            end when every entry is verified, and print the table
 #
-# FIATLUX, SIM_SERVER and SCORER name the programs [default: those in target/release, which are built if they are missing].
+# FIATLUX, SIM_SERVER, SCORER and, for --act, POLICY_CLIENT name the programs [default: those in target/release, which are built if they
+# are missing]. PYTHON names the Python with the wheel [default: python3]: --ppo needs it, and --act needs its extra lerobot.
 set -euo pipefail
 root="$(cd "$(dirname "$0")/../.." && pwd)"
-out=results/leaderboard seeds=0..3 policies=zero,random,stand,walk,expert http=127.0.0.1:8080 exits=
-usage() { sed -n '2,13s/^# \{0,1\}//p' "$0"; }
+out=results/leaderboard seeds=0..3 policies=zero,random,stand,walk,expert http=127.0.0.1:8080 exits= act= ppo=
+usage() { sed -n '2,17s/^# \{0,1\}//p' "$0"; }
 while [ $# -gt 0 ]; do
     case "$1" in
         --exit) exits=1 && shift && continue ;;
         --help | -h) usage && exit 0 ;;
-        --out | --seeds | --policies | --http) [ $# -ge 2 ] || { echo "make.sh: $1 needs a value" >&2 && exit 2; } ;;
-        *) echo "make.sh: unknown option '$1'; known ones are --out, --seeds, --policies, --http, --exit" >&2 && exit 2 ;;
+        --out | --seeds | --policies | --act | --ppo | --http) [ $# -ge 2 ] || { echo "make.sh: $1 needs a value" >&2 && exit 2; } ;;
+        *) echo "make.sh: unknown option '$1'; known ones are --out, --seeds, --policies, --act, --ppo, --http, --exit" >&2 && exit 2 ;;
     esac
     printf -v "${1#--}" %s "$2"
     shift 2
 done
+[ -z "$act" ] || [ -f "$act/config.json" ] || { echo "make.sh: --act: no checkpoint at '$act'" >&2 && exit 2; }
+case "$ppo" in "" | S[01][0-9]=?*) ;; *) echo "make.sh: --ppo is '$ppo'; give TASK=FILE, such as S02=s02.safetensors" >&2 && exit 2 ;; esac
+[ -z "$ppo" ] || [ -f "${ppo#*=}" ] || { echo "make.sh: --ppo: no file '${ppo#*=}'" >&2 && exit 2; }
 if [ -z "${FIATLUX:-}" ] || [ -z "${SIM_SERVER:-}" ] || [ -z "${SCORER:-}" ]; then
     (cd "$root" && cargo build --release --locked -p fiatlux -p sim-server -p scorer --bins)
 fi
+if [ -n "$act" ] && [ -z "${POLICY_CLIENT:-}" ]; then
+    (cd "$root" && cargo build --release --locked -p policy-client --bins)
+fi
 programs="${CARGO_TARGET_DIR:-$root/target}/release"
 fiatlux="${FIATLUX:-$programs/fiatlux}" sim="${SIM_SERVER:-$programs/sim-server}" scorer="${SCORER:-$programs/scorer}"
+client="${POLICY_CLIENT:-$programs/policy-client}" python="${PYTHON:-python3}"
 mkdir -p "$out"
+
+servers=()
+finish() {
+    [ ${#servers[@]} -eq 0 ] || kill "${servers[@]}" 2>/dev/null || true
+    wait
+}
+trap finish EXIT
 
 # `walk` plays three tasks, and is ranked in those; the others are ranked in the table.
 IFS=, read -ra names <<<"$policies"
@@ -41,12 +58,39 @@ for name in "${names[@]}"; do
     "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
 done
 
-servers=()
-finish() {
-    [ ${#servers[@]} -eq 0 ] || kill "${servers[@]}" 2>/dev/null || true
-    wait
-}
-trap finish EXIT
+if [ -n "$ppo" ]; then
+    echo "== ppo plays ${ppo%%=*} in rooms $seeds" >&2
+    "$python" - "$ppo" "$seeds" "$out/runs/ppo" >"$out/ppo.txt" <<'END'
+import sys
+
+import fiatlux
+
+(task, file), seeds, out = sys.argv[1].split("=", 1), sys.argv[2], sys.argv[3]
+rooms = []
+for part in seeds.split(","):
+    first, _, last = part.partition("..")
+    rooms += range(int(first), int(last or first) + 1)
+print(fiatlux.evaluate(fiatlux.Baseline(file), tasks=[task], seeds=rooms, out=out))
+END
+    names+=(ppo)
+fi
+if [ -n "$act" ]; then
+    echo "== act plays S06 in rooms $seeds" >&2
+    "$python" -m fiatlux.serve_lerobot "$act" --port 0 >"$out/model" 2>"$out/model.log" &
+    servers+=($!)
+    for _ in $(seq 1200); do
+        [ -s "$out/model" ] && break
+        kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: the checkpoint is not served:" >&2 && cat "$out/model.log" >&2 && exit 1; }
+        sleep 0.1
+    done
+    endpoint="tcp/127.0.0.1:$((20000 + RANDOM % 20000))"
+    "$sim" -l "$endpoint" --record "$out/runs/act" >"$out/act.log" 2>&1 &
+    servers+=($!)
+    [ -e "$out/act.done" ] || "$client" evaluate --policy vla --dialect gr00t --model "$(grep -oE 'tcp://[^ ]+' "$out/model")" \
+        --map lerobot_g1_hand --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$endpoint" >"$out/act.txt"
+    touch "$out/act.done"
+    names+=(act)
+fi
 "$scorer" admin --folder "$out/board" init >/dev/null
 if [ ! -s "$out/token" ]; then
     "$scorer" admin --folder "$out/board" account fiatlux >/dev/null
@@ -60,13 +104,15 @@ servers+=($!)
 servers+=($!)
 for _ in $(seq 300); do
     [ -s "$out/address" ] && break
-    kill -0 "${servers[1]}" 2>/dev/null || { echo "make.sh: the leaderboard did not start:" >&2 && cat "$out/scorer.log" >&2 && exit 1; }
+    kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: the leaderboard did not start:" >&2 && cat "$out/scorer.log" >&2 && exit 1; }
     sleep 0.1
 done
 address="$(grep -oE 'http://[^ ]+' "$out/address" | head -n 1)"
 for name in "${names[@]}"; do
     echo "== $name is submitted and verified" >&2
-    "$scorer" submit "$out/runs/$name" --to "$address" --token "$out/token" --author Fiatlux --wait
+    folder="$out/runs/$name"
+    [ "$name" != act ] || folder="$(dirname "$(find "$folder" -name '*.run.jsonl' | head -n 1)")"
+    "$scorer" submit "$folder" --to "$address" --token "$out/token" --author Fiatlux --wait
 done
 echo "$address shows them"
-[ -n "$exits" ] || wait "${servers[1]}"
+[ -n "$exits" ] || wait "${servers[-1]}"
