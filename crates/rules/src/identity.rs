@@ -57,7 +57,7 @@ pub struct EpisodeIdentity {
     pub prop_scale: [f64; 5],
     /// The start has noise.
     pub is_start_drawn: bool,
-    /// What differs from the published scene besides friction of the hands and sizes, by name; mostly nothing.
+    /// Names of the differences from the published scene besides friction of the hands and sizes; mostly none.
     pub varied: BTreeMap<String, f64>,
     /// All thresholds in force.
     pub thresholds: Thresholds,

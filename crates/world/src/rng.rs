@@ -28,7 +28,7 @@ pub enum Stream {
     Tint,
     /// Sizes of the props; drawn by seed alone.
     Props,
-    /// What a session asks to vary besides what the benchmark varies.
+    /// Ranges that a session asks for, besides the benchmark's.
     Ranges,
     /// Trials of benchmarks and tests; no episode draws from it.
     Trial,

@@ -30,7 +30,7 @@ pub struct SceneSpec {
     pub scale: PropScale,
     /// A recorded layout to use instead of a draw.
     pub layout: Option<Layout>,
-    /// What is not as in the config, by the names of [`EpisodeRanges`](crate::EpisodeRanges).
+    /// Values that are not those of the config, by the names of [`EpisodeRanges`](crate::EpisodeRanges).
     pub varied: Varied,
 }
 
