@@ -58,6 +58,15 @@ for name in "${names[@]}"; do
     "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
 done
 
+# Waits until the newest server has written its address: speaks SECONDS FILE LOG PROBLEM.
+speaks() {
+    for _ in $(seq "${1}0"); do
+        [ -s "$2" ] && break
+        kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: $4:" >&2 && cat "$3" >&2 && exit 1; }
+        sleep 0.1
+    done
+}
+
 if [ -n "$ppo" ]; then
     echo "== ppo plays ${ppo%%=*} in rooms $seeds" >&2
     "$python" - "$ppo" "$seeds" "$out/runs/ppo" >"$out/ppo.txt" <<'END'
@@ -78,11 +87,7 @@ if [ -n "$act" ]; then
     echo "== act plays S06 in rooms $seeds" >&2
     "$python" -m fiatlux.serve_lerobot "$act" --port 0 >"$out/model" 2>"$out/model.log" &
     servers+=($!)
-    for _ in $(seq 1200); do
-        [ -s "$out/model" ] && break
-        kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: the checkpoint is not served:" >&2 && cat "$out/model.log" >&2 && exit 1; }
-        sleep 0.1
-    done
+    speaks 120 "$out/model" "$out/model.log" "the checkpoint is not served"
     endpoint="tcp/127.0.0.1:$((20000 + RANDOM % 20000))"
     "$sim" -l "$endpoint" --record "$out/runs/act" >"$out/act.log" 2>&1 &
     servers+=($!)
@@ -102,11 +107,7 @@ servers+=($!)
 : >"$out/address"
 "$scorer" serve --folder "$out/board" -e "tcp/127.0.0.1:$port" --http "$http" >"$out/address" 2>"$out/scorer.log" &
 servers+=($!)
-for _ in $(seq 300); do
-    [ -s "$out/address" ] && break
-    kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: the leaderboard did not start:" >&2 && cat "$out/scorer.log" >&2 && exit 1; }
-    sleep 0.1
-done
+speaks 30 "$out/address" "$out/scorer.log" "the leaderboard did not start"
 address="$(grep -oE 'http://[^ ]+' "$out/address" | head -n 1)"
 for name in "${names[@]}"; do
     echo "== $name is submitted and verified" >&2
