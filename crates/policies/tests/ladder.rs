@@ -35,7 +35,7 @@ fn it_carries_the_ladder_under_the_lamp() {
 /// At a wall: it comes out sideways, leaves the ladder where it stands, and stands where S02 begins.
 #[test]
 fn it_comes_out_to_the_steps() {
-    let mut game = play::Game::start(
+    let mut game = play::start(
         5,
         &play::Changes { end_on: Some(Causes::of(&[Cause::Fall, Cause::Tip])), ..play::Changes::default() },
     )
@@ -49,7 +49,7 @@ fn it_comes_out_to_the_steps() {
         if phase == "Done" {
             put_down = Some(game.world.row().things[errand::LADDER].pose);
         }
-        seen = game.step(&mut ladder, &seen).unwrap();
+        seen = game.step(&mut ladder, &seen, None).unwrap();
     }
     let row = game.world.row();
     let (now, put_down) = (row.things[errand::LADDER].pose, put_down.unwrap());

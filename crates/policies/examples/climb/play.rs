@@ -1,26 +1,20 @@
 //! One episode of `climb`, without a server.
 
-use std::collections::VecDeque;
 use std::error::Error;
 use std::f64::consts::FRAC_PI_2;
-use std::sync::Arc;
 
-use fiatlux_client::{Command, Policy};
+use fiatlux_client::Policy;
 use fiatlux_dynamics::{BodyVariation, Dynamics, Input, ShapeId, State, Variation};
 use fiatlux_policies::Climb;
-use fiatlux_proto::v3::{SessionInfo, TaskInfo};
-use fiatlux_render::Lighting;
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, Verdict, errand};
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_wire::{footprint_messages, joint_messages};
-use fiatlux_world::{
-    ACTION_SCALE, ControlInput, EpisodeSpec, PHYSICS_DT, PropScale, Push, SUBSTEPS, Scene, SceneConfig, ShapeOwner,
-    StartOptions, World, start_drawn,
-};
+use fiatlux_rules::{CONTROL_DT, Cause, Protocol, Row, Task, Verdict, errand};
+use fiatlux_world::{ACTION_SCALE, PHYSICS_DT, PropScale, SUBSTEPS, Scene, ShapeOwner, World};
 use nalgebra::{Isometry3, Vector3};
 
-const SENSORS: Sensors = Sensors::of(&[Sensor::Proprioception, Sensor::LastAction, Sensor::Privileged]);
+#[path = "../game/mod.rs"]
+mod game;
+
+use game::{Game, Start, push_towards};
+
 /// Speed of a joint from which physics steps are looked at one by one, rad/s.
 const FAST: f64 = 10.0;
 /// Least force that counts as a touch, N.
@@ -182,34 +176,14 @@ pub fn play(
     changes: &Changes,
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Played, Box<dyn Error>> {
-    let robot = Arc::new(Robot::benchmark()?);
-    let gains = robot.gains(GainSet::default());
-    let spec = EpisodeSpec { scale: changes.scale, ..EpisodeSpec::new(task, seed, 0) };
-    let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone()))?);
-    let options = StartOptions { seed: Some(seed), ..StartOptions::default() };
-    let (mut world, _) = start_drawn(Arc::clone(&scene), task, 0, &options)?;
-    world.set_variation(&variation(&scene, seed, changes))?;
-    let mut judge =
-        Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
-    judge.start(world.row());
-    let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
-    suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
-    let name = if task == Task::Climb { "climb".into() } else { format!("{task:?}") };
-    let info = SessionInfo {
-        task: Some(TaskInfo { task: name, ..TaskInfo::default() }),
-        joints: joint_messages(&robot, &gains),
-        footprints: footprint_messages(&scene),
-        action_scale: ACTION_SCALE,
-        control_dt: CONTROL_DT,
-        ..SessionInfo::default()
-    };
-    let view = |world: &World, judge: &Judge, suite: &mut SensorSuite| {
-        let view = View { scene: &scene, episode: 0, row: world.row(), task, judge, reward: 0.0 };
-        suite.observe(&view, SENSORS)
-    };
-    let mut observation = view(&world, &judge, &mut suite)?;
+    let mut start = Start { delay: changes.delay, ..Start::of(task, seed)? };
+    start.spec.scale = changes.scale;
+    let mut game = Game::start(start)?;
+    let varied = variation(game.world.scene(), seed, changes);
+    game.world.set_variation(&varied)?;
+    let mut seen = game.observe()?;
     if let Some([roll, elbow]) = changes.arms {
-        for (joint, action) in robot.joints().iter().zip(&mut observation.last_action) {
+        for (joint, action) in game.world.scene().robot.joints().iter().zip(&mut seen.last_action) {
             let angle = match joint.name.as_str() {
                 "left_shoulder_roll_joint" => roll,
                 "right_shoulder_roll_joint" => -roll,
@@ -219,32 +193,32 @@ pub fn play(
             *action = (angle / ACTION_SCALE) as f32;
         }
     }
-    climb.reset(&info, &observation)?;
-    let start = world.row().things[errand::LADDER].pose;
+    climb.reset(&game.info, &seen)?;
+    let gains = game.world.scene().spec.gains.clone();
+    let first = game.world.row().things[errand::LADDER].pose;
     let grip =
         task.spec().gate.criteria_of(Protocol::Strict).position(|criterion| criterion.name.ends_with("_in_grip"));
     let (mut ladder, mut effort, mut loads, mut loose) = ((0.0_f64, 0.0_f64), 0.0_f64, Loads::new(gains.0.len()), 0);
-    let mut late: VecDeque<Vec<f64>> = std::iter::repeat_n(world.row().joint_target.clone(), changes.delay).collect();
     let climbing = match task {
         Task::S02 | Task::S10 => [20.0, 44.0],
         Task::Climb => [20.0, 80.0],
         _ => [8.0, 86.0],
     };
-    let (mut is_pushed, mut again) = (false, world.dynamics().clone());
+    let (mut is_pushed, mut again) = (false, game.world.dynamics().clone());
     loop {
-        let row = world.row();
+        let row = game.world.row();
         let now = row.things[errand::LADDER].pose;
-        let moved = (now.translation.vector - start.translation.vector).norm();
-        ladder = (ladder.0.max(moved), ladder.1.max(now.rotation.angle_to(&start.rotation)));
+        let moved = (now.translation.vector - first.translation.vector).norm();
+        ladder = (ladder.0.max(moved), ladder.1.max(now.rotation.angle_to(&first.rotation)));
         let shares = row.joint_effort.iter().zip(&gains.0).map(|(effort, gains)| effort.abs() / gains.effort_limit);
         effort = shares.fold(effort, f64::max);
-        loads.take(&world);
-        let holds = grip.is_none_or(|grip| judge.verdict().criteria.as_slice()[grip]);
+        loads.take(&game.world);
+        let holds = grip.is_none_or(|grip| game.verdict().criteria.as_slice()[grip]);
         loose = if holds { 0 } else { loose + 1 };
         loads.loose = (loads.loose.0 + u32::from(!holds), loads.loose.1.max(loose));
         let progress = climb.progress();
-        watch(&Moment { row, time: progress.map(|(time, _)| time), verdict: judge.verdict() });
-        if let Some(end) = judge.verdict().end {
+        watch(&Moment { row, time: progress.map(|(time, _)| time), verdict: game.verdict() });
+        if let Some(end) = game.verdict().end {
             let height = row.robot.pose.translation.z;
             return Ok(Played {
                 cause: end.cause(),
@@ -256,26 +230,15 @@ pub fn play(
                 loads,
             });
         }
-        let Command::JointTarget(targets) = climb.act(&observation)? else { return Err("no targets".into()) };
-        late.push_back(targets);
-        let wanted = late.pop_front().unwrap_or_default();
-        // As a session does it, to the last bit.
-        let action: Vec<f64> = wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
-        let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
         let part = (SPREAD[1] * (seed + 1) as f64).fract();
         let due = climbing[0] + part * (climbing[1] - climbing[0]);
-        let is_due = !is_pushed && world.row().step as f64 * CONTROL_DT > due;
-        let push = changes.push.filter(|_| is_due).map(|speed| {
-            let angle = SPREAD[0] * seed as f64;
-            Push { linear: speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }
-        });
+        let is_due = !is_pushed && game.seconds() > due;
+        let push = changes.push.filter(|_| is_due).map(|speed| push_towards(SPREAD[0] * seed as f64, speed));
         is_pushed |= is_due;
-        let mut state = world.state().clone();
-        world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
-        if push.is_none() && world.row().joint_speed_peak > FAST {
-            see_speeds(&world, &mut state, &mut again, &mut loads.speeds);
+        let mut state = game.world.state().clone();
+        seen = game.step(&mut climb, &seen, push)?;
+        if push.is_none() && game.world.row().joint_speed_peak > FAST {
+            see_speeds(&game.world, &mut state, &mut again, &mut loads.speeds);
         }
-        judge.advance(world.row());
-        observation = view(&world, &judge, &mut suite)?;
     }
 }

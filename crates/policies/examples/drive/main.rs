@@ -2,17 +2,19 @@
 //! `cargo run -p fiatlux-policies --example drive -- hands S08 1000` is told of the benchmark's room 1000.
 #![allow(missing_docs)]
 
+#[path = "../game/mod.rs"]
+mod game;
+
 use std::error::Error;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 
 use fiatlux_client::Command;
 use fiatlux_policies::Policies;
-use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Task};
-use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
-use fiatlux_world::{ACTION_SCALE, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_rules::Task;
+use fiatlux_world::{EpisodeSpec, Scene, SceneConfig};
 use serde::Deserialize;
 
 /// Measurements of the other simulator; joints and hand bodies in the order of the first line out, quaternions w first.
@@ -62,21 +64,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A session in a room, as far as the policies read it.
+/// A session in a room.
 fn session(task: Task, seed: u64) -> Result<SessionInfo, Box<dyn Error>> {
     let robot = Arc::new(Robot::benchmark()?);
-    let gains = robot.gains(GainSet::default());
-    let of_scene = EpisodeSpec::new(task, seed, 0).scene(gains.clone());
-    let scene = Scene::build(&SceneConfig::default(), Arc::clone(&robot), of_scene)?;
-    Ok(SessionInfo {
-        task: Some(TaskInfo { task: task.to_string(), ..TaskInfo::default() }),
-        joints: joint_messages(&robot, &gains),
-        hand_bodies: hand_body_names(&robot),
-        footprints: footprint_messages(&scene),
-        action_scale: ACTION_SCALE,
-        control_dt: CONTROL_DT,
-        ..SessionInfo::default()
-    })
+    let of_scene = EpisodeSpec::new(task, seed, 0).scene(robot.gains(GainSet::default()));
+    Ok(game::session(task, &Scene::build(&SceneConfig::default(), robot, of_scene)?))
 }
 
 fn observation(measured: Measured) -> Observation {

@@ -1,24 +1,17 @@
 //! One episode of `hands`, without a server.
 
-use std::collections::VecDeque;
 use std::error::Error;
 use std::sync::Arc;
 
-use fiatlux_client::{Command, Policy};
+use fiatlux_client::Policy;
 use fiatlux_policies::Hands;
-use fiatlux_proto::v3::{SessionInfo, TaskInfo};
-use fiatlux_render::Lighting;
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Judge, JudgeOptions, Protocol, Row, Task, Thresholds, Verdict, errand};
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_wire::{hand_body_names, joint_messages};
-use fiatlux_world::{
-    ACTION_SCALE, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
-};
-use nalgebra::Vector3;
+use fiatlux_robot::Robot;
+use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Row, Task, Verdict, errand};
 
-const SENSORS: Sensors =
-    Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
+#[path = "../game/mod.rs"]
+mod game;
+
+use game::{Game, Start, push_towards};
 
 /// Differences of an episode from the benchmark's.
 #[derive(Debug, Clone, Default)]
@@ -70,19 +63,6 @@ pub fn forces(row: &Row, bulb: Bulb) -> impl Iterator<Item = f64> {
     row.force(errand::HAND_FORCE[bulb as usize]).iter().map(|force| force.norm())
 }
 
-/// A session of a task, as far as `hands` reads it.
-pub fn session(task: Task, robot: &Robot) -> SessionInfo {
-    let gains = robot.gains(GainSet::default());
-    SessionInfo {
-        task: Some(TaskInfo { task: format!("{task:?}"), ..TaskInfo::default() }),
-        joints: joint_messages(robot, &gains),
-        hand_bodies: hand_body_names(robot),
-        action_scale: ACTION_SCALE,
-        control_dt: CONTROL_DT,
-        ..SessionInfo::default()
-    }
-}
-
 /// Plays the first episode of a room.
 pub fn play(
     task: Task,
@@ -91,53 +71,29 @@ pub fn play(
     changes: &Changes,
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Played, Box<dyn Error>> {
-    let robot = Arc::new(Robot::by_name(changes.robot.as_deref().unwrap_or(Robot::NAMES[0]))?);
-    let gains = robot.gains(GainSet::default());
-    let mut spec = EpisodeSpec::new(task, seed, 0);
-    spec.scale.fresh_bulb = changes.fresh_bulb.unwrap_or(spec.scale.fresh_bulb);
-    let mut of_scene = spec.scene(gains.clone());
-    of_scene.hand_friction = changes.friction.or(of_scene.hand_friction);
-    let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), of_scene)?);
-    let options = StartOptions { seed: Some(seed), ..StartOptions::default() };
-    let (mut world, _) = start_drawn(Arc::clone(&scene), task, 0, &options)?;
-    let mut judge =
-        Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), JudgeOptions::default());
-    judge.start(world.row());
-    let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
-    suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
-
-    let info = session(task, &robot);
-    let view = |world: &World, judge: &Judge, suite: &mut SensorSuite| {
-        let view = View { scene: &scene, episode: 0, row: world.row(), task, judge, reward: 0.0 };
-        suite.observe(&view, SENSORS)
-    };
-    let mut observation = view(&world, &judge, &mut suite)?;
-    hands.reset(&info, &observation)?;
+    let mut start = Start { hand_friction: changes.friction, delay: changes.delay, ..Start::of(task, seed)? };
+    if let Some(robot) = &changes.robot {
+        start.robot = Arc::new(Robot::by_name(robot)?);
+    }
+    start.spec.scale.fresh_bulb = changes.fresh_bulb.unwrap_or(start.spec.scale.fresh_bulb);
+    let mut game = Game::start(start)?;
+    let mut seen = game.observe()?;
+    hands.reset(&game.info, &seen)?;
     let bulb = bulb_of(task);
-    let mut late: VecDeque<Vec<f64>> = std::iter::repeat_n(world.row().joint_target.clone(), changes.delay).collect();
     let (mut peak, mut later_peak, mut penetration, mut phase) =
-        (forces(world.row(), bulb).fold(0.0, f64::max), 0.0_f64, 0.0_f64, String::new());
+        (forces(game.world.row(), bulb).fold(0.0, f64::max), 0.0_f64, 0.0_f64, String::new());
     let mut push_at = None;
     loop {
-        if let Some(end) = judge.verdict().end {
-            let is_spoilt = judge.verdict().broken || judge.verdict().dropped;
+        if let Some(end) = game.verdict().end {
+            let is_spoilt = game.verdict().broken || game.verdict().dropped;
             let seconds = end.step as f64 * CONTROL_DT;
             return Ok(Played { cause: end.cause(), seconds, phase, peak, later_peak, is_spoilt, penetration });
         }
-        let Command::JointTarget(targets) = hands.act(&observation)? else { return Err("no targets".into()) };
-        late.push_back(targets);
-        let wanted = late.pop_front().unwrap_or_default();
-        // As a session does it, to the last bit.
-        let action: Vec<f64> = wanted.iter().zip(robot.q0()).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
-        let targets: Vec<f64> = robot.q0().iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
-        let step = world.row().step;
-        let push = changes.push.as_ref().filter(|_| push_at == Some(step)).map(|(speed, _)| {
-            let angle = 2.4 * seed as f64;
-            Push { linear: *speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }
-        });
-        world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
-        judge.advance(world.row());
-        let row = world.row();
+        let step = game.world.row().step;
+        let push = changes.push.as_ref().filter(|_| push_at == Some(step));
+        let push = push.map(|(speed, _)| push_towards(2.4 * seed as f64, *speed));
+        seen = game.step(&mut hands, &seen, push)?;
+        let row = game.world.row();
         let force = forces(row, bulb).fold(0.0, f64::max);
         peak = peak.max(force);
         later_peak = if row.step > 10 { later_peak.max(force) } else { later_peak };
@@ -147,7 +103,6 @@ pub fn play(
         if push_at.is_none() && changes.push.as_ref().is_some_and(|(_, during)| *during == phase) {
             push_at = Some(row.step + 25);
         }
-        watch(&Moment { row, phase: &phase, off, verdict: judge.verdict() });
-        observation = view(&world, &judge, &mut suite)?;
+        watch(&Moment { row, phase: &phase, off, verdict: game.verdict() });
     }
 }

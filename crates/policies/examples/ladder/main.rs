@@ -14,7 +14,7 @@ use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, Task, Thresholds, errand, measure};
 use fiatlux_world::World;
 
-use play::{Changes, Game, Played, distance, play, touched};
+use play::{Changes, Played, distance, play, start, touched};
 
 /// Time after which S01 has failed, with the way out, s.
 const MAX_SECONDS: f64 = 240.0;
@@ -77,30 +77,28 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// S01, the way to the steps, and S02 from there; how that ended, and whether S02 did well.
 fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, bool), Box<dyn Error>> {
-    let mut game =
-        Game::start(seed, &Changes { end_on: Some(Causes::of(&[Cause::Fall, Cause::Tip])), ..changes.clone() })?;
+    let mut game = start(seed, &Changes { end_on: Some(Causes::of(&[Cause::Fall, Cause::Tip])), ..changes.clone() })?;
     let mut ladder = Ladder::new("")?;
     let mut seen = game.observe()?;
     ladder.reset(&game.info, &seen)?;
     let mut put_down = None;
-    let now = |game: &Game| game.world.row().step as f64 * CONTROL_DT;
     while ladder.phase().as_deref() != Some("Away") {
         let phase = ladder.phase().unwrap_or_default();
         if trace && game.world.row().step.is_multiple_of(50) {
             print_state(&game.world, &phase);
         }
         if let Some(end) = game.verdict().end {
-            return Ok((format!("{:?} after {:.1} s in {phase}", end.cause(), now(&game)), false));
+            return Ok((format!("{:?} after {:.1} s in {phase}", end.cause(), game.seconds()), false));
         }
-        if now(&game) > MAX_SECONDS {
+        if game.seconds() > MAX_SECONDS {
             return Ok((format!("still in {phase} after {MAX_SECONDS} s"), false));
         }
         if phase == "Done" {
             put_down = Some(game.world.row().things[errand::LADDER].pose);
         }
-        seen = game.step(&mut ladder, &seen)?;
+        seen = game.step(&mut ladder, &seen, None)?;
     }
-    let (out, ladder) = (now(&game), game.world.row().things[errand::LADDER].pose);
+    let (out, ladder) = (game.seconds(), game.world.row().things[errand::LADDER].pose);
     let moved = put_down.map_or(f64::NAN, |pose| (pose.translation.vector - ladder.translation.vector).norm());
     let mut climb = Climb::new()?;
     let task = Some(TaskInfo { task: "S02".into(), ..TaskInfo::default() });
@@ -118,7 +116,7 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
                 "before the steps after {out:.1} s, the ladder {:.1} mm off; then S02 {:?} after {:.1} s",
                 1e3 * moved,
                 end.cause(),
-                now(&game) - out
+                game.seconds() - out
             );
             return Ok((text, end.cause() == Cause::Success));
         }
@@ -126,9 +124,9 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
             let part = climb.progress().map_or("to S02".into(), |(time, all)| format!("{time:.1}/{all:.1}"));
             print_state(&game.world, &part);
         }
-        seen = game.step(&mut climb, &seen)?;
+        seen = game.step(&mut climb, &seen, None)?;
         row.clone_from(game.world.row());
-        row.step = ((now(&game) - out) / CONTROL_DT).round() as u64;
+        row.step = ((game.seconds() - out) / CONTROL_DT).round() as u64;
         seen.step = row.step;
         judge.advance(&row);
     }

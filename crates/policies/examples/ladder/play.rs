@@ -1,24 +1,16 @@
 //! One episode of `ladder`, without a server.
 
 use std::error::Error;
-use std::sync::Arc;
 
-use fiatlux_client::{Command, Policy};
+use fiatlux_client::Policy;
 use fiatlux_policies::Ladder;
-use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
-use fiatlux_render::Lighting;
-use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{
-    CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, Task, Thresholds, Verdict, errand, measure,
-};
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_wire::{footprint_messages, joint_messages};
-use fiatlux_world::{
-    ACTION_SCALE, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, ShapeOwner, StartOptions, World, start_drawn,
-};
-use nalgebra::Vector3;
+use fiatlux_rules::{CONTROL_DT, Cause, Causes, Task, errand, measure};
+use fiatlux_world::{ShapeOwner, World};
 
-const SENSORS: Sensors = Sensors::of(&[Sensor::Proprioception, Sensor::LastAction, Sensor::Privileged]);
+#[path = "../game/mod.rs"]
+mod game;
+
+use game::{Game, Start, push_towards};
 
 /// Control steps from the first entry into a phase to a push.
 const UNTIL_PUSH: u64 = 100;
@@ -83,80 +75,12 @@ pub fn distance(world: &World) -> f64 {
     measure::horizontal_distance(&scene.geometry().ladder_top(row), &fixture)
 }
 
-/// An episode of S01, and what the robot senses.
-pub struct Game {
-    pub world: World,
-    pub info: SessionInfo,
-    judge: Judge,
-    suite: SensorSuite,
-    push: Option<Push>,
-    /// Phase after which it is pushed, and when.
-    pushed: (String, Option<u64>),
-}
-
-impl Game {
-    /// Starts the first episode of a room.
-    pub fn start(seed: u64, changes: &Changes) -> Result<Self, Box<dyn Error>> {
-        let robot = Arc::new(Robot::benchmark()?);
-        let gains = robot.gains(GainSet::default());
-        let mut spec = EpisodeSpec::new(Task::S01, seed, 0);
-        spec.scale.ladder[2] = changes.height.unwrap_or(spec.scale.ladder[2]);
-        let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec.scene(gains.clone()))?);
-        let options = StartOptions { seed: Some(seed), ..StartOptions::default() };
-        let (world, _) = start_drawn(Arc::clone(&scene), Task::S01, 0, &options)?;
-        let options = JudgeOptions { end_on: changes.end_on, ..JudgeOptions::default() };
-        let mut judge = Judge::new(Protocol::Strict, Task::S01, Thresholds::default(), scene.geometry(), options);
-        judge.start(world.row());
-        let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, Task::S01));
-        suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
-        let info = SessionInfo {
-            task: Some(TaskInfo { task: "S01".into(), ..TaskInfo::default() }),
-            joints: joint_messages(&robot, &gains),
-            footprints: footprint_messages(&scene),
-            action_scale: ACTION_SCALE,
-            control_dt: CONTROL_DT,
-            ..SessionInfo::default()
-        };
-        let angle = SPREAD * seed as f64;
-        let push = changes.push.as_ref().map(|(speed, _)| Push {
-            linear: *speed * Vector3::new(angle.cos(), angle.sin(), 0.0),
-            angular: Vector3::zeros(),
-        });
-        let phase = changes.push.as_ref().map(|(_, phase)| phase.clone()).unwrap_or_default();
-        Ok(Self { world, info, judge, suite, push, pushed: (phase, None) })
-    }
-
-    /// The verdict on what was so far.
-    pub fn verdict(&self) -> &Verdict {
-        self.judge.verdict()
-    }
-
-    /// The robot's sensors now. Every call draws noise anew.
-    pub fn observe(&mut self) -> Result<Observation, Box<dyn Error>> {
-        let (scene, row) = (self.world.scene(), self.world.row());
-        let view = View { scene, episode: 0, row, task: Task::S01, judge: &self.judge, reward: 0.0 };
-        Ok(self.suite.observe(&view, SENSORS)?)
-    }
-
-    /// Counts on from a phase of the policy until it is pushed.
-    fn note(&mut self, phase: &str) {
-        if self.push.is_some() && self.pushed.0 == phase {
-            self.pushed.1.get_or_insert(self.world.row().step + UNTIL_PUSH);
-        }
-    }
-
-    /// A control step with a policy's answer to an observation; the next observation.
-    pub fn step(&mut self, policy: &mut dyn Policy, seen: &Observation) -> Result<Observation, Box<dyn Error>> {
-        let Command::JointTarget(wanted) = policy.act(seen)? else { return Err("no targets".into()) };
-        // As a session does it, to the last bit.
-        let q0 = self.world.scene().robot.q0();
-        let action: Vec<f64> = wanted.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
-        let targets: Vec<f64> = q0.iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
-        let push = self.push.filter(|_| self.pushed.1 == Some(self.world.row().step));
-        self.world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
-        self.judge.advance(self.world.row());
-        self.observe()
-    }
+/// Starts the first episode of a room.
+pub fn start(seed: u64, changes: &Changes) -> Result<Game, Box<dyn Error>> {
+    let mut start = Start::of(Task::S01, seed)?;
+    start.spec.scale.ladder[2] = changes.height.unwrap_or(start.spec.scale.ladder[2]);
+    start.spec.end_on = changes.end_on;
+    Game::start(start)
 }
 
 /// Plays the first episode of a room.
@@ -166,16 +90,19 @@ pub fn play(
     changes: &Changes,
     mut watch: impl FnMut(&World, &str),
 ) -> Result<Played, Box<dyn Error>> {
-    let mut game = Game::start(seed, changes)?;
+    let mut game = start(seed, changes)?;
     let mut seen = game.observe()?;
     ladder.reset(&game.info, &seen)?;
     let first = distance(&game.world);
     let (mut tilt, mut penetration) = (0.0_f64, 0.0_f64);
-    let mut pressed = (0.0, "nothing");
+    let (mut pressed, mut push_at) = ((0.0, "nothing"), None);
     loop {
         let phase = ladder.phase().unwrap_or_default();
-        game.note(&phase);
         let world = &game.world;
+        let step = world.row().step;
+        if changes.push.as_ref().is_some_and(|(_, after)| *after == phase) {
+            push_at.get_or_insert(step + UNTIL_PUSH);
+        }
         tilt = tilt.max(measure::tilt(&world.row().things[errand::LADDER].pose));
         penetration = penetration.max(world.row().penetration);
         let now = touched(world);
@@ -196,6 +123,8 @@ pub fn play(
                 penetration,
             });
         }
-        seen = game.step(&mut ladder, &seen)?;
+        let push = changes.push.as_ref().filter(|_| push_at == Some(step));
+        let push = push.map(|(speed, _)| push_towards(SPREAD * seed as f64, *speed));
+        seen = game.step(&mut ladder, &seen, push)?;
     }
 }

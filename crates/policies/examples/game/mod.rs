@@ -1,0 +1,129 @@
+//! An episode without a server, the same to the last bit as in a session: what the examples of the policies share.
+#![allow(dead_code)] // Each of them uses a part.
+
+use std::collections::VecDeque;
+use std::error::Error;
+use std::sync::Arc;
+
+use fiatlux_client::{Command, Policy};
+use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
+use fiatlux_render::Lighting;
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{CONTROL_DT, Judge, JudgeOptions, Protocol, Task, Thresholds, Verdict};
+use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
+use fiatlux_world::{
+    ACTION_SCALE, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
+};
+use nalgebra::Vector3;
+
+const SENSORS: Sensors =
+    Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
+
+/// An episode's start, and by which rules it is judged.
+pub struct Start {
+    pub robot: Arc<Robot>,
+    /// Its task is the one from whose start state it begins.
+    pub spec: EpisodeSpec,
+    /// Task of the session and of the judge.
+    pub task: Task,
+    /// Friction of the hands, in place of the drawn one.
+    pub hand_friction: Option<f64>,
+    /// Control steps until an action has an effect.
+    pub delay: usize,
+}
+
+impl Start {
+    /// The first episode of a room, as in the benchmark.
+    pub fn of(task: Task, seed: u64) -> Result<Self, Box<dyn Error>> {
+        Ok(Self {
+            robot: Arc::new(Robot::benchmark()?),
+            spec: EpisodeSpec::new(task, seed, 0),
+            task,
+            hand_friction: None,
+            delay: 0,
+        })
+    }
+}
+
+/// An episode under the strict rules, and what the robot senses.
+pub struct Game {
+    pub world: World,
+    pub info: SessionInfo,
+    task: Task,
+    judge: Judge,
+    suite: SensorSuite,
+    /// Targets that are still to come into effect.
+    late: VecDeque<Vec<f64>>,
+}
+
+impl Game {
+    pub fn start(start: Start) -> Result<Self, Box<dyn Error>> {
+        let Start { robot, spec, task, hand_friction, delay } = start;
+        let mut of_scene = spec.scene(robot.gains(GainSet::default()));
+        of_scene.hand_friction = hand_friction.or(of_scene.hand_friction);
+        let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, of_scene)?);
+        let drawn = StartOptions { seed: Some(spec.seed), ..StartOptions::default() };
+        let (world, _) = start_drawn(Arc::clone(&scene), spec.task, 0, &drawn)?;
+        let options = JudgeOptions { end_on: spec.end_on, ..JudgeOptions::default() };
+        let mut judge = Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), options);
+        judge.start(world.row());
+        let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
+        suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
+        let late = std::iter::repeat_n(world.row().joint_target.clone(), delay).collect();
+        Ok(Self { info: session(task, &scene), world, task, judge, suite, late })
+    }
+
+    /// The verdict on what was so far.
+    pub fn verdict(&self) -> &Verdict {
+        self.judge.verdict()
+    }
+
+    /// Time since the start, s.
+    pub fn seconds(&self) -> f64 {
+        self.world.row().step as f64 * CONTROL_DT
+    }
+
+    /// The robot's sensors now. Every call draws noise anew.
+    pub fn observe(&mut self) -> Result<Observation, Box<dyn Error>> {
+        let (scene, row) = (self.world.scene(), self.world.row());
+        let view = View { scene, episode: 0, row, task: self.task, judge: &self.judge, reward: 0.0 };
+        Ok(self.suite.observe(&view, SENSORS)?)
+    }
+
+    /// A control step with a policy's answer to an observation; the next observation.
+    pub fn step(
+        &mut self,
+        policy: &mut dyn Policy,
+        seen: &Observation,
+        push: Option<Push>,
+    ) -> Result<Observation, Box<dyn Error>> {
+        let Command::JointTarget(targets) = policy.act(seen)? else { return Err("no targets".into()) };
+        self.late.push_back(targets);
+        let wanted = self.late.pop_front().unwrap_or_default();
+        let q0 = self.world.scene().robot.q0();
+        let action: Vec<f64> = wanted.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
+        let targets: Vec<f64> = q0.iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
+        self.world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
+        self.judge.advance(self.world.row());
+        self.observe()
+    }
+}
+
+/// A session of a task, as far as the policies read it.
+pub fn session(task: Task, scene: &Scene) -> SessionInfo {
+    SessionInfo {
+        task: Some(TaskInfo { task: task.to_string(), ..TaskInfo::default() }),
+        joints: joint_messages(&scene.robot, &scene.spec.gains),
+        hand_bodies: hand_body_names(&scene.robot),
+        footprints: footprint_messages(scene),
+        action_scale: ACTION_SCALE,
+        control_dt: CONTROL_DT,
+        ..SessionInfo::default()
+    }
+}
+
+/// A push of the whole robot to a side, m/s and rad.
+pub fn push_towards(angle: f64, speed: f64) -> Push {
+    Push { linear: speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }
+}
