@@ -118,11 +118,10 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         "direct" => Body::Direct,
         other => return Err(reader.wrong("body", format!("'{other}' is not known; use wbc, tokens or direct"))),
     };
-    if file.hold_arms && body != Body::Wbc {
-        return Err(reader.wrong("hold_arms", "only body = \"wbc\" can hold arms; leave it out".into()));
-    }
-    if file.bend_low && body != Body::Wbc {
-        return Err(reader.wrong("bend_low", "only body = \"wbc\" can bend low; leave it out".into()));
+    for (field, wants, does) in [("hold_arms", file.hold_arms, "hold arms"), ("bend_low", file.bend_low, "bend low")] {
+        if wants && body != Body::Wbc {
+            return Err(reader.wrong(field, format!("only body = \"wbc\" can {does}; leave it out")));
+        }
     }
     reader.hands = file.hands.as_deref().map(|hands| Hands::open(hands, robot)).transpose()?;
     let name_fits = |char: char| char.is_ascii_alphanumeric() || "_-.".contains(char);
