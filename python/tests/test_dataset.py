@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fiatlux import lerobot
 from fiatlux.dataset import _commands, _features, _frames
+from fiatlux.train_lerobot import MAX_PAUSE, shortened
 
 ROWS, JOINTS = 8, 3
 TERMS = ["base_height", "joint_position"]
@@ -112,3 +113,18 @@ def test_the_command_says_what_it_needs(capsys):
     with pytest.raises(SystemExit):
         lerobot.main([])
     assert "name bags" in capsys.readouterr().err
+
+
+def test_long_pauses_are_shortened():
+    """A pause is cut to its first steps; one in which the robot walks with everything else at rest is none."""
+    actions = np.zeros((200, 9), np.float32)
+    actions[50:100, 0] = 0.2
+    # A target that moves by 0.02 rad a step, then rests until the end.
+    actions[150:, 8] = 0.02 * np.minimum(np.arange(50), 20)
+    kept = shortened(actions)
+    still = np.setdiff1d(np.arange(200), kept)
+    assert set(range(50, 100)) <= set(kept) and set(range(150, 170)) <= set(kept) and kept[-1] == 199
+    # Steps are kept after the start, after the last step that walks, and after the last one whose row moves.
+    assert kept[MAX_PAUSE - 1] == MAX_PAUSE - 1 and kept[MAX_PAUSE] > MAX_PAUSE
+    assert 99 + MAX_PAUSE in kept and 100 + MAX_PAUSE in still and 198 in still
+    np.testing.assert_array_equal(shortened(actions[:1]), [0])

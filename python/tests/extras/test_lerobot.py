@@ -415,7 +415,7 @@ def test_act_is_trained_on_bags(commands, tmp_path):
 
     main([str(commands[0]), "--out", str(tmp_path / "act"), "--minutes", "0.01", "--batch", "2", "--workers", "1"])
     model = Model(tmp_path / "act")
-    images, state, steps, actions = episode(next(commands[0].rglob("*.mcap")))
+    images, state, at, actions = episode(next(commands[0].rglob("*.mcap")))
     observation = {
         "video": {"camera": images[None, :1]},
         "state": {"state": state[None, :1]},
@@ -425,7 +425,10 @@ def test_act_is_trained_on_bags(commands, tmp_path):
         20,
         actions.shape[1],
     )
-    assert steps[1] == 5 and state.shape[1] == 63
+    assert at[1] == 5 and state.shape[1] == 63
+    # The norms of the picture's encoder have learned, and are LeRobot's own in the checkpoint.
+    norm = model._policy.model.backbone.bn1
+    assert type(norm).__name__ == "FrozenBatchNorm2d" and norm.running_mean.abs().max() > 0
     with pytest.raises(SystemExit):
         main([str(tmp_path), "--out", str(tmp_path / "none")])
 
