@@ -61,6 +61,13 @@ fn changes_the_bulb(task: Task, rooms: &[u64]) {
     }
 }
 
+/// It takes up a bulb that lies on its side: laid down from the start, or tipped over as a push moves the closing hand.
+#[test]
+fn it_takes_up_a_bulb_that_lies() {
+    takes_the_bulb(1006, &Changes { lying: true, ..Changes::default() });
+    takes_the_bulb(1013, &Changes { push: Some((0.3, "Close".into())), ..Changes::default() });
+}
+
 fn takes_the_bulb(seed: u64, changes: &Changes) {
     let ended = play::play(Task::S08, seed, Hands::new().unwrap(), changes, |_| ()).unwrap();
     let play::Played { cause, seconds, phase, peak, .. } = ended;

@@ -13,7 +13,7 @@ use fiatlux_rules::{CONTROL_DT, Judge, JudgeOptions, Protocol, Task, Thresholds,
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
 use fiatlux_world::{
-    ACTION_SCALE, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
+    ACTION_SCALE, AppliedWrench, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
 };
 use nalgebra::Vector3;
 
@@ -50,6 +50,8 @@ impl Start {
 pub struct Game {
     pub world: World,
     pub info: SessionInfo,
+    /// Wrenches that are held over every step.
+    pub wrenches: Vec<AppliedWrench>,
     task: Task,
     judge: Judge,
     suite: SensorSuite,
@@ -71,7 +73,7 @@ impl Game {
         let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
         suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
         let late = std::iter::repeat_n(world.row().joint_target.clone(), delay).collect();
-        Ok(Self { info: session(task, &scene), world, task, judge, suite, late })
+        Ok(Self { info: session(task, &scene), wrenches: Vec::new(), world, task, judge, suite, late })
     }
 
     /// The verdict on what was so far.
@@ -104,7 +106,8 @@ impl Game {
         let q0 = self.world.scene().robot.q0();
         let action: Vec<f64> = wanted.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
         let targets: Vec<f64> = q0.iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
-        self.world.step_with(&ControlInput { push, ..ControlInput::new(&action, &targets) })?;
+        let wrenches = self.wrenches.as_slice();
+        self.world.step_with(&ControlInput { push, wrenches, ..ControlInput::new(&action, &targets) })?;
         self.judge.advance(self.world.row());
         self.observe()
     }

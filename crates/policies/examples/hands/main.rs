@@ -1,8 +1,9 @@
 //! Plays `hands` in rooms, the last included, and prints how each ended:
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
-//! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps) and `push=0.3@Close` (m/s, half a
-//! second into a phase, in another direction in each room).
+//! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps), `push=0.3@Close` (m/s, half a
+//! second into a phase, in another direction in each room) and `lying` (a force lays the fresh bulb down, away from the robot, in another
+//! direction in each room).
 #![allow(missing_docs)]
 
 mod play;
@@ -70,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Changes from words such as `friction=0.7`.
 fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
-    let mut changes = Changes::default();
+    let mut changes = Changes { lying: words.iter().any(|word| word == "lying"), ..Changes::default() };
     for (name, value) in words.iter().filter_map(|word| word.split_once('=')) {
         match name {
             "robot" => changes.robot = Some(value.into()),

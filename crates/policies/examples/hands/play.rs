@@ -4,9 +4,12 @@ use std::error::Error;
 use std::sync::Arc;
 
 use fiatlux_client::Policy;
+use fiatlux_dynamics::Wrench;
 use fiatlux_policies::Hands;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Row, Task, Verdict, errand};
+use fiatlux_world::{AppliedWrench, Target, World};
+use nalgebra::{UnitQuaternion, Vector3};
 
 #[path = "../game/mod.rs"]
 mod game;
@@ -26,6 +29,8 @@ pub struct Changes {
     pub delay: usize,
     /// A push of the whole robot, m/s, half a second after a phase began for the first time.
     pub push: Option<(f64, String)>,
+    /// A force lays the fresh bulb down, away from the robot, in another direction in each room.
+    pub lying: bool,
 }
 
 /// The end of an episode.
@@ -63,6 +68,21 @@ pub fn forces(row: &Row, bulb: Bulb) -> impl Iterator<Item = f64> {
     row.force(errand::HAND_FORCE[bulb as usize]).iter().map(|force| force.norm())
 }
 
+/// Control steps in which a force lays the bulb down, and the force, N.
+const TOPPLED: u64 = 12;
+const TOPPLING_FORCE: f64 = 0.03;
+
+/// The force on the fresh bulb at its centre of mass.
+fn topple(world: &World, seed: u64) -> Option<AppliedWrench> {
+    let ahead = world.row().robot.pose.rotation * Vector3::x();
+    // Between a quarter turn to the right and one to the left.
+    let turn = 1.5 * (2.4 * seed as f64).sin();
+    let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), ahead.y.atan2(ahead.x) + turn);
+    let wrench = Wrench { force: level * Vector3::x() * TOPPLING_FORCE, torque: Vector3::zeros() };
+    let body = world.scene().body(Bulb::Fresh.thing())?;
+    Some(AppliedWrench { target: Target::Body(body), point: None, wrench })
+}
+
 /// Plays the first episode of a room.
 pub fn play(
     task: Task,
@@ -90,6 +110,8 @@ pub fn play(
             return Ok(Played { cause: end.cause(), seconds, phase, peak, later_peak, is_spoilt, penetration });
         }
         let step = game.world.row().step;
+        let topples = changes.lying && step < TOPPLED;
+        game.wrenches = topples.then(|| topple(&game.world, seed)).flatten().into_iter().collect();
         let push = changes.push.as_ref().filter(|_| push_at == Some(step));
         let push = push.map(|(speed, _)| push_towards(2.4 * seed as f64, *speed));
         seen = game.step(&mut hands, &seen, push)?;

@@ -1,7 +1,8 @@
 //! S08: takes the fresh bulb from the bench.
 //!
 //! The robot raises its right hand, steps up to the bench, brings the open hand beside the glass, moves it sideways around the
-//! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again.
+//! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again. A bulb
+//! that lies on its side is taken from above, with the palm down.
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
@@ -24,6 +25,8 @@ const TURNED: f64 = 0.01;
 const SIZES: [f64; 2] = [0.85, 1.15];
 /// Cosine of the tilt at which a bulb still stands.
 const UPRIGHT: f64 = 0.9;
+/// The same at which it lies, or will. Between the two it may be on its way, or tilted in the hand.
+const LIES: f64 = 0.5;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -32,6 +35,8 @@ struct Params {
     grasp: Grasp,
     motion: Motion,
     close: Close,
+    /// Without it, a bulb that lies is left alone.
+    lying: Option<Lying>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -91,6 +96,24 @@ struct Close {
     grip: Angles,
 }
 
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Lying {
+    hand_from_glass: [f64; 3],
+    turns: Vec<f64>,
+    rolls: Vec<f64>,
+    pitches: Vec<f64>,
+    neck: [f64; 3],
+    neck_weight: f64,
+    margin: f64,
+    least_margin: f64,
+    above: f64,
+    thumb_delay: f64,
+    finger_delay: f64,
+    torque: f64,
+    grip: Angles,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
     /// Steps back where the hand, as it comes up, would catch on the bench's edge. Ends where it is clear.
@@ -135,6 +158,9 @@ pub(super) struct Grab {
     turning: bool,
     /// Turn of the fingers from straight ahead, to the left, rad.
     turn: f64,
+    /// How the hand takes a bulb that lies: its turn as for one that stands, its roll about the fingers from palm down, and how far
+    /// the fingers point down, rad; none where it stands.
+    from_above: Option<[f64; 3]>,
     /// Where the robot looked first, rad, and keeps looking.
     heading: f64,
     fingers: [Finger; FINGERS.len()],
@@ -153,6 +179,7 @@ impl Grab {
             posture: None,
             turning: false,
             turn: params.grasp.turn,
+            from_above: None,
             heading: 0.0,
             fingers: Default::default(),
             params,
@@ -170,10 +197,26 @@ impl Grab {
         self.params.stand.height + (self.size.min(1.0) - 1.0) * (self.params.grasp.glass_height - CAP)
     }
 
+    /// Centre of the glass.
+    fn glass(&self, seen: &Seen) -> Point3<f64> {
+        seen.fresh_bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height * self.size)
+    }
+
+    /// The hand around the glass of a bulb that lies.
+    fn world_from_palm_down(&self, seen: &Seen, lying: &Lying, [turn, roll, pitch]: [f64; 3]) -> Isometry3<f64> {
+        let palm_down = UnitQuaternion::from_basis_unchecked(&[Vector3::z(), -Vector3::x(), -Vector3::y()]);
+        let turned = UnitQuaternion::from_euler_angles(roll, pitch, heading(&seen.pelvis) + turn) * palm_down;
+        let offset = turned * Vector3::from(lying.hand_from_glass);
+        Isometry3::from_parts((self.glass(seen) - offset).into(), turned)
+    }
+
     /// The hand around the bulb, its fingers pointing where the robot looks.
     fn world_from_grasp(&self, seen: &Seen) -> Isometry3<f64> {
         let grasp = &self.params.grasp;
-        let glass = seen.fresh_bulb * Point3::new(0.0, 0.0, grasp.glass_height * self.size);
+        if let (Some(angles), Some(lying)) = (self.from_above, &self.params.lying) {
+            return self.world_from_palm_down(seen, lying, angles);
+        }
+        let glass = self.glass(seen);
         let turn = heading(&seen.pelvis) + self.turn - std::f64::consts::FRAC_PI_2;
         let world_from_glass = Isometry3::new(glass.coords, Vector3::z() * turn);
         let [about_x, about_y] = grasp.tilt;
@@ -213,6 +256,30 @@ impl Grab {
         Ok(best.is_some())
     }
 
+    /// The same for a bulb that lies: chooses how the hand comes from above, by the room that the arm has and by where the neck is.
+    fn choose_from_above(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+        let Some(lying) = self.params.lying.clone() else { return Ok(false) };
+        let neck = seen.fresh_bulb.rotation * -Vector3::z();
+        let mut most = f64::NEG_INFINITY;
+        self.from_above = None;
+        let pitches = |roll| lying.pitches.iter().map(move |&pitch| [roll, pitch]);
+        for [roll, pitch] in lying.rolls.iter().flat_map(|&roll| pitches(roll)) {
+            for &turn in &lying.turns {
+                let grasp = self.world_from_palm_down(seen, &lying, [turn, roll, pitch]);
+                let off = (grasp.rotation.inverse() * neck).angle(&Vector3::from(lying.neck));
+                let (at, before) = (arm.posture(&grasp)?, arm.posture(&above(&grasp, lying.above))?);
+                let margin = at.margin.min(before.margin);
+                let score = margin.min(lying.margin) - lying.neck_weight * off;
+                if at.error.max(before.error) < REACHED && margin > lying.least_margin && score > most {
+                    most = score;
+                    self.from_above = Some([turn, roll, pitch]);
+                    (self.posture, self.turning) = (Some(before.angles), true);
+                }
+            }
+        }
+        Ok(self.from_above.is_some())
+    }
+
     /// Distance of the bulb from the pelvis on the level, m.
     fn away(&self, seen: &Seen) -> f64 {
         (seen.fresh_bulb.translation.vector - seen.pelvis.translation.vector).xy().norm()
@@ -222,9 +289,19 @@ impl Grab {
     fn step_up(&self, seen: &Seen) -> Steps {
         let stand = &self.params.stand;
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading(&seen.pelvis));
-        let place = seen.fresh_bulb.translation.vector - turned * Vector3::new(stand.ahead, stand.left, 0.0);
+        let bulb = if lies(&seen.fresh_bulb) { self.glass(seen).coords } else { seen.fresh_bulb.translation.vector };
+        let place = bulb - turned * Vector3::new(stand.ahead, stand.left, 0.0);
         steps_to(&seen.pelvis, &place.xy(), self.heading, stand.speed)
     }
+}
+
+/// A pose so far above another one, m.
+fn above(pose: &Isometry3<f64>, height: f64) -> Isometry3<f64> {
+    Translation3::new(0.0, 0.0, height) * pose
+}
+
+fn lies(bulb: &Isometry3<f64>) -> bool {
+    (bulb.rotation * Vector3::z()).z < LIES
 }
 
 fn is_upright(bulb: &Isometry3<f64>) -> bool {
@@ -250,6 +327,9 @@ impl Skill for Grab {
         let back_off = Translation3::from(motion.pre_grasp);
         let closing = CONTROL_DT / close.time;
         let closed = 1.0 + close.excess * (1.0 - self.size);
+        let lies = lies(&seen.fresh_bulb);
+        // It was to be taken standing.
+        let has_fallen = lies && self.from_above.is_none() && params.lying.is_some();
         let next = match self.phase {
             Phase::StepBack => {
                 (command.velocity, command.height) = ([-params.stand.speed, 0.0, 0.0], params.stand.walk_height);
@@ -271,10 +351,14 @@ impl Skill for Grab {
             Phase::StepUp => {
                 let Steps { velocity, distance } = self.step_up(seen);
                 (command.velocity, command.height) = (velocity, params.stand.walk_height);
-                (distance < params.stand.tolerance).then_some(Phase::Settle)
+                // Where a bulb lies far from the edge, the bench is in the way.
+                (distance < params.stand.tolerance || lies && elapsed > params.stand.patience).then_some(Phase::Settle)
             }
-            // A bulb that lies is left alone.
+            Phase::Settle if elapsed > params.stand.settle && seen.stands && lies && params.lying.is_some() => {
+                Some(if self.choose_from_above(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
+            }
             Phase::Settle if elapsed > params.stand.settle && seen.stands && is_upright(&seen.fresh_bulb) => {
+                self.from_above = None;
                 let is_near = self.step_up(seen).distance < 2.0 * params.stand.tolerance;
                 Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
             }
@@ -282,11 +366,16 @@ impl Skill for Grab {
                 let is_over = elapsed > params.stand.patience && is_upright(&seen.fresh_bulb);
                 is_over.then_some(Phase::StepUp)
             }
+            Phase::PreGrasp | Phase::Approach | Phase::Close if has_fallen => Some(Phase::Open),
             Phase::PreGrasp => {
                 self.goal = self.world_from_grasp(seen);
-                let goal = self.goal * back_off;
+                let goal = match (self.from_above, &params.lying) {
+                    (Some(_), Some(lying)) => above(&self.goal, lying.above),
+                    _ => self.goal * back_off,
+                };
                 if let (true, Some(posture)) = (self.turning, self.posture) {
                     self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
+                    self.since = seen.time;
                     None
                 } else {
                     let left = arm.move_to(false, &goal, motion.speed)?;
@@ -299,15 +388,19 @@ impl Skill for Grab {
                 arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
             }
             Phase::Close => {
+                let (thumb_delay, finger_delay, torque) = match (self.from_above, &params.lying) {
+                    (Some(_), Some(lying)) => (lying.thumb_delay, lying.finger_delay, lying.torque),
+                    _ => (close.thumb_delay, close.finger_delay, close.torque),
+                };
                 for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
-                    let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
+                    let delay = if index == 0 { thumb_delay } else { finger_delay };
                     finger.share += if elapsed > delay { closing } else { 0.0 };
-                    finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
+                    finger.torque = finger.torque.or((force > close.touch).then_some(torque));
                 }
                 let goal = self.goal;
                 arm.move_to(false, &goal, motion.approach_speed)?;
-                self.bulb_height = seen.fresh_bulb.translation.vector.z;
-                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
+                self.bulb_height = self.glass(seen).z;
+                (elapsed > close.time + thumb_delay.max(finger_delay) + close.hold).then(|| {
                     self.goal.translation.vector.z += motion.lift;
                     Phase::Lift
                 })
@@ -315,7 +408,7 @@ impl Skill for Grab {
             Phase::Lift | Phase::Hold => {
                 let goal = self.goal;
                 let left = arm.move_to(false, &goal, motion.lift_speed)?;
-                let risen = seen.fresh_bulb.translation.vector.z - self.bulb_height;
+                let risen = self.glass(seen).z - self.bulb_height;
                 let next = if risen > close.risen { Phase::Hold } else { Phase::Open };
                 (left < ARRIVED && elapsed > close.verify && next != self.phase).then_some(next)
             }
@@ -323,17 +416,21 @@ impl Skill for Grab {
                 for finger in &mut self.fingers {
                     *finger = Finger { share: finger.share - closing, torque: None };
                 }
-                (elapsed > close.time).then_some(Phase::Retreat)
+                self.fingers.iter().all(|finger| finger.share <= 0.0).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
-                let goal = self.goal * back_off;
+                let goal = if lies { above(&self.goal, motion.lift) } else { self.goal * back_off };
                 (arm.move_to(false, &goal, motion.speed)? < ARRIVED || elapsed > motion.patience)
                     .then_some(Phase::Settle)
             }
         };
         arm.write(targets);
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, closed));
-        arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
+        let grip = match (self.from_above, &params.lying) {
+            (Some(_), Some(lying)) => &lying.grip,
+            _ => &close.grip,
+        };
+        arm.write_fingers(&close.open, grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since) = (next, seen.time);
         }
