@@ -8,7 +8,7 @@
 #   --seeds LIST      rooms, as of `fiatlux evaluate` [default: 0..3]; one room is enough for a try
 #   --policies LIST   [default: zero,random,stand,walk,expert]
 #   --act CHECKPOINT  also plays a checkpoint of python -m fiatlux.train_lerobot, in S06
-#   --ppo TASK=FILE   also plays the exported file of a run of `python -m fiatlux.train ppo`, in its task
+#   --ppo TASK=FILE   also plays the exported file of a run of `python -m fiatlux.train ppo` or `hand`, in its task
 #   --http HOST:PORT  address of the pages [default: 127.0.0.1:8080]; port 0 takes a free one
 #   --exit            end when every entry is verified, and print the table
 #
@@ -79,7 +79,7 @@ rooms = []
 for part in seeds.split(","):
     first, _, last = part.partition("..")
     rooms += range(int(first), int(last or first) + 1)
-print(fiatlux.evaluate(fiatlux.Baseline(file), tasks=[task], seeds=rooms, out=out))
+print(fiatlux.evaluate(fiatlux.load_policy(file), tasks=[task], seeds=rooms, out=out))
 END
     names+=(ppo)
 fi

@@ -17,13 +17,14 @@ from .client import Client
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
+from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
 from .settings import ROBOTS, EpisodeSettings, Settings
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import ClimbingVectorEnv, SharedSettings, Start, VectorEnv, WalkingVectorEnv
-from .whole_body import WholeBody
+from .whole_body import WholeBodies, WholeBody
 
 # Generated messages (fiatlux.v3) may be in another folder of the path.
 __path__ = _extend_path(__path__, __name__)
@@ -42,6 +43,8 @@ __all__ = [
     "EpisodeSettings",
     "Evaluation",
     "FiatluxError",
+    "HandActions",
+    "HandPolicy",
     "Kinematics",
     "Policy",
     "PolicyLike",
@@ -52,9 +55,11 @@ __all__ = [
     "Task",
     "VectorEnv",
     "WalkingVectorEnv",
+    "WholeBodies",
     "WholeBody",
     "__version__",
     "evaluate",
     "export_lerobot",
+    "load_policy",
     "submit",
 ]

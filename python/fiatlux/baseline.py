@@ -15,6 +15,66 @@ TOLERANCE = 1e-3
 """Largest difference from what the network gave when it was exported."""
 
 
+def format_of(file: str | PathLike[str]) -> Any:
+    """Format that the contract of an exported file names, if it has one.
+
+    Raises:
+        ValueError: It is not an exported file.
+    """
+    _, metadata = _tensors(Path(file), Path(file).read_bytes())
+    try:
+        return json.loads(metadata["contract"])["format"]
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+class Network:
+    """The network of a file that was exported, with its contract.
+
+    Args:
+        file: The file.
+        form: Format that its contract must name.
+        command: Command of the training, for messages.
+
+    Raises:
+        ValueError: It is not such a file, or it is damaged.
+    """
+
+    def __init__(self, file: str | PathLike[str], form: str, command: str) -> None:
+        data = Path(file).read_bytes()
+        tensors, metadata = _tensors(Path(file), data)
+        try:
+            self.contract: dict[str, Any] = json.loads(metadata["contract"])
+            layers = len(self.contract["hidden"]) + 1
+            parts = [(tensors[f"layer{n}.weight"], tensors[f"layer{n}.bias"]) for n in range(layers)]
+            observation, action = tensors["check.observation"], tensors["check.action"]
+            given = self.contract["format"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{file}: it has no contract of a policy of {command}; export a checkpoint of {command}"
+            ) from error
+        if given != form:
+            raise ValueError(
+                f"{file}: its contract is {given}, this version reads {form}; export a checkpoint of {command} again"
+            )
+        self._layers = parts
+        self.inputs: int = parts[0][0].shape[1]
+        """Numbers that it sees."""
+        self.name = f"{Path(file).name}@{hashlib.sha256(data).hexdigest()[:12]}"
+        """Name and digest of the file."""
+        difference = float(np.abs(self(observation) - action).max())
+        if not difference <= TOLERANCE:
+            raise ValueError(f"{file}: the network differs from its export by {difference:.2g}; export it again")
+
+    def __call__(self, numbers: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The mean action that answers an observation."""
+        for number, (weight, bias) in enumerate(self._layers):
+            numbers = weight @ numbers + bias
+            if number < len(self._layers) - 1:
+                numbers = np.where(numbers > 0, numbers, np.expm1(np.minimum(numbers, 0)))
+        return numbers
+
+
 class Baseline:
     """The policy of a file that ``python -m fiatlux.train export`` wrote from a run of ``ppo``::
 
@@ -30,41 +90,24 @@ class Baseline:
     action_form = "action"
 
     def __init__(self, file: str | PathLike[str]) -> None:
-        data = Path(file).read_bytes()
-        tensors, metadata = _tensors(Path(file), data)
+        self._network = network = Network(file, FORMAT, "ppo")
+        self.contract = network.contract
         try:
-            self.contract: dict[str, Any] = json.loads(metadata["contract"])
-            layers = len(self.contract["hidden"]) + 1
-            parts = [(tensors[f"layer{n}.weight"], tensors[f"layer{n}.bias"]) for n in range(layers)]
-            observation, action = tensors["check.observation"], tensors["check.action"]
-            given, self.sensors = self.contract["format"], list(self.contract["sensors"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{file}: it has no contract of a baseline; export a checkpoint of ppo") from error
-        if given != FORMAT:
-            raise ValueError(
-                f"{file}: its contract is {given}, this version reads {FORMAT}; export the checkpoint again"
-            )
-        self._layers = parts
-        self.robot: str = self.contract["robot"]
-        self.__name__ = f"ppo:{Path(file).name}@{hashlib.sha256(data).hexdigest()[:12]}"
-        difference = float(np.abs(self(observation) - action).max())
-        if not difference <= TOLERANCE:
-            raise ValueError(f"{file}: the network differs from its export by {difference:.2g}; export it again")
+            self.sensors, self.robot = list(self.contract["sensors"]), str(self.contract["robot"])
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{file}: its contract lacks {error}; export a checkpoint of ppo again") from error
+        self.__name__ = f"ppo:{network.name}"
 
     def __call__(self, observation: Any) -> NDArray[np.float32]:
         """The mean action that answers an observation, as a dictionary of fields or as one vector."""
         if isinstance(observation, dict):
             observation = np.concatenate([np.ravel(field) for field in observation.values()])
         numbers: NDArray[np.float32] = np.asarray(observation, np.float32)
-        expected = self._layers[0][0].shape[1]
+        expected = self._network.inputs
         if numbers.shape != (expected,):
             sensors = ", ".join(self.sensors)
             raise ValueError(f"observation: shape {numbers.shape} instead of ({expected},); its sensors are {sensors}")
-        for number, (weight, bias) in enumerate(self._layers):
-            numbers = weight @ numbers + bias
-            if number < len(self._layers) - 1:
-                numbers = np.where(numbers > 0, numbers, np.expm1(np.minimum(numbers, 0)))
-        return numbers
+        return self._network(numbers)
 
 
 def _tensors(file: Path, data: bytes) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:

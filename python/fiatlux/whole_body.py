@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from ._numbers import whole
 
 LEGS_AND_WAIST = 15
 """Number of joints that the controller moves, the first ones in joint order. The policy moves the others: arms and hands."""
@@ -221,3 +222,69 @@ def _read(observation: Mapping[str, Any], names: Iterable[str]) -> list[list[flo
         raise ValueError(
             f"observation: {error} is missing; use the form 'dict' and the sensor 'proprioception'"
         ) from error
+
+
+class WholeBodies:
+    """:class:`WholeBody` for many worlds: legs and waist follow commands, hands go to poses, arms are borne.
+
+    Args:
+        num_envs: Number of worlds.
+        num_threads: Number of threads; results do not depend on it.
+        weights: As of :class:`WholeBody`.
+
+    Raises:
+        ValueError: The file is damaged, or made for another engine.
+    """
+
+    def __init__(self, num_envs: int, num_threads: int = 1, weights: str | PathLike[str] | None = None) -> None:
+        self.num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
+        threads = whole("num_threads", num_threads, 1, _native.MAX_THREADS)
+        self._native = _native.WholeBodies(self.num_envs, threads, None if weights is None else fspath(weights))
+
+    def reset(self, mask: Any = None) -> None:
+        """Resets the controllers of the marked worlds for another episode; by default all."""
+        marks = np.ones(self.num_envs, np.bool_) if mask is None else np.ascontiguousarray(mask, np.bool_)
+        if marks.shape != (self.num_envs,):
+            raise ValueError(f"mask: shape {marks.shape} instead of ({self.num_envs},)")
+        self._native.restart(marks)
+
+    def palms(self, sensed: ArrayLike) -> NDArray[np.float64]:
+        """Poses of both palms in the pelvis frame, as of :meth:`WholeBody.palms`; shape (worlds, 2, 7)."""
+        numbers, joints = self._sensed(sensed)
+        palms = np.zeros((self.num_envs, 2, 7))
+        self._native.palms(numbers, joints, palms)
+        return palms
+
+    def __call__(self, sensed: ArrayLike, commands: ArrayLike, goals: ArrayLike) -> NDArray[np.float64]:
+        """Targets of legs, waist and arms, rad, shape (worlds, 29); call it once for each observation.
+
+        Args:
+            sensed: The sensor ``proprioception`` of each world as a flat vector.
+            commands: vx, vy, wz, height, roll, pitch and yaw of each world, as of :class:`WholeBody`; what is beyond the trained
+                range counts as its end.
+            goals: Poses of both palms in the pelvis frame, shape (worlds, 2, 7); NaN where an arm stays where it is.
+
+        Raises:
+            ValueError: A shape is wrong, or what is sensed is not finite.
+        """
+        numbers, joints = self._sensed(sensed)
+        targets = np.zeros((self.num_envs, LEGS_AND_WAIST + ARMS))
+        wanted = self._shaped("commands", commands, (7,)), self._shaped("goals", goals, (2, 7))
+        self._native.step(numbers, joints, *wanted, targets)
+        return targets
+
+    def _shaped(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        array = np.ascontiguousarray(value, np.float64)
+        if array.shape != (self.num_envs, *shape):
+            raise ValueError(f"{name}: shape {array.shape} instead of {(self.num_envs, *shape)}")
+        return array
+
+    def _sensed(self, sensed: ArrayLike) -> tuple[NDArray[np.float64], int]:
+        """What is sensed, and the number of joints in it."""
+        numbers = np.ascontiguousarray(sensed, np.float64)
+        joints, rest = divmod(numbers.shape[-1] - 10, 2)
+        if numbers.shape != (self.num_envs, 10 + 2 * joints) or rest or joints < LEGS_AND_WAIST + ARMS:
+            raise ValueError(
+                f"sensed: shape {numbers.shape}; give the sensor 'proprioception' of each of {self.num_envs} worlds"
+            )
+        return numbers, joints

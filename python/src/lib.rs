@@ -37,6 +37,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<episode::Episode>()?;
     module.add_class::<kinematics::Kinematics>()?;
     module.add_class::<wbc::WholeBody>()?;
+    module.add_class::<wbc::WholeBodies>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::robots, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Arms, BodyCommand, Controller, HandGoal, MOVED, Network, Reach, Sensed};
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, HandGoal, MOVED, Network, Reach, Sensed, WbcError};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::fault::{failed, refused};
+use crate::fault::{failed, guarded, not_contiguous, refused};
 
 /// The controller that this version ships, or another one, for one robot.
 #[pyclass(module = "fiatlux._native")]
@@ -106,10 +107,7 @@ impl WholeBody {
     /// Poses of the palms in the pelvis frame.
     fn palms(&mut self, joint_position: Vec<f64>) -> PyResult<[Pose; 2]> {
         let palms = self.reach.palms(&Sensed::upright(&joint_position, &[])).map_err(|error| refused(&error))?;
-        Ok(palms.map(|palm| {
-            let (p, q) = (palm.translation, palm.rotation);
-            [p.x, p.y, p.z, q.w, q.i, q.j, q.k]
-        }))
+        Ok(palms.map(|palm| numbers_of(&palm)))
     }
 
     /// Angles of the arms, rad, that take the hands to their goals: poses and how firmly they are held there.
@@ -121,8 +119,137 @@ impl WholeBody {
     }
 }
 
+/// Whole-body controllers of many worlds, each with the goals of both hands.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct WholeBodies {
+    bodies: Vec<WholeBody>,
+    threads: usize,
+}
+
+/// Numbers of a world in `WholeBodies::step`: command, goals of both hands, targets; and in `WholeBodies::palms`.
+const COMMAND: usize = 7;
+const GOALS: usize = 14;
+
+#[pymethods]
+impl WholeBodies {
+    #[new]
+    fn new(worlds: usize, threads: usize, weights: Option<PathBuf>) -> PyResult<Self> {
+        let body = WholeBody::new(weights)?;
+        Ok(Self { bodies: vec![body; worlds], threads })
+    }
+
+    /// Resets the controllers of the marked worlds.
+    fn restart(&mut self, marks: PyReadonlyArrayDyn<'_, bool>) -> PyResult<()> {
+        let marks = marks.as_slice().map_err(|_| not_contiguous("marks"))?;
+        self.bodies.iter_mut().zip(marks).filter(|(_, mark)| **mark).for_each(|(body, _)| body.restart());
+        Ok(())
+    }
+
+    /// Takes a control step in every world: what is sensed (worlds x numbers, as `Proprioception` has them, with `joints` joints),
+    /// commands, and poses of both palms in the pelvis frame, whose first number is NaN where an arm has no goal. Writes the targets
+    /// of legs, waist and arms.
+    fn step(
+        &mut self,
+        py: Python<'_>,
+        sensed: PyReadonlyArrayDyn<'_, f64>,
+        joints: usize,
+        commands: PyReadonlyArrayDyn<'_, f64>,
+        goals: PyReadonlyArrayDyn<'_, f64>,
+        mut targets: PyReadwriteArrayDyn<'_, f64>,
+    ) -> PyResult<()> {
+        let sensed = sensed.as_slice().map_err(|_| not_contiguous("sensed"))?;
+        let commands = commands.as_slice().map_err(|_| not_contiguous("commands"))?;
+        let goals = goals.as_slice().map_err(|_| not_contiguous("goals"))?;
+        let targets = targets.as_slice_mut().map_err(|_| not_contiguous("targets"))?;
+        let done = py.detach(|| {
+            self.each(targets, BODY, |world, body, targets| {
+                let sensed = sensed_of(sensed, world, joints);
+                let command = std::array::from_fn(|at| commands[world * COMMAND + at]);
+                let (moved, arms) = targets.split_at_mut(MOVED);
+                body.controller.step(&sensed, &BodyCommand::from(command), moved)?;
+                let goal = |side: usize| {
+                    let pose: Pose = std::array::from_fn(|at| goals[world * GOALS + side * 7 + at]);
+                    (!pose[0].is_nan()).then(|| HandGoal { pelvis_from_palm: pose_of(pose), firmness: [1.0; 3] })
+                };
+                let angles = body.reach.angles(&sensed, &[goal(0), goal(1)])?;
+                arms.copy_from_slice(&body.arms.targets(&sensed, &angles)?);
+                Ok(())
+            })
+        })?;
+        done.map_err(|error| refused(&error))
+    }
+
+    /// Writes the poses of both palms in the pelvis frame of every world.
+    fn palms(
+        &mut self,
+        py: Python<'_>,
+        sensed: PyReadonlyArrayDyn<'_, f64>,
+        joints: usize,
+        mut palms: PyReadwriteArrayDyn<'_, f64>,
+    ) -> PyResult<()> {
+        let sensed = sensed.as_slice().map_err(|_| not_contiguous("sensed"))?;
+        let palms = palms.as_slice_mut().map_err(|_| not_contiguous("palms"))?;
+        let done = py.detach(|| {
+            self.each(palms, GOALS, |world, body, palms| {
+                let [left, right] = body.reach.palms(&sensed_of(sensed, world, joints))?;
+                palms[..7].copy_from_slice(&numbers_of(&left));
+                palms[7..].copy_from_slice(&numbers_of(&right));
+                Ok(())
+            })
+        })?;
+        done.map_err(|error| refused(&error))
+    }
+}
+
+impl WholeBodies {
+    /// Calls `work` for each world with its part of `out`, on several threads; the first error.
+    fn each(
+        &mut self,
+        out: &mut [f64],
+        width: usize,
+        work: impl Fn(usize, &mut WholeBody, &mut [f64]) -> Result<(), WbcError> + Sync,
+    ) -> PyResult<Result<(), WbcError>> {
+        let share = self.bodies.len().div_ceil(self.threads.max(1)).max(1);
+        let work = &work;
+        guarded(|| {
+            std::thread::scope(|scope| {
+                let parts = self.bodies.chunks_mut(share).zip(out.chunks_mut(share * width)).enumerate();
+                let threads = parts.map(|(part, (bodies, out))| {
+                    scope.spawn(move || {
+                        let mut worlds = bodies.iter_mut().zip(out.chunks_mut(width)).enumerate();
+                        worlds.try_for_each(|(at, (body, out))| work(part * share + at, body, out))
+                    })
+                });
+                let threads: Vec<_> = threads.collect();
+                let mut done = threads.into_iter().map(|thread| thread.join());
+                done.try_for_each(|done| done.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            })
+        })
+    }
+}
+
+/// What is sensed in a world, in the order of `Proprioception`.
+fn sensed_of(sensed: &[f64], world: usize, joints: usize) -> Sensed<'_> {
+    let numbers = &sensed[world * (10 + 2 * joints)..][..10 + 2 * joints];
+    let three = |at: usize| std::array::from_fn(|axis| numbers[at + axis]);
+    let (joint_position, joint_velocity) = numbers[10..].split_at(joints);
+    Sensed {
+        base_angular_velocity: three(0),
+        projected_gravity: three(3),
+        base_linear_velocity: three(6),
+        base_height: numbers[9],
+        joint_position,
+        joint_velocity,
+    }
+}
+
 /// A palm's pose in the pelvis frame: position and quaternion.
 type Pose = [f64; 7];
+
+fn numbers_of(palm: &Isometry3<f64>) -> Pose {
+    let (p, q) = (palm.translation, palm.rotation);
+    [p.x, p.y, p.z, q.w, q.i, q.j, q.k]
+}
 
 fn pose_of(numbers: Pose) -> Isometry3<f64> {
     let [x, y, z, w, i, j, k] = numbers;

@@ -7,27 +7,18 @@ import numpy as np
 import pytest
 
 
-def write(path, change=lambda header, tensors: None, sensors=("proprioception", "last_action"), inputs=None):
-    """A file with a random network, as the export writes it."""
-    env = fiatlux.Env("S02", sensors=sensors, observation="flat")
-    inputs = inputs or env.observation_space.shape[0]
+def packed(path, contract, sizes, change=lambda contract, tensors: None):
+    """A file with a contract and a random network of layers of these sizes, as the export writes it."""
     random = np.random.default_rng(0)
-    sizes = [inputs, 16, 8, 53]
     tensors = {}
-    numbers = tensors["check.observation"] = random.normal(size=inputs).astype(np.float32)
+    numbers = tensors["check.observation"] = random.normal(size=sizes[0]).astype(np.float32)
     for number, (before, after) in enumerate(zip(sizes, sizes[1:])):
         weight = tensors[f"layer{number}.weight"] = (0.1 * random.normal(size=(after, before))).astype(np.float32)
         bias = tensors[f"layer{number}.bias"] = (0.1 * random.normal(size=after)).astype(np.float32)
         numbers = weight @ numbers + bias
-        numbers = np.where(numbers > 0, numbers, np.exp(np.minimum(numbers, 0)) - 1) if after != 53 else numbers
+        last = number == len(sizes) - 2
+        numbers = numbers if last else np.where(numbers > 0, numbers, np.exp(np.minimum(numbers, 0)) - 1)
     tensors["check.action"] = numbers.astype(np.float32)
-    contract = {
-        "format": "fiatlux-baseline/1",
-        "task": "S02",
-        "robot": "g1_inspire",
-        "sensors": list(sensors),
-        "hidden": [16, 8],
-    }
     change(contract, tensors)
     header, body = {"__metadata__": {"contract": json.dumps(contract)}}, b""
     for name, tensor in tensors.items():
@@ -42,8 +33,21 @@ def write(path, change=lambda header, tensors: None, sensors=("proprioception", 
     return path
 
 
+def write(path, change=lambda contract, tensors: None, sensors=("proprioception", "last_action"), inputs=None):
+    """A baseline of S02."""
+    env = fiatlux.Env("S02", sensors=sensors, observation="flat")
+    contract = {
+        "format": "fiatlux-baseline/1",
+        "task": "S02",
+        "robot": "g1_inspire",
+        "sensors": list(sensors),
+        "hidden": [16, 8],
+    }
+    return packed(path, contract, [inputs or env.observation_space.shape[0], 16, 8, 53], change)
+
+
 def test_it_plays_with_its_own_sensors(tmp_path):
-    policy = fiatlux.Baseline(write(tmp_path / "s02.safetensors"))
+    policy = fiatlux.load_policy(write(tmp_path / "s02.safetensors"))
     assert policy.sensors == ["proprioception", "last_action"]
     played = fiatlux.evaluate(policy, ["S02"], [0], max_steps=5)
     assert played.episodes[0]["steps"] == 5
@@ -75,7 +79,7 @@ def test_files_that_are_none_are_refused_by_name(tmp_path):
     for change, match in [
         (old, "fiatlux-baseline/0"),
         (other, "differs from its export"),
-        (missing, "no contract of a baseline"),
+        (missing, "no contract of a policy of ppo"),
         (broken, "finite float32"),
     ]:
         with pytest.raises(ValueError, match=match):

@@ -16,7 +16,9 @@ SCRIPTS = pathlib.Path(__file__).resolve().parents[1] / "benchmarks"
 RUN = os.environ.get("FIATLUX_TEST_RUN")
 PROGRAMS = os.environ.get("FIATLUX_PROGRAMS")
 DRIVE = PROGRAMS and f"{PROGRAMS}/examples/drive"
+CURVE = SCRIPTS.parents[1] / "crates/wbc/weights/curve.csv"
 SHORT = {
+    "curves.py": [str(CURVE), os.devnull, "reward a second=reward"],
     "vector.py": ["--worlds", "4", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "stand_and_reach.py": ["--episodes", "1", "--reaches", "1"],
     "motors.py": [RUN],

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,16 @@ from safetensors.torch import save_file
 
 from .. import _native
 from ..baseline import FORMAT
-from .climb import ClimbingWorlds
-from .climb import models as climbing_models
+from ..hand import FORMAT as HAND_FORMAT
+from .ppo import FIRST_ROOM, worlds_of
 from .run import kind_of, load_checkpoint, settings_of
 from .symmetry import FIELDS, _join
 from .walk import models
-from .worlds import WalkingWorlds
+from .worlds import LEAST_DEVIATION, WalkingWorlds
 
 FRAMES = 4
+CLIMBER_EPS = 1e-2
+"""What RSL-RL adds to each deviation of an observation where nothing else is asked for."""
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
 
 
@@ -35,8 +38,10 @@ def export(checkpoint: Path, file: Path, hardware: str, overwrites: bool = False
     state = load_checkpoint(checkpoint)
     if kind_of(state) == "ppo":
         tensors, contract, play = _baseline(state, hardware)
+    elif kind_of(state) == "hand":
+        tensors, contract, play = _hand(state, hardware)
     elif kind_of(state) == "climb":
-        tensors, contract, play = _climber(checkpoint, state, hardware)
+        tensors, contract, play = _climber(state, hardware)
     else:
         tensors, contract, play = _controller(checkpoint, hardware)
     if not all(tensor.isfinite().all() for tensor in tensors.values()):
@@ -64,55 +69,72 @@ Exported = tuple[dict[str, torch.Tensor], str, str]
 """Tensors, contract, and a command that plays the file."""
 
 
-def _baseline(state: dict[str, Any], hardware: str) -> Exported:
-    settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
-    sensors = list(settings.sensors or _native.body_sensors(settings.task))
-    tensors, layers = {}, [name for name in weights if name.startswith("mlp.") and name.endswith(".weight")]
-    for number, name in enumerate(layers):
-        tensors[f"layer{number}.weight"] = weights[name].float().cpu().contiguous()
-        tensors[f"layer{number}.bias"] = weights[name.replace(".weight", ".bias")].float().cpu().contiguous()
+def _layers(weights: Mapping[str, torch.Tensor], least: torch.Tensor | float) -> dict[str, torch.Tensor]:
+    """Layers of a policy with the scales of its observation in the first one, and an observation with its action. ``least`` is what
+    is added to each deviation of the observation."""
+    mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0).cpu() for name in ("_mean", "_std"))
+    names = [name for name in weights if name.startswith("mlp.") and name.endswith(".weight")]
+    tensors = {}
+    for number, name in enumerate(names):
+        weight, bias = (weights[name.replace("weight", part)].double().cpu() for part in ("weight", "bias"))
+        if number == 0:
+            weight = weight / (deviation + least)
+            bias = bias - weight @ mean
+        tensors[f"layer{number}.weight"] = weight.float().contiguous()
+        tensors[f"layer{number}.bias"] = bias.float().contiguous()
     random = torch.Generator().manual_seed(0)
-    numbers = tensors["check.observation"] = torch.randn(tensors["layer0.weight"].shape[1], generator=random)
-    for number in range(len(layers)):
+    noise = torch.randn(mean.shape, generator=random, dtype=torch.float64)
+    numbers = tensors["check.observation"] = (mean + deviation * noise).float()
+    for number in range(len(names)):
         numbers = tensors[f"layer{number}.weight"] @ numbers + tensors[f"layer{number}.bias"]
-        numbers = torch.nn.functional.elu(numbers) if number < len(layers) - 1 else numbers
+        numbers = torch.nn.functional.elu(numbers) if number < len(names) - 1 else numbers
     tensors["check.action"] = numbers
+    return tensors
+
+
+def _baseline(state: dict[str, Any], hardware: str) -> Exported:
+    settings, progress = settings_of(state, {}), state["progress"]
+    sensors = list(settings.sensors or _native.body_sensors(settings.task))
+    worlds = worlds_of(settings, "cpu", 1, FIRST_ROOM, 0, 1)
+    worlds.env.close()
+    tensors = _layers(state["ppo"]["actor_state_dict"], worlds.floors["policy"].double())
     contract = {
         "format": FORMAT,
         "task": settings.task,
         "robot": settings.robot,
         "sensors": sensors,
         "hidden": list(settings.hidden),
-        "training": {
-            "seed": settings.seed,
-            "samples": progress["samples"],
-            "minutes": progress["seconds"] / 60,
-            "hardware": hardware,
-        },
+        "training": _training(settings, progress, hardware),
     }
     play = f'fiatlux.evaluate(fiatlux.Baseline("{{}}"), tasks=["{settings.task}"])'
     return tensors, json.dumps(contract), play
 
 
-def _climber(checkpoint: Path, state: dict[str, Any], hardware: str) -> Exported:
-    settings, progress, weights = settings_of(state, {}), state["progress"], state["ppo"]["actor_state_dict"]
-    mean, deviation = (weights[f"obs_normalizer.{name}"].double().squeeze(0) for name in ("_mean", "_std"))
-    actor, _ = climbing_models(ClimbingWorlds(1, "cpu", until=settings.until), settings)
-    actor.load_state_dict(weights)
-    layers = [part for part in actor.mlp if isinstance(part, torch.nn.Linear)]
-    parts = [[layer.weight.detach().double(), layer.bias.detach().double()] for layer in layers]
-    parts[0][0] = parts[0][0] / (deviation + actor.obs_normalizer.eps)
-    parts[0][1] = parts[0][1] - parts[0][0] @ mean
-    tensors = {}
-    for number, (weight, bias) in enumerate(parts):
-        tensors[f"layer{number}.weight"] = weight.float().contiguous()
-        tensors[f"layer{number}.bias"] = bias.float().contiguous()
-    random = torch.Generator().manual_seed(0)
-    observation = (mean + deviation * torch.randn(mean.shape, generator=random, dtype=torch.float64)).float()
-    actor.eval()
-    with torch.inference_mode():
-        action = actor.mlp(actor.obs_normalizer(observation[None]))[0]
-    tensors["check.observation"], tensors["check.action"] = observation, action.contiguous()
+def _training(settings: Any, progress: Mapping[str, Any], hardware: str) -> dict[str, Any]:
+    return {
+        "seed": settings.seed,
+        "samples": progress["samples"],
+        "minutes": progress["seconds"] / 60,
+        "hardware": hardware,
+    }
+
+
+def _hand(state: dict[str, Any], hardware: str) -> Exported:
+    settings, progress = settings_of(state, {}), state["progress"]
+    contract = {
+        "format": HAND_FORMAT,
+        "task": "S08",
+        "grasp": state["grasp"],
+        "hidden": list(settings.hidden),
+        "training": _training(settings, progress, hardware),
+    }
+    play = 'fiatlux.evaluate(fiatlux.HandPolicy("{}"), tasks=["S08"])'
+    return _layers(state["ppo"]["actor_state_dict"], LEAST_DEVIATION), json.dumps(contract), play
+
+
+def _climber(state: dict[str, Any], hardware: str) -> Exported:
+    settings, progress = settings_of(state, {}), state["progress"]
+    tensors = _layers(state["ppo"]["actor_state_dict"], CLIMBER_EPS)
     contract = _native.climber_contract(
         list(settings.hidden),
         settings.until,

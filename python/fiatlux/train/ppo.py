@@ -16,22 +16,26 @@ from ..tasks import TASKS
 from ..vector import VectorEnv
 from .run import CONTROL_DT, GROUPS, Run
 from .settings import Baseline
-from .worlds import TaskWorlds, Worlds
+from .worlds import TaskWorlds
 
 FIRST_ROOM = 1000
 """Seed of the first room of training."""
 FIRST_TEST_ROOM = 5000
 """Seed of the first room of a test."""
+LOOKS = 40
+"""Control steps by which the scales of the observation are found before the first iteration."""
 TEST_EPISODES, TEST_STEPS = 64, 1000
 """Episodes and control steps of a test during the run."""
 
 
-def models(worlds: Worlds, settings: Baseline) -> tuple[MLPModel, MLPModel]:
-    """Policy and critic, new. Neither normalises its observation."""
+def models(worlds: TaskWorlds, settings: Baseline) -> tuple[MLPModel, MLPModel]:
+    """Policy and critic, new."""
     deviation = {"class_name": "GaussianDistribution", "init_std": settings.std, "std_type": "scalar"}
-    hidden = {"hidden_dims": list(settings.hidden), "activation": "elu", "distribution_cfg": deviation}
-    actor = MLPModel(worlds.observation, GROUPS, "actor", worlds.num_actions, **hidden)
-    critic = MLPModel(worlds.observation, GROUPS, "critic", 1, hidden_dims=list(settings.critic), activation="elu")
+    common: dict[str, Any] = {"activation": "elu", "obs_normalization": True}
+    hidden = {"hidden_dims": list(settings.hidden), "distribution_cfg": deviation}
+    actor = MLPModel(worlds.observation, GROUPS, "actor", worlds.num_actions, **hidden, **common)
+    critic = MLPModel(worlds.observation, GROUPS, "critic", 1, hidden_dims=list(settings.critic), **common)
+    actor.obs_normalizer.eps, critic.obs_normalizer.eps = worlds.floors["policy"], worlds.floors["critic"]
     return actor, critic
 
 
@@ -71,6 +75,7 @@ class BaselineRun(Run):
         return worlds_of(settings, self.device, settings.worlds, FIRST_ROOM, seed, self.threads, final_obs=False)
 
     def begin_new(self) -> None:
+        self.look(LOOKS)
         if self.settings.stagger:
             self.worlds.env.stagger()
 
@@ -90,8 +95,11 @@ class BaselineRun(Run):
             "learning_rate": self.settings.learning_rate,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
-            "schedule": "adaptive",
+            "schedule": "fixed",
         }
+
+    def adapt(self, kl: float) -> None:
+        self.adapt_once(kl)
 
     def state(self) -> dict[str, Any]:
         _, (worlds,) = self.worlds.env.save().__reduce__()

@@ -2,16 +2,16 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from .._progress import Line, duration
 from ..tasks import TASKS
-from . import climb, ppo, walk
+from . import climb, hand, ppo, walk
 from .evaluation import SECOND, TESTS, measure
 from .run import device_of, kind_of, load_checkpoint, settings_of
-from .settings import SCENES, Baseline, Climb
+from .settings import SCENES, Baseline, Climb, Hand
 from .worlds import WalkingWorlds
 
 
@@ -32,6 +32,8 @@ def main(
         return _baseline(state, settings, device, episodes, threads, as_json)
     if kind_of(state) == "climb":
         return _climber(state, settings, device, episodes, threads, as_json)
+    if kind_of(state) == "hand":
+        return _hand(state, settings, device, episodes, threads, as_json)
     unknown = [name for name in tests or () if name not in TESTS]
     if unknown:
         raise ValueError(f"there is no test {unknown[0]!r}; the tests are {', '.join(TESTS)}")
@@ -90,14 +92,40 @@ def _baseline(
     actor, _ = ppo.models(worlds, settings)
     worlds.env.close()
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
-    line, steps = Line(), TASKS[settings.task].horizon_steps
+    found = _watched(
+        settings.task,
+        lambda show: ppo.measure(actor.to(device), settings, device, threads, episodes, progress=show),
+    )
+    _show_list({"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}, as_json)
+    return 0
+
+
+def _hand(
+    state: Mapping[str, Any], settings: Hand, device: str, episodes: int, threads: int | None, as_json: bool
+) -> int:
+    """Prints the test of a policy of one hand."""
+    grasp = state["grasp"]
+    worlds = hand.HandWorlds(settings, grasp, device, 1, ppo.FIRST_TEST_ROOM, 0, threads, None, None)
+    actor, _ = hand.models(worlds, settings)
+    worlds.env.close()
+    actor.load_state_dict(state["ppo"]["actor_state_dict"])
+    found = _watched(
+        settings.task,
+        lambda show: hand.measure(actor.to(device), settings, grasp, device, threads, episodes, progress=show),
+    )
+    _show_list({"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}, as_json)
+    return 0
+
+
+def _watched(task: str, measure: Callable[[Callable[[int], None]], dict[str, float]]) -> dict[str, float]:
+    """Plays whole episodes of a task, with a line that says how long it takes."""
+    line, steps = Line(), TASKS[task].horizon_steps
 
     def show(step: int) -> None:
         line.show(
             f"{step / SECOND:.0f} of {steps // SECOND} s, {duration(line.seconds_left(step, steps))} left at most"
         )
 
-    found = ppo.measure(actor.to(device), settings, device, threads, episodes, progress=show)
+    found = measure(show)
     line.show("")
-    _show_list({"task": settings.task, "samples": state["progress"]["samples"], "episodes": episodes, **found}, as_json)
-    return 0
+    return found

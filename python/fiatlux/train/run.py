@@ -28,6 +28,8 @@ from .worlds import Worlds
 GROUPS = {"actor": ["policy"], "critic": ["critic"]}
 CONTROL_DT = 0.02
 """Time of a control step, s."""
+LEARNING_RATES = (1e-5, 1e-2)
+"""Least and greatest learning rate, as of RSL-RL."""
 
 
 class Stopped(RuntimeError):
@@ -101,6 +103,30 @@ class Run:
     def check_update(self, kl: float, iteration: int) -> None:
         """Raises `Stopped` if the policy moved too far."""
 
+    def look(self, steps: int) -> None:
+        """Finds the scales of the observation with actions of the new policy."""
+        with torch.inference_mode():
+            for _ in range(steps):
+                for model in (self.ppo.actor, self.ppo.critic):
+                    model.update_normalization(self.worlds.observation)
+                self.worlds.step(self.ppo.actor(self.worlds.observation, stochastic_output=True))
+
+    def adapt(self, kl: float) -> None:
+        """Is called after each iteration with the size of its update."""
+
+    def adapt_once(self, kl: float) -> None:
+        """Adjusts the learning rate to the size of an iteration's whole update.
+
+        RSL-RL adjusts it after each of the minibatches, to the distance from the policy that collected the samples. That begins at zero in each
+        iteration and grows over all its passes: with eight passes the rate would rise in the first ones and fall to its least in the
+        others, whatever the rate.
+        """
+        wanted = self.settings.desired_kl
+        factor = 1 / 1.5 if kl > 2.0 * wanted else 1.5 if kl < 0.5 * wanted else 1.0
+        self.ppo.learning_rate = min(max(self.ppo.learning_rate * factor, LEARNING_RATES[0]), LEARNING_RATES[1])
+        for group in self.ppo.optimizer.param_groups:
+            group["lr"] = self.ppo.learning_rate
+
     def seed_noise(self) -> int:
         """Begins the random stream of a segment; its seed."""
         seed: int = (self.settings.seed * 1_000_003 + self.segment * 0x9E3779B1) % (1 << 48)  # Weyl's sequence.
@@ -119,7 +145,7 @@ class Run:
         ppo.train_mode()
         self.begin_iterations()
         totals = dict.fromkeys(("reward", "falls", "timeouts", "successes", "rollout_s", "kl", "value_loss"), 0.0)
-        terms = np.zeros(len(worlds.env.reward_terms))
+        terms = np.zeros(len(worlds.reward_terms))
         iterations = 0
         while iterations < settings.segment and (iterations == 0 or goes_on(iterations)):
             iterations += 1
@@ -148,6 +174,7 @@ class Run:
             if broken or not math.isfinite(kl):
                 raise Stopped(f"{', '.join(broken) or 'the policy'} is not finite")
             self.check_update(kl, iterations)
+            self.adapt(kl)
         steps = iterations * settings.steps
         self.samples += steps * settings.worlds
         self.segment += 1
@@ -168,7 +195,7 @@ class Run:
             "deviation": float(ppo.actor.distribution.std.mean()),
             "value_loss": totals["value_loss"] / iterations,
         }
-        paid = dict(zip(worlds.env.reward_terms, (terms / steps / CONTROL_DT).tolist()))
+        paid = dict(zip(worlds.reward_terms, (terms / steps / CONTROL_DT).tolist()))
         self.end_iterations(row, paid)
         row.update({f"reward/{name}": value for name, value in paid.items()})
         return row
@@ -223,6 +250,8 @@ def load_checkpoint(file: Path, kind: str | None = None) -> dict[str, Any]:
         settings_of(state, {})
         if not {"ppo", "progress", "learning_rate"} <= state.keys():
             raise KeyError("ppo")
+        if "obs_normalizer._mean" not in state["ppo"]["actor_state_dict"]:
+            raise KeyError("its policy does not normalise observations; begin a new run")
     except Exception as error:  # PyTorch's reader fails in a dozen ways on what is not its own.
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise ValueError(f"{file} is not a checkpoint of this version's training: {reason}") from error

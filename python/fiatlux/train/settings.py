@@ -161,7 +161,45 @@ class Climb(Settings):
         climbing_weights_of(self.reward)
 
 
-KINDS: dict[str, type[Settings]] = {"walk": Walk, "climb": Climb, "ppo": Baseline}
+@dataclass(frozen=True)
+class Hand(Settings):
+    """Settings of a run of a task of one hand on top of the whole-body controller."""
+
+    FIXED: ClassVar[tuple[str, ...]] = (*Settings.FIXED, "task")
+
+    worlds: int = _of(512, "worlds", 1)
+    steps: int = _of(8, "decisions of each world in an iteration, of four control steps each", 1)
+    segment: int = _of(20, "iterations from one checkpoint to the next", 1)
+    hidden: tuple[int, ...] = _of((256, 128, 128), "sizes of the policy's hidden layers", 2)
+    critic: tuple[int, ...] = _of((256, 128, 128), "sizes of the critic's hidden layers", 2)
+    epochs: int = _of(4, "passes over an iteration's samples", 1)
+    desired_kl: float = _of(0.02, "step of the policy that the learning rate is adjusted for", 1e-6)
+    evaluate: int = _of(2, "checkpoints from one evaluation to the next", 1)
+    task: str = _of("S08", "the task; S08 is the one that there is")
+    demonstrations: str = _of("", "folder with bags of demonstrations, whose rows are starts")
+    last_s: float = _of(8.0, "seconds before the end of a demonstration from which its rows are taken", 0.1)
+    own: float = _of(0.6, "weight of the task's own starts against that of the demonstrations of a room", 0)
+    rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)
+    episodes: int = _of(4, "start states in each room", 1)
+    horizon: int = _of(800, "control steps of an episode", 1)
+    entropy: float = _of(0.002, "weight of the entropy", 0)
+    learning_rate: float = _of(3e-4, "learning rate at first", 1e-9)
+    std: float = _of(0.5, "standard deviation of an action at first", 0.01, 100)
+    gamma: float = _of(0.99, "discount of a decision", 0, 1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.task != "S08":
+            raise ValueError(f"task is {self.task!r}; give S08")
+        if not self.demonstrations:
+            raise ValueError("demonstrations: give a folder of bags, as `fiatlux demonstrate --task S08` records them")
+        if self.rooms > self.worlds:
+            raise ValueError(
+                f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each"
+            )
+
+
+KINDS: dict[str, type[Settings]] = {"walk": Walk, "climb": Climb, "ppo": Baseline, "hand": Hand}
 """Settings of each command that trains."""
 
 

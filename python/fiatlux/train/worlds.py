@@ -1,6 +1,6 @@
 """Provides worlds with the observation groups of RSL-RL."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,9 @@ from tensordict import TensorDict
 
 from ..vector import VectorEnv, WalkingVectorEnv
 from .symmetry import Mirror, columns
+
+LEAST_DEVIATION, LEAST_FORCE = 0.05, 10.0
+"""What is added to the deviation by which a number of the observation is divided, and to that of a force, N."""
 
 
 class Worlds:
@@ -22,6 +25,12 @@ class Worlds:
         self.device = device
         self._columns = {name: torch.as_tensor(index, device=device) for name, index in groups.items()}
         self.see(env.reset()[0])
+
+    @property
+    def reward_terms(self) -> Sequence[str]:
+        """Name of each term of the reward."""
+        terms: list[str] = self.env.reward_terms
+        return terms
 
     def see(self, numbers: NDArray[np.float32]) -> None:
         """Takes over an observation of all worlds."""
@@ -45,6 +54,11 @@ class TaskWorlds(Worlds):
         sensed = [place for name, place in places.items() if not name.startswith(("privileged.", "verdict."))]
         known = [place for name, place in places.items() if not name.startswith("verdict.")]
         super().__init__(env, {"policy": np.concatenate(sensed), "critic": np.concatenate(known)}, device)
+        # A force that was never felt would else count as hundreds of deviations when it is.
+        floor = np.full(self.numbers.shape[1], LEAST_DEVIATION, np.float32)
+        for name, index in places.items():
+            floor[index] = LEAST_FORCE if "contact" in name else LEAST_DEVIATION
+        self.floors = {name: torch.as_tensor(floor, device=device)[index] for name, index in self._columns.items()}
 
 
 class WalkingWorlds(Worlds):

@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import functools
 import json
 import os
 import pathlib
@@ -19,8 +20,8 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from fiatlux.train import ppo  # noqa: E402
-from fiatlux.train.run import load_checkpoint, settings_of  # noqa: E402
+from fiatlux.train import hand, ppo, report  # noqa: E402
+from fiatlux.train.run import Run, load_checkpoint, settings_of  # noqa: E402
 from fiatlux.train.settings import Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import models  # noqa: E402
@@ -252,7 +253,7 @@ def test_a_baseline_that_is_resumed_goes_on_as_if_it_had_not_stopped(tmp_path):
     actor, _ = ppo.models(worlds, settings_of(state, {}))
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
     actor.eval()
-    expected = actor.mlp(torch.from_numpy(numbers)[None])[0].detach().numpy()
+    expected = actor.mlp(actor.obs_normalizer(torch.from_numpy(numbers)[None]))[0].detach().numpy()
     np.testing.assert_allclose(policy(numbers), expected, atol=1e-5)
     played = fiatlux.evaluate(policy, ["climb"], [0], max_steps=5)
     assert len(played.episodes) == 1
@@ -272,6 +273,60 @@ def test_the_baseline_trains_for_some_minutes(tmp_path, task):
     with (tmp_path / "curve.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert int(rows[-1]["samples"]) >= 64 * 24
+
+
+class Falls:
+    """Leaves the joints where they are, and falls: a bag of a second."""
+
+    def __call__(self, observation):
+        return np.zeros(53)
+
+
+def test_a_policy_of_the_hand_is_trained_resumed_tested_and_exported(tmp_path, monkeypatch, capsys):
+    out, file, bags = tmp_path / "hand", tmp_path / "s08.safetensors", tmp_path / "bags"
+    fiatlux.evaluate(Falls, ["S08"], [1000, 1001], out=bags)
+    small = ["--worlds", 6, "--rooms", 2, "--steps", 4, "--segment", 1, "--batches", 2, "--hidden", 32, "--critic", 32]
+    arguments = ["--demonstrations", bags, *small, "--threads", 2, "--device", "cpu", "--evaluate", 50]
+    code, said, failed = run("hand", "--out", out, *arguments, "--samples", 24)
+    assert code == 0 and "lifted" in said, failed
+    assert run("hand", "--out", out, "--resume", "--device", "cpu", "--samples", 48)[0] == 0
+    with (out / "curve.csv").open(newline="") as curve:
+        assert [row["samples"] for row in csv.DictReader(curve)] == ["24", "48"]
+    code, said, failed = run("export", out / "last.pt", file)
+    assert code == 0 and 'fiatlux.HandPolicy("' in said, failed
+    played = fiatlux.evaluate(fiatlux.HandPolicy(file), ["S08"], [0], max_steps=8)
+    assert played.episodes[0]["steps"] == 8
+    # Whole episodes take too long here.
+    monkeypatch.setattr(hand, "measure", functools.partial(hand.measure, steps=8))
+    assert report.main(out / "last.pt", 1, None, 1, "cpu", as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["success"] == 0.0 and found["seconds"] == pytest.approx(0.16)
+    code, _, error = run("hand", "--out", tmp_path / "new", *small)
+    assert code == 2 and "demonstrations: give a folder of bags" in error
+    code, _, error = run("hand", "--out", tmp_path / "new", *small, "--demonstrations", tmp_path / "none")
+    assert code == 2 and "has no bag of the rooms 1000 to 1001" in error
+
+
+class Learner:
+    """What the learning rate of a run is adjusted in."""
+
+    learning_rate = 1e-3
+
+    def __init__(self):
+        self.optimizer = torch.optim.Adam([torch.zeros(1, requires_grad=True)], lr=self.learning_rate)
+
+
+def test_the_learning_rate_follows_whole_updates():
+    """RSL-RL's own rule sees no update as a whole: it rises and falls within each."""
+    learning = Run.__new__(Run)
+    learning.ppo, learning.settings = Learner(), Walk(desired_kl=0.01)
+    for kl, rate in [(0.015, 1e-3), (0.03, 1e-3 / 1.5), (0.001, 1e-3), (1e9, 1e-3 / 1.5)]:
+        learning.adapt_once(kl)
+        assert learning.ppo.learning_rate == pytest.approx(rate)
+        assert learning.ppo.optimizer.param_groups[0]["lr"] == learning.ppo.learning_rate
+    for _ in range(50):
+        learning.adapt_once(1.0)
+    assert learning.ppo.learning_rate == 1e-5
 
 
 def test_the_page_s_example_of_rsl_rl_runs(tmp_path, monkeypatch):
