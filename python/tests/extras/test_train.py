@@ -22,7 +22,7 @@ pytest.importorskip("rsl_rl")
 
 from fiatlux.train import hand, ppo, report  # noqa: E402
 from fiatlux.train.run import Run, load_checkpoint, settings_of  # noqa: E402
-from fiatlux.train.settings import Walk  # noqa: E402
+from fiatlux.train.settings import Hand, Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import models  # noqa: E402
 from fiatlux.train.worlds import WalkingWorlds  # noqa: E402
@@ -301,10 +301,10 @@ def test_a_policy_of_the_hand_is_trained_resumed_tested_and_exported(tmp_path, m
     assert report.main(out / "last.pt", 1, None, 1, "cpu", as_json=True) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["success"] == 0.0 and found["seconds"] == pytest.approx(0.16)
-    code, _, error = run("hand", "--out", tmp_path / "new", *small)
-    assert code == 2 and "demonstrations: give a folder of bags" in error
-    code, _, error = run("hand", "--out", tmp_path / "new", *small, "--demonstrations", tmp_path / "none")
-    assert code == 2 and "has no bag of the rooms 1000 to 1001" in error
+    with pytest.raises(ValueError, match="demonstrations: give a folder of bags"):
+        Hand()
+    with pytest.raises(ValueError, match="has no bag of the rooms 1000 to 1001"):
+        hand.demonstrated(str(tmp_path / "none"), range(1000, 1002), 8.0)
 
 
 class Learner:
