@@ -71,11 +71,13 @@ impl Batch {
             let bank = world * banks.len() / worlds;
             Job::new(world, &spec, Slot::new(bank, &banks[bank], task, seed, world))
         };
-        let worker = |thread: usize| {
+        let jobs = (0..worlds).map(job).collect();
+        let of_threads = banks.clone();
+        let worker = move |thread: usize| {
             let own = thread * worlds / threads..(thread + 1) * worlds / threads;
-            Worker::new(own, worlds, &banks, Arc::clone(&shared))
+            Worker::new(own, worlds, &of_threads, Arc::clone(&shared))
         };
-        let workers = Workers::new((0..worlds).map(job).collect(), worker(0), (1..threads).map(worker))?;
+        let workers = Workers::new(jobs, threads, worker)?;
         let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
         batch.carry_out(&Order::Reset, &[], &mut || true, |_| {})?;
         Ok(batch)
@@ -351,14 +353,7 @@ impl Batch {
         mut finish: impl FnMut(&mut Job),
     ) -> Result<(), BatchError> {
         let mut error: Option<BatchError> = None;
-        let each = actions.len() / self.worlds;
-        let prepare = |job: &mut Job| {
-            job.order = order.clone();
-            if each > 0 {
-                job.action.copy_from_slice(&actions[job.world * each..][..each]);
-            }
-        };
-        let went_on = self.workers.run(prepare, may_go_on, |job| match job.error.take() {
+        let went_on = self.workers.run(order, actions, may_go_on, |job| match job.error.take() {
             None => finish(job),
             // Of several errors the first world's is kept.
             Some(found) => error = error.take().or(Some(found)),

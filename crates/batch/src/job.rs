@@ -45,16 +45,14 @@ pub enum Begin {
     AtRow(Box<Row>),
 }
 
-/// One world, what it should do, and its results. Two of them share no cache line.
+/// One world and its results. Two of them share no cache line.
 #[repr(align(64))]
 pub(crate) struct Job {
     /// Index of the world in the batch.
     pub world: usize,
     pub slot: Slot,
-    pub order: Order,
     pub begin: Begin,
     pub is_marked: bool,
-    pub action: Vec<f64>,
     pub observation: Vec<f32>,
     pub final_observation: Vec<f32>,
     pub reward: f32,
@@ -71,10 +69,8 @@ impl Job {
         Self {
             world,
             slot,
-            order: Order::Reset,
             begin: Begin::AtStart,
             is_marked: false,
-            action: vec![0.0; spec.actions.len()],
             observation: numbers(spec.observation_length()),
             final_observation: numbers(spec.observation_length()),
             reward: 0.0,
@@ -136,11 +132,11 @@ impl Worker {
         }
     }
 
-    /// Carries out a world's order.
-    pub fn run(&mut self, job: &mut Job) -> Result<(), BatchError> {
+    /// Carries out an order in a world.
+    pub fn run(&mut self, job: &mut Job, order: &Order, action: &[f64]) -> Result<(), BatchError> {
         let stage = &mut self.stages[job.slot.bank - self.first_bank];
         let (shared, world) = (&*self.shared, job.world);
-        let keeps_contacts = match &job.order {
+        let keeps_contacts = match order {
             Order::Reset => matches!(job.begin, Begin::Stays),
             Order::Load(_) | Order::Copy(_) => !job.is_marked,
             Order::End => true,
@@ -149,7 +145,7 @@ impl Worker {
         if !keeps_contacts {
             job.contacts.clear();
         }
-        let done = match &job.order {
+        let done = match order {
             Order::Reset => match std::mem::take(&mut job.begin) {
                 Begin::Stays => Ok(()),
                 Begin::AtStart => job.slot.begin(stage, shared, None, &mut job.observation),
@@ -173,7 +169,7 @@ impl Worker {
                     reward_terms: &mut job.reward_terms,
                     contacts: shared.watch.contacts.then_some(&mut job.contacts),
                 };
-                let stepped = job.slot.step(stage, shared, &job.action, &mut self.control, results);
+                let stepped = job.slot.step(stage, shared, action, &mut self.control, results);
                 stepped.map(|(outcome, reward)| (job.outcome, job.reward) = (outcome, reward))
             }
         };

@@ -3,11 +3,11 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::thread::{JoinHandle, Thread};
 
 use crate::BatchError;
-use crate::job::{Job, Worker};
+use crate::job::{Job, Order, Worker};
 
 /// Times that a thread with nothing to do yields before it sleeps, so that it need not be woken between two steps that follow
 /// each other at once.
@@ -26,6 +26,9 @@ struct Board {
     /// One for each world. The locks are never contended: [`Board::turns`] says who may use a job.
     jobs: Vec<Mutex<Job>>,
     turns: Vec<AtomicU8>,
+    /// The order of all jobs that are due, and the actions of all worlds. Threads read them by themselves, since giving them out
+    /// takes time in which none works. A thread holds this as long as it looks for jobs.
+    call: RwLock<(Order, Vec<f64>)>,
     /// Number of calls so far. A thread that has seen fewer looks for jobs.
     calls: AtomicUsize,
     /// Number of threads that have begun.
@@ -56,6 +59,9 @@ impl Board {
     /// Does the jobs that are due, those of its own worlds first; of others, those that their thread would come to last.
     /// `ask` is called before each.
     fn work(&self, worker: &mut Worker, ask: &mut dyn FnMut()) {
+        let call = self.call.read().unwrap_or_else(PoisonError::into_inner);
+        let (order, actions) = &*call;
+        let each = actions.len() / self.jobs.len();
         let (own, reach) = (worker.own.clone(), worker.reach.clone());
         let others = (reach.start..own.start).rev().chain((own.end..reach.end).rev());
         for world in own.chain(others) {
@@ -71,7 +77,8 @@ impl Board {
             job.error = if self.stop.load(Ordering::Relaxed) {
                 Some(BatchError::Stopped)
             } else {
-                let done = catch_unwind(AssertUnwindSafe(|| worker.run(&mut job)));
+                let done =
+                    catch_unwind(AssertUnwindSafe(|| worker.run(&mut job, order, &actions[world * each..][..each])));
                 done.unwrap_or(Err(BatchError::Panicked { world })).err()
             };
             drop(job);
@@ -106,21 +113,29 @@ pub(crate) struct Workers {
 }
 
 impl Workers {
-    /// `worker` is the caller's; each of the others gets a thread.
-    pub fn new(jobs: Vec<Job>, worker: Worker, others: impl Iterator<Item = Worker>) -> Result<Self, BatchError> {
+    /// `worker` makes what belongs to a thread, by its number; 0 is the caller's. Each thread makes its own, so that its memory is
+    /// near its core and shares no cache line with that of another.
+    pub fn new(
+        jobs: Vec<Job>,
+        threads: usize,
+        worker: impl Fn(usize) -> Worker + Send + Sync + 'static,
+    ) -> Result<Self, BatchError> {
         let board = Arc::new(Board {
             turns: jobs.iter().map(|_| AtomicU8::new(CALLER)).collect(),
             jobs: jobs.into_iter().map(Mutex::new).collect(),
+            call: RwLock::new((Order::Reset, Vec::new())),
             calls: AtomicUsize::new(0),
             begun: AtomicUsize::new(0),
             stop: AtomicBool::new(false),
             caller: Mutex::new(std::thread::current()),
         });
-        let mut workers = Self { board, worker, threads: Vec::new(), process: std::process::id() };
-        for mut worker in others {
-            let board = Arc::clone(&workers.board);
+        let worker = Arc::new(worker);
+        let mut workers = Self { board, worker: worker(0), threads: Vec::new(), process: std::process::id() };
+        for number in 1..threads {
+            let (board, worker) = (Arc::clone(&workers.board), Arc::clone(&worker));
             let thread = std::thread::Builder::new().name("fiatlux-batch".into());
-            workers.threads.push(thread.spawn(move || board.serve(&mut worker)).map_err(BatchError::Thread)?);
+            let serve = move || board.serve(&mut worker(number));
+            workers.threads.push(thread.spawn(serve).map_err(BatchError::Thread)?);
         }
         // To begin takes memory, of which a step takes none.
         wait(|| workers.board.begun.load(Ordering::Acquire) == workers.threads.len());
@@ -138,22 +153,26 @@ impl Workers {
         if is_complete { Ok(()) } else { Err(BatchError::Forked { parent: self.process }) }
     }
 
-    /// Shows each job to `prepare`, lets the threads do all of them, and shows them in order to `finish`. The caller's thread
-    /// asks before each job that it takes or finishes whether to continue; if not, no further one is done. Returns whether
-    /// all went on.
+    /// Lets the threads carry out an order in all worlds, with the actions of all of them if it takes any, and shows the jobs in order
+    /// to `finish`. The caller's thread asks before each job that it takes or finishes whether to continue; if not, no further one is
+    /// done. Returns whether all went on.
     pub fn run(
         &mut self,
-        mut prepare: impl FnMut(&mut Job),
+        order: &Order,
+        actions: &[f64],
         may_go_on: &mut dyn FnMut() -> bool,
         mut finish: impl FnMut(&mut Job),
     ) -> bool {
         let board = &*self.board;
         board.stop.store(false, Ordering::Relaxed);
         *lock(&board.caller) = std::thread::current();
-        for (job, turn) in board.jobs.iter().zip(&board.turns) {
-            prepare(&mut lock(job));
-            turn.store(DUE, Ordering::Release);
+        {
+            let mut call = board.call.write().unwrap_or_else(PoisonError::into_inner);
+            call.0.clone_from(order);
+            call.1.clear();
+            call.1.extend_from_slice(actions);
         }
+        board.turns.iter().for_each(|turn| turn.store(DUE, Ordering::Release));
         self.announce(board.calls.load(Ordering::Relaxed) + 1);
         let mut ask = || {
             let is_stopped = board.stop.load(Ordering::Relaxed);
