@@ -134,13 +134,16 @@ struct BatchArgs {
     /// Number of threads, and of processes to compare them with [default: all cores]
     #[arg(long, value_parser = fiatlux_cli::whole::<u16>(1..=1024))]
     threads: Option<u16>,
+    /// Rounds of threads against processes.
+    #[arg(long, default_value_t = 40, value_parser = fiatlux_cli::whole::<u16>(1..=1000))]
+    rounds: u16,
     /// Duration of each measurement in a round, s.
-    #[arg(long, default_value_t = 2.0, value_parser = positive)]
+    #[arg(long, default_value_t = 0.5, value_parser = positive)]
     seconds: f64,
     /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
-    /// Run as a process of the comparison: step a share of the worlds and print the rate.
+    /// Run as a process of the comparison: step a share of the worlds as it is told.
     #[arg(long, hide = true)]
     share: bool,
 }
@@ -179,9 +182,10 @@ fn bench_service(args: ServiceArgs) -> anyhow::Result<()> {
 fn bench_batch(args: &BatchArgs) -> anyhow::Result<()> {
     let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let threads = args.threads.map_or_else(cores, usize::from).min(args.worlds.into());
-    let options = BatchOptions { worlds: args.worlds.into(), threads, seconds: args.seconds };
+    let options =
+        BatchOptions { worlds: args.worlds.into(), threads, rounds: args.rounds.into(), seconds: args.seconds };
     if args.share {
-        return Ok(fiatlux_cli::print(format!("{}\n", batch::run_share(&options)?))?);
+        return Ok(batch::serve_share(&options)?);
     }
     show(&batch::run(&options)?, args.json)
 }
