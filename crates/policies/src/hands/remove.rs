@@ -12,9 +12,9 @@ use serde::Deserialize;
 use super::arm::{Angles, FINGERS, Finger, RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::room::GLASS;
-use super::skill::{Seen, Skill, parameters};
+use super::skill::{Seen, Skill, TOUCHED, parameters};
 use super::socket::Plug;
-use super::stance::{Lean, REST, Stance, TOUCHED, Taking};
+use super::stance::{Lean, REST, Stance, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -38,6 +38,7 @@ struct Grasp {
     back: [f64; 3],
     speed: f64,
     error: f64,
+    felt: f64,
     gain: f64,
     lead: f64,
     patience: f64,
@@ -232,9 +233,12 @@ impl Skill for Remove {
                 } else {
                     self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
                 }
-                if !is_near && seen.palm_force > TOUCHED {
+                if !is_near && seen.is_touched() {
                     self.taking.goes_back();
                     Some(Phase::Take)
+                } else if is_near && seen.palm_force > TOUCHED && self.has_arrived {
+                    // The glass is at the palm.
+                    Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
                 } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
                 } else {

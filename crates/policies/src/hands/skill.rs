@@ -33,6 +33,16 @@ pub(super) struct Seen {
     pub palm_force: f64,
 }
 
+/// Force of a bulb, N, that the open hand feels.
+pub(super) const TOUCHED: f64 = 1.0;
+
+impl Seen {
+    /// The bulb touches the right hand somewhere.
+    pub fn is_touched(&self) -> bool {
+        self.force.iter().copied().fold(self.palm_force, f64::max) > TOUCHED
+    }
+}
+
 // `PARAMETERS`: name and text of each file of parameters; the build script writes the list.
 include!(concat!(env!("OUT_DIR"), "/parameters.rs"));
 

@@ -4,7 +4,7 @@
 //! is in its way while the robot leans, the robot leans, and the arm goes on to the first posture of what follows.
 
 use fiatlux_client::PolicyError;
-use fiatlux_wbc::BodyCommand;
+use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
@@ -14,8 +14,6 @@ use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
 pub(super) const REST: ArmAngles = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
-/// Force on the palm or the wrist, N, from which on the arm goes back.
-pub(super) const TOUCHED: f64 = 1.0;
 /// Shares of the margin with which a way is looked for, one after the other.
 const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
 /// So often the arm is held up on its way before another stance is looked for.
@@ -23,6 +21,10 @@ const MAX_BLOCKS: u32 = 2;
 /// So often the time until the next look for a way doubles, where there was none or the arm was held up. It bounds what a search
 /// that fails again and again takes.
 const MAX_DOUBLINGS: u32 = 4;
+/// So often no way is found in a stance before another one is looked for.
+const MAX_LOOKS: u32 = 2;
+/// Preference that a stance loses in which no way was found.
+const NO_WAY: f64 = 2.0;
 /// Error of a posture from which it is no use to go on, m.
 const LOST: f64 = 0.012;
 
@@ -39,6 +41,8 @@ pub(super) struct Lean {
     reached: f64,
     changes: u32,
     searches: u32,
+    #[serde(default)]
+    bend: f64,
     settle: f64,
     clear: f64,
     margin: f64,
@@ -89,11 +93,16 @@ pub(super) struct Taking {
     /// Where the way to the first posture began.
     reaches_from: ArmAngles,
     leans_since: f64,
+    /// How far the robot has gone from `before` to the stance: 0 to 1.
+    bent: f64,
     changes: u32,
     /// Number of times that the arm was held up.
     blocks: u32,
     /// Number of looks for a way that found none, and of ways on which the arm was held up.
     failures: u32,
+    /// Looks in the present stance that found no way, and stances that were given up for that.
+    looks: u32,
+    refused: Vec<BodyCommand>,
     /// The hand holds the bulb.
     holds: bool,
 }
@@ -121,16 +130,32 @@ impl Lean {
     }
 
     /// The stance that suits the arm best: the best of the combinations, then of its neighbours.
-    fn choose(&self, arm: &mut RightArm, judge: &Judge<'_>) -> Result<Option<Stance>, PolicyError> {
+    fn choose(
+        &self,
+        arm: &mut RightArm,
+        judge: &Judge<'_>,
+        refused: &[BodyCommand],
+    ) -> Result<Option<Stance>, PolicyError> {
         let from = arm.angles();
-        let mut best: Option<Stance> = None;
+        let mut best: Option<(f64, Stance)> = None;
         for command in self.commands() {
             let stance = judge(arm, &command, &from, self.tries)?;
-            if best.as_ref().is_none_or(|best| stance.score() > best.score()) {
-                best = Some(stance);
+            let is_refused = refused.iter().any(|refused| self.is_near(refused, &command));
+            let score = stance.score() - if is_refused { NO_WAY } else { 0.0 };
+            if best.as_ref().is_none_or(|(best, _)| score > *best) {
+                best = Some((score, stance));
             }
         }
-        best.map(|best| self.improve(arm, best, judge)).transpose()
+        best.map(|(_, best)| self.improve(arm, best, judge)).transpose()
+    }
+
+    /// No other combination is nearer to a command.
+    fn is_near(&self, command: &BodyCommand, combination: &BodyCommand) -> bool {
+        let (of_command, of_combination) = (command.numbers(), combination.numbers());
+        [&self.heights, &self.rolls, &self.pitches, &self.yaws].into_iter().enumerate().all(|(axis, values)| {
+            let off = |value: f64| (of_command[3 + axis] - value).abs();
+            values.iter().all(|value| off(of_combination[3 + axis]) <= off(*value))
+        })
     }
 
     /// The best that is found from a stance by changes of its command, each on its own.
@@ -198,9 +223,12 @@ impl Taking {
             way: Vec::new(),
             reaches_from: REST,
             leans_since: 0.0,
+            bent: 0.0,
             changes: 0,
             blocks: 0,
             failures: 0,
+            looks: 0,
+            refused: Vec::new(),
             holds,
         }
     }
@@ -208,7 +236,7 @@ impl Taking {
     /// The command in force.
     pub fn command(&self) -> BodyCommand {
         match &self.stance {
-            Some(stance) if self.stage != Stage::Clear => stance.command,
+            Some(stance) if self.stage != Stage::Clear => between(&self.before, &stance.command, self.bent),
             _ => self.before,
         }
     }
@@ -240,10 +268,13 @@ impl Taking {
                     self.way = self.way_to_haven(arm);
                 }
                 if self.goes(arm) {
-                    (self.stage, self.leans_since) = (Stage::Lean, seen.time);
+                    (self.stage, self.leans_since, self.bent) = (Stage::Lean, seen.time, 0.0);
                 }
             }
-            Stage::Lean if seen.time - self.leans_since < self.wait() => {}
+            Stage::Lean if self.bent < 1.0 => {
+                self.bent = if self.lean.bend > 0.0 { (self.bent + CONTROL_DT / self.lean.bend).min(1.0) } else { 1.0 };
+            }
+            Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.wait() => {}
             Stage::Lean => {
                 let Some(before) = self.stance.clone() else { return Ok(false) };
                 let from = arm.angles();
@@ -252,13 +283,12 @@ impl Taking {
                     self.changes += 1;
                     stance = self.lean.improve(arm, stance, judge)?;
                     if stance.command != before.command {
-                        (self.stance, self.leans_since) = (Some(stance), seen.time);
+                        self.clear_for(arm, before.command, stance);
                         return Ok(false);
                     }
                 }
                 if stance.error > LOST && self.searches < self.lean.searches {
                     self.search(arm, before.command, judge)?;
-                    self.stage = Stage::Clear;
                     return Ok(false);
                 }
                 self.changes = 0;
@@ -268,23 +298,31 @@ impl Taking {
                 let way = MARGINS
                     .into_iter()
                     .find_map(|share| arm.way(&from, &stance.postures[0], share * self.lean.margin, self.holds));
+                let command = stance.command;
                 self.stance = Some(stance);
                 match way {
                     Some(mut way) => {
                         way.reverse();
-                        (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, from);
+                        (self.way, self.stage, self.reaches_from, self.looks) = (way, Stage::Reach, from, 0);
                     }
                     // From another posture there may be one.
-                    None => (self.leans_since, self.failures) = (seen.time, self.failures + 1),
+                    None => {
+                        (self.leans_since, self.failures) = (seen.time, self.failures + 1);
+                        self.looks += 1;
+                        if self.looks >= MAX_LOOKS {
+                            self.looks = 0;
+                            self.refused.push(command);
+                            self.search(arm, command, judge)?;
+                        }
+                    }
                 }
             }
-            Stage::Reach if !self.holds && seen.palm_force > TOUCHED => self.goes_back(),
+            Stage::Reach if !self.holds && seen.is_touched() => self.goes_back(),
             Stage::Reach if arm.gives_way() => {
                 (self.blocks, self.failures) = (self.blocks + 1, self.failures + 1);
                 (self.stage, self.leans_since) = (Stage::Lean, seen.time);
                 if self.blocks.is_multiple_of(MAX_BLOCKS) {
                     self.search(arm, self.command(), judge)?;
-                    self.stage = Stage::Clear;
                 }
             }
             Stage::Reach => return Ok(self.goes(arm)),
@@ -306,10 +344,18 @@ impl Taking {
 
     /// Looks for the stance from the very beginning, and for the way to where the robot may lean from `before`.
     fn search(&mut self, arm: &mut RightArm, before: BodyCommand, judge: &Judge<'_>) -> Result<(), PolicyError> {
-        (self.before, self.searches, self.changes) = (before, self.searches + 1, 0);
-        self.stance = self.lean.choose(arm, judge)?;
-        self.way = self.way_to_haven(arm);
+        (self.searches, self.changes) = (self.searches + 1, 0);
+        self.before = before;
+        if let Some(stance) = self.lean.choose(arm, judge, &self.refused)? {
+            self.clear_for(arm, before, stance);
+        }
         Ok(())
+    }
+
+    /// Looks for the way to where the robot may go from a command to a stance.
+    fn clear_for(&mut self, arm: &mut RightArm, before: BodyCommand, stance: Stance) {
+        (self.before, self.stance, self.stage) = (before, Some(stance), Stage::Clear);
+        self.way = self.way_to_haven(arm);
     }
 
     fn way_to_haven(&self, arm: &mut RightArm) -> Vec<ArmAngles> {
