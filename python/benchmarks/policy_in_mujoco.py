@@ -2,17 +2,20 @@
 
     python python/benchmarks/policy_in_mujoco.py climb --tasks S02 S12 --rooms 16
 
-MuJoCo gets the exported start state, under the options that are nearest to Fiatlux's laws (elliptic cones) with `impratio` 100, and
-under its own defaults (pyramids). Bulbs are held by contact alone; the socket's hold is the law of `crates/world/src/attach.rs`, once per
+MuJoCo gets the exported start state: with elliptic cones under the options that are nearest to Fiatlux's laws, with pyramids under its own
+defaults. `--impratio` sets how much stiffer friction is than the normal force, which MuJoCo has at 1 by default. Bulbs are held by contact alone; the socket's hold is the law of `crates/world/src/attach.rs`, once per
 control step. The policy is one program for all simulators, `cargo run -p fiatlux-policies --example drive -- POLICY TASK ROOM`, asked for
-targets in each control step; `--program FILE` names it where it is built already. Neither side has noise.
+targets in each control step; `--program FILE` names it where it is built already. Both sides have the benchmark's noise of sensors, without
+which a robot that walks slowly may stop short of its place.
 
 Fiatlux's judge says *succeeded* by the strict gate. In MuJoCo it is the gate's conditions as `is_done` has them, for a second (S06: two).
-*Grasped* is a bulb with forces above 1 N on two bodies of one hand, *pulled* one that the socket let go of. *Bore* counts the rooms in
+*Grasped* is a bulb with forces above 1 N on two bodies of one hand, *lifted* one of S08 that is grasped 3 cm above the bench, *pulled* one
+that the socket let go of. A bulb that fell to the floor is *dropped*, and ends the episode, as in Fiatlux. *Bore* counts the rooms in
 which a foot bore 20 N on the floor, each tread and the platform, and *tilt* is the ladder's largest, rad.
 """
 
 import argparse
+import functools
 import json
 import pathlib
 import subprocess
@@ -26,6 +29,15 @@ STEPS, PHYSICS_STEPS, SECOND = 6000, 4, 50
 SENSORS = ["proprioception", "hand_contact", "last_action", "privileged"]
 POSES = ("robot", "ladder", "socket", "fresh_bulb", "old_bulb", "crate")
 BULBS = ("old_bulb", "fresh_bulb")
+# Half-widths of the uniform noise of sensors, as in `crates/sensing/src/observer.rs`.
+NOISE = {
+    "base_angular_velocity": 0.2,
+    "projected_gravity": 0.05,
+    "base_linear_velocity": 0.1,
+    "base_height": 0.05,
+    "joint_position": 0.01,
+    "joint_velocity": 1.5,
+}
 BULB = {
     "S03": "old_bulb",
     "S04": "old_bulb",
@@ -38,7 +50,7 @@ TASKS = ("S01", "S02", "S03", "S04", "S06", "S08", "S10", "S11", "S12", "climb")
 FEET = ("left_ankle_roll_link", "right_ankle_roll_link")
 LEVELS = ("room_floor", *(f"ladder_tread_{tread}" for tread in range(4)), "ladder_platform")
 TREADS = slice(2, None)  # from 0.47 m
-TOUCH_N, LOADED_N, LIFT_M, REST_M_S, TILT, FALLEN_M = 1.0, 20.0, 0.03, 0.05, 0.5, 0.35
+TOUCH_N, LOADED_N, LIFT_M, REST_M_S, TILT, FALLEN_M, FLOOR_M = 1.0, 20.0, 0.03, 0.05, 0.5, 0.35, 0.02
 SCENE = tomllib.loads((pathlib.Path(__file__).parents[2] / "crates/world/scene.toml").read_text())
 HOLD, BENCH = SCENE["attachment"], 0.9941
 # Bottom of the cap and centre of the glass on the bulb's axis, and their radii.
@@ -53,6 +65,9 @@ def main():
     parser.add_argument("--rooms", type=int, default=16)
     parser.add_argument("--steps", type=int, default=STEPS, help="control steps of an episode at most")
     parser.add_argument("--simulators", nargs="+", choices=SIMULATORS, default=list(SIMULATORS))
+    parser.add_argument(
+        "--impratio", nargs="+", type=float, default=[1.0, 100.0], help="values for each of MuJoCo's cones"
+    )
     parser.add_argument("--program", help="the example `drive`, built")
     parser.add_argument("--each", action="store_true", help="also print each episode")
     parser.add_argument("--json", action="store_true")
@@ -62,12 +77,19 @@ def main():
     program = [args.program] if args.program else cargo
     rooms = range(args.first, args.first + args.rooms)
     report = {"fiatlux": fiatlux.__version__, "mujoco": mujoco.__version__, "rooms": [rooms[0], rooms[-1]]}
+    worlds = {}
+    for name in args.simulators:
+        if name == "fiatlux":
+            worlds[name] = Fiatlux
+        else:
+            for ratio in args.impratio:
+                worlds[f"{name} {ratio:g}"] = functools.partial(Mujoco, nearest=name == "elliptic", impratio=ratio)
     for task in args.tasks:
         report[task] = {}
-        for name in args.simulators:
+        for name, world in worlds.items():
             ends = []
             for room in rooms:
-                ends.append(play(SIMULATORS[name], [*program, args.policy, task, str(room)], task, room, args.steps))
+                ends.append(play(world, [*program, args.policy, task, str(room)], task, room, args.steps))
                 if args.each:
                     print(task, name, json.dumps(ends[-1]), flush=True)
             report[task][name] = summary(ends)
@@ -107,7 +129,7 @@ class Fiatlux:
     """A room in Fiatlux, as far as the policy sees it."""
 
     def __init__(self, task, room, session):
-        self.env = fiatlux.Env(task, noise=False, sensors=SENSORS)
+        self.env = fiatlux.Env(task, sensors=SENSORS)
         self.q0 = np.array([q0 for _, q0 in session["joints"]])
         self.observation, _ = self.env.reset(seed=room)
         self.is_over = False
@@ -138,17 +160,13 @@ class Fiatlux:
 class Mujoco:
     """The exported start state of a room."""
 
-    nearest = True
-
-    def __init__(self, task, room, session):
+    def __init__(self, task, room, session, nearest, impratio):
         ours = Fiatlux(task, room, session)
         self.fixed = ours.seen()
-        self.model = mujoco.MjModel.from_xml_string(ours.env.to_mjcf(self.nearest))
+        self.model = mujoco.MjModel.from_xml_string(ours.env.to_mjcf(nearest))
         ours.env.close()
-        if self.nearest:
-            # At 1, MuJoCo's default and the export's, a held bulb creeps out of the hand.
-            self.model.opt.impratio = 100.0
-        self.task, self.data = task, mujoco.MjData(self.model)
+        self.model.opt.impratio = impratio
+        self.task, self.data, self.noise = task, mujoco.MjData(self.model), np.random.default_rng(room)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         body = {self.model.body(index).name: index for index in range(self.model.nbody)}
         self.q0 = ours.q0
@@ -178,7 +196,9 @@ class Mujoco:
         self.sense()
         self.found = {"succeeded": False, "fell": False, "tilt": 0.0, "bore": np.zeros(len(LEVELS), int)}
         if self.bulb is not None:
-            self.found["grasped"] = False
+            self.found |= {"grasped": False, "dropped": False}
+        if task == "S08":
+            self.found["lifted"] = False
         if task == "S03":
             self.found["pulled"] = False
         self.sustained, self.is_over = 0, False
@@ -208,14 +228,19 @@ class Mujoco:
         turned = self.data.xmat[self.pelvis].reshape(3, 3)
         velocity = self.data.qvel[self.base : self.base + 6]
         poses = {name: [*self.data.xpos[index], *self.data.xquat[index]] for name, index in self.bodies.items()}
+        sensed = {
+            "base_angular_velocity": velocity[3:],
+            "projected_gravity": -turned[2],
+            "base_linear_velocity": turned.T @ velocity[:3],
+            "base_height": self.data.xpos[self.pelvis, 2],
+            "joint_position": self.data.qpos[self.places] - self.q0,
+            "joint_velocity": self.data.qvel[self.rates],
+        }
+        for name, width in NOISE.items():
+            sensed[name] = (sensed[name] + self.noise.uniform(-width, width, np.shape(sensed[name]))).tolist()
         return {
             **self.fixed,
-            "base_angular_velocity": velocity[3:].tolist(),
-            "projected_gravity": (-turned[2]).tolist(),
-            "base_linear_velocity": (turned.T @ velocity[:3]).tolist(),
-            "base_height": float(self.data.xpos[self.pelvis, 2]),
-            "joint_position": (self.data.qpos[self.places] - self.q0).tolist(),
-            "joint_velocity": self.data.qvel[self.rates].tolist(),
+            **sensed,
             "hand_contact_force": self.forces.ravel().tolist(),
             "last_action": self.action.tolist(),
             "seated": [self.held[0] == bulb for bulb in range(2)],
@@ -235,13 +260,16 @@ class Mujoco:
             found["tilt"] = max(found["tilt"], angle(self.data.xmat[self.bodies["ladder"]][8]))
         if self.bulb is not None:
             found["grasped"] |= self.in_grip()
+            found["dropped"] = self.is_dropped()
+        if self.task == "S08":
+            found["lifted"] |= self.is_lifted()
         if self.task == "S03":
             found["pulled"] |= self.held[0] is None
         up = self.data.xmat[self.pelvis][8]
         found["fell"] = bool(up < 0.5 or self.data.xpos[self.pelvis, 2] < FALLEN_M)
         self.sustained = self.sustained + 1 if up > np.cos(TILT) and self.is_done() else 0
         found["succeeded"] = self.sustained >= (2 if self.task == "S06" else 1) * SECOND
-        self.is_over = found["succeeded"] or found["fell"]
+        self.is_over = found["succeeded"] or found["fell"] or found.get("dropped", False)
 
     def hold(self):
         """The socket's hold over a control step, as in `crates/world/src/attach.rs`."""
@@ -321,23 +349,22 @@ class Mujoco:
     def is_lifted(self):
         return self.bulb_points()[1] > BENCH + LIFT_M and self.in_grip()
 
-    def is_placed(self):
+    def is_in_crate(self):
         points, _ = self.bulb_points()
         crate, half = self.fixed["crate"], np.array(SCENE["crate"]["interior_half"])
-        free = self.model.jnt_dofadr[self.model.body_jntadr[self.bulb]]
         inside = (np.abs(points[:, :2] - crate[:2]) + RADII[:, None] < half + 0.003).all()
-        below = (points[:, 2] + RADII).max() < SCENE["crate"]["rim_height"]
+        return inside and (points[:, 2] + RADII).max() < SCENE["crate"]["rim_height"]
+
+    def is_placed(self):
+        free = self.model.jnt_dofadr[self.model.body_jntadr[self.bulb]]
         rests = np.linalg.norm(self.data.qvel[free : free + 3]) < REST_M_S
-        return inside and below and rests and (np.linalg.norm(self.pressed, axis=1) < TOUCH_N).all()
+        return self.is_in_crate() and rests and (np.linalg.norm(self.pressed, axis=1) < TOUCH_N).all()
+
+    def is_dropped(self):
+        return self.bulb_points()[1] < FLOOR_M and not self.is_in_crate()
 
     def end(self):
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in self.found.items()}
-
-
-class Pyramids(Mujoco):
-    """The same with MuJoCo's own defaults."""
-
-    nearest = False
 
 
 def angle(cosine):
@@ -349,7 +376,7 @@ def bounded(vector, limit):
     return vector * (limit / norm) if norm > limit else vector
 
 
-SIMULATORS = {"fiatlux": Fiatlux, "elliptic": Mujoco, "pyramids": Pyramids}
+SIMULATORS = ("fiatlux", "elliptic", "pyramids")
 
 if __name__ == "__main__":
     main()

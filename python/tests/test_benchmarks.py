@@ -24,7 +24,20 @@ SHORT = {
     "motors.py": [RUN],
     "mujoco_rollout.py": ["--worlds", "8", "--threads", "1", "--steps", "1", "--rounds", "1"],
     "walk_in_mujoco.py": ["--episodes", "1"],
-    "policy_in_mujoco.py": ["hands", "--tasks", "S08", "S11", "--rooms", "1", "--steps", "100", "--program", DRIVE],
+    "policy_in_mujoco.py": [
+        "hands",
+        "--tasks",
+        "S08",
+        "S11",
+        "--rooms",
+        "1",
+        "--steps",
+        "100",
+        "--impratio",
+        "100",
+        "--program",
+        DRIVE,
+    ],
 }
 
 

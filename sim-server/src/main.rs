@@ -64,7 +64,7 @@ struct Export {
     /// Length of a physics step, s.
     #[arg(long, default_value_t = 0.005, value_parser = timestep)]
     timestep: f64,
-    /// Keep MuJoCo's default integrator and friction pyramids, with the drives' damping as passive joint damping. Effort
+    /// Keep MuJoCo's default integrator, friction pyramids and `impratio`, with the drives' damping as passive joint damping. Effort
     /// limits then clamp the stiffness only.
     #[arg(long)]
     mujoco_defaults: bool,

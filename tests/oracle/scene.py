@@ -50,6 +50,8 @@ class Scene:
         """Loads an MJCF file. Any warning is an error."""
         WARNINGS.clear()
         scene = cls(mujoco.MjModel.from_xml_path(str(path)))
+        # Fixtures and times are of MuJoCo's default, where they do not say otherwise.
+        scene.m.opt.impratio = 1.0
         scene.d.qvel[:] = scene.m.key_qvel[0]
         mujoco.mj_forward(scene.m, scene.d)
         if WARNINGS:

@@ -24,12 +24,16 @@ pub use scene::{ExportError, ExportScene};
 /// Stands for an infinite joint limit if the other one is finite, rad: MJCF has no one-sided ranges.
 const NO_LIMIT: f64 = 1e6;
 
+/// MuJoCo's `impratio`: how much stiffer friction is than the normal force. At its default of 1 a held bulb creeps out of
+/// the hand.
+const IMPRATIO: f64 = 100.0;
+
 /// Which of MuJoCo's options for friction and damping to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OptionSet {
-    /// The closest to ours: true friction cones, and damping in the drive, so that the effort limit clamps stiffness
-    /// and damping together. That needs the integrator `implicitfast`, because an explicit damper would shake links of
-    /// a few grams apart.
+    /// The closest to ours: true friction cones, stiff friction, and damping in the drive, so that the effort limit clamps
+    /// stiffness and damping together. That needs the integrator `implicitfast`, because an explicit damper would shake
+    /// links of a few grams apart.
     #[default]
     Nearest,
     /// MuJoCo's defaults: friction pyramids, and passive damping in the joint, which the default integrator treats
@@ -147,7 +151,9 @@ impl Writer<'_> {
         let gravity = numbers(self.model.gravity().as_slice());
         let mut option: Vec<Attribute> = vec![("timestep", &self.options.timestep), ("gravity", &gravity)];
         if self.options.option_set == OptionSet::Nearest {
-            option.extend([("integrator", &"implicitfast" as &dyn Display), ("cone", &"elliptic")]);
+            let laws: [Attribute; 3] =
+                [("integrator", &"implicitfast"), ("cone", &"elliptic"), ("impratio", &IMPRATIO)];
+            option.extend(laws);
         }
         self.xml.leaf("option", &option);
     }
