@@ -68,6 +68,7 @@ def main():
     parser.add_argument(
         "--impratio", nargs="+", type=float, default=[1.0, 100.0], help="values for each of MuJoCo's cones"
     )
+    parser.add_argument("--time-constant", type=float, help="of MuJoCo's contacts, s [default: its own, 0.02]")
     parser.add_argument("--program", help="the example `drive`, built")
     parser.add_argument("--each", action="store_true", help="also print each episode")
     parser.add_argument("--json", action="store_true")
@@ -83,7 +84,9 @@ def main():
             worlds[name] = Fiatlux
         else:
             for ratio in args.impratio:
-                worlds[f"{name} {ratio:g}"] = functools.partial(Mujoco, nearest=name == "elliptic", impratio=ratio)
+                worlds[f"{name} {ratio:g}"] = functools.partial(
+                    Mujoco, nearest=name == "elliptic", impratio=ratio, time_constant=args.time_constant
+                )
     for task in args.tasks:
         report[task] = {}
         for name, world in worlds.items():
@@ -160,12 +163,14 @@ class Fiatlux:
 class Mujoco:
     """The exported start state of a room."""
 
-    def __init__(self, task, room, session, nearest, impratio):
+    def __init__(self, task, room, session, nearest, impratio, time_constant):
         ours = Fiatlux(task, room, session)
         self.fixed = ours.seen()
         self.model = mujoco.MjModel.from_xml_string(ours.env.to_mjcf(nearest))
         ours.env.close()
         self.model.opt.impratio = impratio
+        if time_constant is not None:
+            self.model.geom_solref[:] = [time_constant, 1.0]
         self.task, self.data, self.noise = task, mujoco.MjData(self.model), np.random.default_rng(room)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         body = {self.model.body(index).name: index for index in range(self.model.nbody)}
