@@ -39,10 +39,11 @@ fn it_puts_the_bulb_into_the_crate() {
     assert!(lowest < 0.5, "{lowest} m");
 }
 
-/// Below a ceiling and in front of a wall it puts the bulb into the socket, lets go, and does not press it hard.
+/// Below a ceiling and in front of a wall it puts the bulb into the socket, lets go, and does not press it hard. In room 1016, a way that
+/// lets the bulb near the fixture strikes it; in 1020, the arm does not reach where the hand goes first, and the palm stays at the glass.
 #[test]
 fn it_puts_the_bulb_into_the_socket() {
-    changes_the_bulb(Task::S11, &[1000, 1003]);
+    changes_the_bulb(Task::S11, &[1000, 1003, 1016, 1020], 15.0, 40.0);
 }
 
 /// It takes the spent bulb out, and keeps it in a grip that strict accepts. In room 232 the thumb pushes the glass out of fingers that are
@@ -50,14 +51,15 @@ fn it_puts_the_bulb_into_the_socket() {
 /// bulb out of the socket unless the hand closes where the palm feels it.
 #[test]
 fn it_takes_the_bulb_out_of_the_socket() {
-    changes_the_bulb(Task::S03, &[1015, 232, 242, 30]);
+    changes_the_bulb(Task::S03, &[1015, 232, 242, 30], 30.0, 30.0);
 }
 
-fn changes_the_bulb(task: Task, rooms: &[u64]) {
+fn changes_the_bulb(task: Task, rooms: &[u64], max_force: f64, max_seconds: f64) {
     for &seed in rooms {
         let ended = play::play(task, seed, Hands::new().unwrap(), &Changes::default(), |_| ()).unwrap();
         assert!(ended.cause == Cause::Success && !ended.is_spoilt, "room {seed}: {:?}, {}", ended.cause, ended.phase);
-        assert!(ended.later_peak < 30.0 && ended.seconds < 30.0, "room {seed}: {} N", ended.later_peak);
+        let (force, seconds) = (ended.later_peak, ended.seconds);
+        assert!(force < max_force && seconds < max_seconds, "room {seed}: {force} N, {seconds} s");
         assert!(ended.penetration < 0.005, "room {seed}: {} m", ended.penetration);
     }
 }

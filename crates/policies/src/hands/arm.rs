@@ -80,8 +80,8 @@ pub(super) struct RightArm {
     pub qpos: Vec<usize>,
     q0: Vec<f64>,
     pub limits: Vec<[f64; 2]>,
-    /// Shapes that are kept apart, all of them, and those without what touches while the hand holds the bulb, or the socket does.
-    pub pairs: [Vec<(ShapeId, ShapeId)>; 2],
+    /// Shapes that are kept apart, in the order of [`Apart`].
+    pub pairs: [Vec<(ShapeId, ShapeId)>; 3],
     /// Pairs of trunk, head and other arm with what surrounds the robot.
     pub body_pairs: Vec<(ShapeId, ShapeId)>,
     /// Height of what the robot stands on, and the middle between its feet, m.
@@ -133,7 +133,7 @@ impl RightArm {
         let ids = placed.ids(&model).map_err(PolicyError::of("hands"))?;
         let site = RobotSite { name: HAND.into(), link, link_from_site: Isometry3::identity() };
         let bodies: Vec<_> = ids.joints[ARM].iter().map(|ids| ids.body).collect();
-        let [all, apart, body_pairs] = pairs(
+        let [all, carrying, apart, body_pairs] = pairs(
             &model,
             [0, LEGS / 2].map(|joint| ids.joints[joint].body),
             ids.joints[ARM.start].body,
@@ -156,7 +156,7 @@ impl RightArm {
             mechanics: Mechanics::new(&model),
             root: ids.root,
             soles,
-            pairs: [all, apart],
+            pairs: [all, carrying, apart],
             body_pairs,
             floor: 0.0,
             middle: Vector3::zeros(),
@@ -435,6 +435,17 @@ fn pose_of(qpos: &[f64]) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(x, y, z).into(), turned)
 }
 
+/// What the arm is kept apart from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Apart {
+    /// All that surrounds it.
+    All,
+    /// The same, while the hand holds the bulb.
+    Carrying,
+    /// The same, while the socket may hold the bulb, too.
+    Working,
+}
+
 /// Closure of a finger.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Finger {
@@ -469,9 +480,9 @@ pub(super) const STRAIGHT: f64 = 1.57;
 /// Strength with which joints are pulled to their rest angles.
 const REST_PULL: f64 = 0.1;
 
-/// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand; then those without
-/// a bulb that touches the hand or the socket; then those of the world and of neither this arm nor the legs.
-fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 3] {
+/// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand, in the order of
+/// [`Apart`]; then those of the world and of neither this arm nor the legs.
+fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 4] {
     let is_below = |mut body: BodyId, above: BodyId| {
         while body != above && body != BodyId::WORLD {
             body = model.bodies()[body.0].spec.parent;
@@ -488,17 +499,17 @@ fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [V
     };
     let all: Vec<_> = model.shape_pairs().filter(own).collect();
     let is_socket = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(SOCKET_NAME);
-    let touches = |&(a, b): &(ShapeId, ShapeId)| {
-        let meets = |bulb: ShapeId, other: ShapeId| is_bulb(bulb) && (is_hand(other) || is_socket(other));
-        meets(a, b) || meets(b, a)
+    let meets = |(a, b): (ShapeId, ShapeId), is_other: &dyn Fn(ShapeId) -> bool| {
+        is_bulb(a) && is_other(b) || is_bulb(b) && is_other(a)
     };
-    let apart = all.iter().copied().filter(|pair| !touches(pair)).collect();
+    let carrying: Vec<_> = all.iter().copied().filter(|pair| !meets(*pair, &is_hand)).collect();
+    let working = carrying.iter().copied().filter(|pair| !meets(*pair, &is_socket)).collect();
     let is_body = |shape: ShapeId| {
         body(shape) != BodyId::WORLD && !moves(shape) && legs.iter().all(|leg| !is_below(body(shape), *leg))
     };
     let of_body =
         |&(a, b): &(ShapeId, ShapeId)| body(a) == BodyId::WORLD && is_body(b) || body(b) == BodyId::WORLD && is_body(a);
-    [all, apart, model.shape_pairs().filter(of_body).collect()]
+    [all, carrying, working, model.shape_pairs().filter(of_body).collect()]
 }
 
 /// Turn about the vertical of a pose's x axis, rad.

@@ -25,9 +25,17 @@ const ARRIVED: f64 = 0.002;
 #[serde(deny_unknown_fields)]
 struct Params {
     lean: Lean,
+    hold: Option<Holding>,
     align: Align,
     insert: Inserting,
     open: Opening,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Holding {
+    torque: f64,
+    settle: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -67,7 +75,7 @@ struct Opening {
     relax: f64,
     time: f64,
     hold: f64,
-    back: [f64; 3],
+    back: Vec<[f64; 3]>,
     speed: f64,
     wait: f64,
     open: Angles,
@@ -199,6 +207,24 @@ fn way_in(
     Ok(stance)
 }
 
+/// Where the hand goes from a pose: by the first of these moves that the arm reaches, or by the one that it reaches best.
+fn way_out(arm: &mut RightArm, from: &Isometry3<f64>, moves: &[[f64; 3]]) -> Result<Isometry3<f64>, PolicyError> {
+    let angles = arm.angles();
+    let mut best = (f64::INFINITY, *from);
+    for change in moves {
+        let away = from * Translation3::from(*change);
+        let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: away, free: None };
+        let (_, error) = arm.find(false, &goal, &angles, 1)?;
+        if error < best.0 {
+            best = (error, away);
+        }
+        if error < ARRIVED {
+            break;
+        }
+    }
+    Ok(best.1)
+}
+
 impl Skill for Insert {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
@@ -276,10 +302,12 @@ impl Skill for Insert {
                 } else {
                     let opening = CONTROL_DT / open.time;
                     self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
-                    (elapsed > open.time + open.hold).then(|| {
-                        self.goal *= Translation3::from(open.back);
-                        Phase::Retreat
-                    })
+                    if elapsed > open.time + open.hold {
+                        self.goal = way_out(arm, &self.goal, &open.back)?;
+                        Some(Phase::Retreat)
+                    } else {
+                        None
+                    }
                 }
             }
             Phase::Retreat => {
@@ -290,7 +318,10 @@ impl Skill for Insert {
         };
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phase != Phase::Done);
-        if matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done) {
+        let is_opening = matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done);
+        if is_opening || params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
+            let torque = params.hold.as_ref().map(|hold| hold.torque);
+            self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
             arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
         }
         if let Some(next) = next {

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
-use super::arm::{ARM, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, heading};
+use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, heading};
 
 /// Angles of the arm from the shoulder down, rad.
 pub(super) type ArmAngles = [f64; ARMS / 2];
@@ -113,12 +113,11 @@ impl RightArm {
         angles.iter().zip(&self.limits[ARM]).map(room).fold(bent, f64::min)
     }
 
-    /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`]. With `touching`, the bulb may touch the hand
-    /// and the socket.
-    pub fn gap(&mut self, angles: &ArmAngles, touching: bool) -> f64 {
+    /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`].
+    pub fn gap(&mut self, angles: &ArmAngles, apart: Apart) -> f64 {
         self.set(angles);
         self.mechanics.update(&self.model, &self.state);
-        let pairs = &self.pairs[usize::from(touching)];
+        let pairs = &self.pairs[apart as usize];
         self.mechanics.nearest_pair(&self.model, pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
@@ -135,7 +134,7 @@ impl RightArm {
         commands: &[BodyCommand],
         [from, to]: [&ArmAngles; 2],
         margin: f64,
-        touching: bool,
+        apart: Apart,
     ) -> Option<ArmAngles> {
         let mut random = Pcg64Mcg::new(2);
         let far = |a: &ArmAngles, b: &ArmAngles| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>();
@@ -159,7 +158,7 @@ impl RightArm {
             }
             let is_clear = commands.iter().all(|command| {
                 self.assume(command, &angles);
-                self.gap(&angles, touching) > margin
+                self.gap(&angles, apart) > margin
             });
             if is_clear {
                 best = Some((distance, angles));
@@ -170,12 +169,12 @@ impl RightArm {
 
     /// A way between two postures on which the gaps stay above `margin`, m, or near its ends above theirs; as corners, the ends
     /// included. None is found where the search ends before.
-    pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, touching: bool) -> Option<Vec<ArmAngles>> {
-        let ends = [from, to].map(|end| (*end, self.gap(end, touching) - 1e-3));
+    pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, apart: Apart) -> Option<Vec<ArmAngles>> {
+        let ends = [from, to].map(|end| (*end, self.gap(end, apart) - 1e-3));
         // What the hand holds begins close to what is around.
-        let usual = if touching { margin.min(ends[0].1).min(ends[1].1) } else { margin };
+        let usual = if apart == Apart::Carrying { margin.min(ends[0].1).min(ends[1].1) } else { margin };
         let margin = &Margin { usual, ends };
-        if self.is_clear(from, to, margin, touching) {
+        if self.is_clear(from, to, margin, apart) {
             return Some(vec![*from, *to]);
         }
         let mut random = Pcg64Mcg::new(1);
@@ -188,7 +187,7 @@ impl RightArm {
             });
             let (node, _) = nearest(&trees[grows], &sample);
             let grown = towards(&trees[grows][node].0, &sample, STEP);
-            if !self.is_clear(&trees[grows][node].0, &grown, margin, touching) {
+            if !self.is_clear(&trees[grows][node].0, &grown, margin, apart) {
                 continue;
             }
             trees[grows].push((grown, node));
@@ -196,7 +195,7 @@ impl RightArm {
             loop {
                 let last = trees[other][node].0;
                 let next = towards(&last, &grown, STEP);
-                if !self.is_clear(&last, &next, margin, touching) {
+                if !self.is_clear(&last, &next, margin, apart) {
                     break;
                 }
                 trees[other].push((next, node));
@@ -208,20 +207,20 @@ impl RightArm {
                     let [mut way, back] = halves;
                     way.reverse();
                     way.extend(back.into_iter().skip(1));
-                    return Some(self.shorten(way, margin, touching, &mut random));
+                    return Some(self.shorten(way, margin, apart, &mut random));
                 }
             }
         }
         None
     }
 
-    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: &Margin, touching: bool) -> bool {
+    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: &Margin, apart: Apart) -> bool {
         let length = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let count = libm::ceil(length / CHECK).max(1.0);
         (1..=count as usize).all(|index| {
             let share = index as f64 / count;
             let angles = std::array::from_fn(|joint| from[joint] + share * (to[joint] - from[joint]));
-            self.gap(&angles, touching) > margin.at(&angles)
+            self.gap(&angles, apart) > margin.at(&angles)
         })
     }
 
@@ -229,7 +228,7 @@ impl RightArm {
         &mut self,
         mut way: Vec<ArmAngles>,
         margin: &Margin,
-        touching: bool,
+        apart: Apart,
         random: &mut Pcg64Mcg,
     ) -> Vec<ArmAngles> {
         for _ in 0..SHORTCUTS {
@@ -245,7 +244,7 @@ impl RightArm {
                 std::array::from_fn(|joint| way[leg][joint] + share * (way[leg + 1][joint] - way[leg][joint]))
             };
             let (first, last) = (at(low), at(high));
-            if low as usize == high as usize || !self.is_clear(&first, &last, margin, touching) {
+            if low as usize == high as usize || !self.is_clear(&first, &last, margin, apart) {
                 continue;
             }
             let mut shorter = way[..=low as usize].to_vec();

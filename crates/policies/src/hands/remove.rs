@@ -9,7 +9,7 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm, ToolGoal};
+use super::arm::{Angles, Apart, FINGERS, Finger, RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::room::GLASS;
 use super::skill::{Seen, Skill, TOUCHED, parameters};
@@ -188,7 +188,7 @@ fn way(
         postures: vec![angles],
         world_from_hand: around,
         room: arm.room(&angles),
-        gap: arm.body_gap().min(arm.gap(&angles, true)),
+        gap: arm.body_gap().min(arm.gap(&angles, Apart::Working)),
         error,
     };
     let back = Vector3::from(grasp.back);
@@ -200,7 +200,7 @@ fn way(
         now = stance.go_on(arm, &goal, &now)?;
         stance.postures.push(now);
     }
-    stance.gap = stance.gap.min(arm.gap(&now, false));
+    stance.gap = stance.gap.min(arm.gap(&now, Apart::All));
     stance.postures.reverse();
     let mut now = angles;
     let steps = libm::ceil(out / CHECKED);

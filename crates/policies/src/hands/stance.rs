@@ -8,7 +8,7 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::arm::{RightArm, ToolGoal};
+use super::arm::{Apart, RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::skill::Seen;
 
@@ -195,7 +195,7 @@ impl Stance {
         let (angles, error) = arm.reach(goal, from, 1)?;
         self.error = self.error.max(error);
         self.room = self.room.min(arm.room(&angles));
-        self.gap = self.gap.min(arm.gap(&angles, true));
+        self.gap = self.gap.min(arm.gap(&angles, Apart::Working));
         Ok(angles)
     }
 
@@ -297,7 +297,7 @@ impl Taking {
                 arm.rest_at(&middle)?;
                 let way = MARGINS
                     .into_iter()
-                    .find_map(|share| arm.way(&from, &stance.postures[0], share * self.lean.margin, self.holds));
+                    .find_map(|share| arm.way(&from, &stance.postures[0], share * self.lean.margin, self.apart()));
                 let command = stance.command;
                 self.stance = Some(stance);
                 match way {
@@ -363,11 +363,16 @@ impl Taking {
         let (from, to) = (arm.angles(), stance.postures[0]);
         let stances = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| between(&self.before, &stance.command, share));
         let mut margins = [1.0, 0.5, 0.2].into_iter().map(|share| share * self.lean.clear);
-        let haven = margins.find_map(|margin| arm.haven(&stances, [&from, &to], margin, self.holds)).unwrap_or(from);
+        let haven = margins.find_map(|margin| arm.haven(&stances, [&from, &to], margin, self.apart())).unwrap_or(from);
         arm.assume(&self.before, &from);
-        let mut way = arm.way(&from, &haven, self.lean.margin, self.holds).unwrap_or_default();
+        let mut way = arm.way(&from, &haven, self.lean.margin, self.apart()).unwrap_or_default();
         way.reverse();
         way
+    }
+
+    /// What its ways keep the arm apart from.
+    fn apart(&self) -> Apart {
+        if self.holds { Apart::Carrying } else { Apart::All }
     }
 
     /// Moves the arm along the way; true at its end.
