@@ -31,7 +31,7 @@ PLACE_RANGE = 0.05
 """Change of the place at an action of 1, m."""
 NEAR, FAR = 0.04, 0.09
 """The robot steps where it is farther from its place than the second number, until it is nearer than the first, m."""
-SPEED, LEAST_SPEED, TURN_GAIN = 0.2, 0.1, 1.0
+SPEED, MIN_SPEED, TURN_GAIN = 0.2, 0.1, 1.0
 """Of the steps, m/s, and rate of turning for an error of the heading, 1/s."""
 HEIGHT = 0.77
 """Of the pelvis, m."""
@@ -193,13 +193,13 @@ class HandActions:
         apart = self._flat() - self.place - PLACE_RANGE * self.last[:, 8:10]
         distance = np.linalg.norm(apart, axis=1)
         self.steps = np.where(self.steps, distance > NEAR, distance > FAR) & ~self._is_low()
-        speed = np.clip(distance, LEAST_SPEED, SPEED) / np.maximum(distance, 1e-9)
+        speed = np.clip(distance, MIN_SPEED, SPEED) / np.maximum(distance, 1e-9)
         turned = (self.heading - seen["heading"] + np.pi) % (2 * np.pi) - np.pi
         velocity = np.concatenate((apart * speed[:, None], TURN_GAIN * turned[:, None]), axis=1)
         return np.where(self.steps[:, None], velocity, 0.0)
 
     def _is_low(self) -> NDArray[np.bool_]:
-        """Whether the palm is not clear of the bench's top."""
+        """True where the palm is not clear of the bench's top."""
         low: NDArray[np.bool_] = self.seen["palm_height"] < self.height + CLEARANCE
         return low
 
@@ -248,7 +248,7 @@ class HandActions:
         return targets
 
     def features(self) -> NDArray[np.float32]:
-        """What the policy sees of the last observation, worlds x numbers."""
+        """The policy's view of the last observation, worlds x numbers."""
         seen = self.seen
         goal = rotate(conjugate(seen["turn"]), self.goal[:, :3] - seen["pelvis"]) - seen["palm"]
         turn = to_vector(multiply(multiply(conjugate(seen["turn"]), self.goal[:, 3:]), conjugate(seen["palm_turn"])))

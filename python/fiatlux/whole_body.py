@@ -280,7 +280,7 @@ class WholeBodies:
         return array
 
     def _sensed(self, sensed: ArrayLike) -> tuple[NDArray[np.float64], int]:
-        """What is sensed, and the number of joints in it."""
+        """The sensed quantities, and the number of joints in it."""
         numbers = np.ascontiguousarray(sensed, np.float64)
         joints, rest = divmod(numbers.shape[-1] - 10, 2)
         if numbers.shape != (self.num_envs, 10 + 2 * joints) or rest or joints < LEGS_AND_WAIST + ARMS:

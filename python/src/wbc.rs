@@ -228,7 +228,7 @@ impl WholeBodies {
     }
 }
 
-/// What is sensed in a world, in the order of `Proprioception`.
+/// Sensed quantities of a world, in the order of `Proprioception`.
 fn sensed_of(sensed: &[f64], world: usize, joints: usize) -> Sensed<'_> {
     let numbers = &sensed[world * (10 + 2 * joints)..][..10 + 2 * joints];
     let three = |at: usize| std::array::from_fn(|axis| numbers[at + axis]);

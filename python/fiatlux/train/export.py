@@ -16,11 +16,11 @@ from .ppo import FIRST_ROOM, worlds_of
 from .run import kind_of, load_checkpoint, settings_of
 from .symmetry import FIELDS, _join
 from .walk import models
-from .worlds import LEAST_DEVIATION, WalkingWorlds
+from .worlds import MIN_DEVIATION, WalkingWorlds
 
 FRAMES = 4
 CLIMBER_EPS = 1e-2
-"""What RSL-RL adds to each deviation of an observation where nothing else is asked for."""
+"""RSL-RL adds this to each deviation of an observation where nothing else is asked for."""
 POLICY = [name for name in FIELDS if not name.startswith("privileged.")]
 
 
@@ -129,7 +129,7 @@ def _hand(state: dict[str, Any], hardware: str) -> Exported:
         "training": _training(settings, progress, hardware),
     }
     play = 'fiatlux.evaluate(fiatlux.HandPolicy("{}"), tasks=["S08"])'
-    return _layers(state["ppo"]["actor_state_dict"], LEAST_DEVIATION), json.dumps(contract), play
+    return _layers(state["ppo"]["actor_state_dict"], MIN_DEVIATION), json.dumps(contract), play
 
 
 def _climber(state: dict[str, Any], hardware: str) -> Exported:

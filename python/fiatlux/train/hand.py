@@ -17,14 +17,14 @@ from ..whole_body import ARMS, LEGS_AND_WAIST
 from .ppo import FIRST_ROOM, FIRST_TEST_ROOM
 from .run import CONTROL_DT, GROUPS, Run
 from .settings import Hand
-from .worlds import LEAST_DEVIATION, Worlds
+from .worlds import MIN_DEVIATION, Worlds
 
 GLASS = 0.1531
 """Height of the glass's centre above the bulb's origin, m."""
 SUCCESS, FAILURE = 10.0, -2.0
-"""What an episode's end pays."""
+"""Rewards of an episode's end."""
 TIME, EFFORT = -0.01, -0.001
-"""What a decision costs, and the square of each of its numbers."""
+"""Cost of a decision, and of the square of each of its numbers."""
 LOOKS = 40
 """Decisions by which the scales of the observation are found before the first iteration."""
 TEST_EPISODES, TEST_STEPS = 64, 1500
@@ -37,7 +37,7 @@ STAGES = ("near", "gripped", "lifted")
 
 
 def grasp(demonstrations: Sequence[tuple[int, Sequence[Mapping[str, Any]]]]) -> dict[str, Any]:
-    """What there is to be known of hand and bulb: the closed hand of the start of S09, which has the bulb in the hand, and how the
+    """All that is to be known of hand and bulb: the closed hand of the start of S09, which has the bulb in the hand, and how the
     palm grasps the bulb as the demonstrations begin to lift it."""
     held = VectorEnv("S09", 1, seeds=[FIRST_ROOM], num_threads=1)
     closed = held.row(0)["joint_target"]
@@ -99,7 +99,7 @@ def demonstrated(folder: str, rooms: Sequence[int], last_s: float, every: int = 
 
 
 def potential(hand: HandActions) -> tuple[NDArray[np.float64], dict[str, NDArray[np.bool_]]]:
-    """How far a take has come, and which stages hold."""
+    """Progress of a take, and the stages that hold."""
     seen = hand.seen
     apart = seen["centre"] - hand.centre
     distance, turned = np.linalg.norm(apart, axis=1), np.linalg.norm(seen["twist"], axis=1)
@@ -226,7 +226,7 @@ def models(worlds: HandWorlds, settings: Hand) -> tuple[MLPModel, MLPModel]:
         **common,
     )
     critic = MLPModel(worlds.observation, GROUPS, "critic", 1, hidden_dims=list(settings.critic), **common)
-    actor.obs_normalizer.eps = critic.obs_normalizer.eps = LEAST_DEVIATION
+    actor.obs_normalizer.eps = critic.obs_normalizer.eps = MIN_DEVIATION
     return actor, critic
 
 

@@ -11,8 +11,8 @@ from tensordict import TensorDict
 from ..vector import VectorEnv, WalkingVectorEnv
 from .symmetry import Mirror, columns
 
-LEAST_DEVIATION, LEAST_FORCE = 0.05, 10.0
-"""What is added to the deviation by which a number of the observation is divided, and to that of a force, N."""
+MIN_DEVIATION, MIN_FORCE = 0.05, 10.0
+"""Added to the deviation by which a number of the observation is divided, and to that of a force, N."""
 
 
 class Worlds:
@@ -55,9 +55,9 @@ class TaskWorlds(Worlds):
         known = [place for name, place in places.items() if not name.startswith("verdict.")]
         super().__init__(env, {"policy": np.concatenate(sensed), "critic": np.concatenate(known)}, device)
         # A force that was never felt would else count as hundreds of deviations when it is.
-        floor = np.full(self.numbers.shape[1], LEAST_DEVIATION, np.float32)
+        floor = np.full(self.numbers.shape[1], MIN_DEVIATION, np.float32)
         for name, index in places.items():
-            floor[index] = LEAST_FORCE if "contact" in name else LEAST_DEVIATION
+            floor[index] = MIN_FORCE if "contact" in name else MIN_DEVIATION
         self.floors = {name: torch.as_tensor(floor, device=device)[index] for name, index in self._columns.items()}
 
 

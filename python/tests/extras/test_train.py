@@ -308,7 +308,7 @@ def test_a_policy_of_the_hand_is_trained_resumed_tested_and_exported(tmp_path, m
 
 
 class Learner:
-    """What the learning rate of a run is adjusted in."""
+    """The part of an algorithm whose learning rate a run adjusts."""
 
     learning_rate = 1e-3
 

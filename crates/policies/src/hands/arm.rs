@@ -435,7 +435,7 @@ fn pose_of(qpos: &[f64]) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(x, y, z).into(), turned)
 }
 
-/// What the arm is kept apart from.
+/// Shapes from which the arm is kept apart.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Apart {
     /// All that surrounds it.

@@ -158,7 +158,7 @@ pub(super) struct Grab {
     turning: bool,
     /// Turn of the fingers from straight ahead, to the left, rad.
     turn: f64,
-    /// How the hand takes a bulb that lies: its turn as for one that stands, its roll about the fingers from palm down, and how far
+    /// The grasp of a bulb that lies: the hand's turn as for one that stands, its roll about the fingers from palm down, and how far
     /// the fingers point down, rad; none where it stands.
     from_above: Option<[f64; 3]>,
     /// Where the robot looked first, rad, and keeps looking.

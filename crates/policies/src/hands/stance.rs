@@ -93,7 +93,7 @@ pub(super) struct Taking {
     /// Where the way to the first posture began.
     reaches_from: ArmAngles,
     leans_since: f64,
-    /// How far the robot has gone from `before` to the stance: 0 to 1.
+    /// Part of the way that the robot has gone from `before` to the stance: 0 to 1.
     bent: f64,
     changes: u32,
     /// Number of times that the arm was held up.
@@ -375,7 +375,7 @@ impl Taking {
         way
     }
 
-    /// What its ways keep the arm apart from.
+    /// Shapes from which its ways keep the arm apart.
     fn apart(&self) -> Apart {
         if self.holds { Apart::Carrying } else { Apart::All }
     }
