@@ -34,6 +34,7 @@ struct Params {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Holding {
+    felt: f64,
     torque: f64,
     settle: f64,
 }
@@ -119,6 +120,8 @@ pub(super) struct Insert {
     /// Where the hand is wanted once the bulb is seated.
     goal: Isometry3<f64>,
     fingers: [Finger; FINGERS.len()],
+    /// The grip is loosened, since at first it presses hard.
+    loosens: Option<bool>,
 }
 
 impl Insert {
@@ -135,6 +138,7 @@ impl Insert {
             deepest: (0.0, 0.0),
             goal: Isometry3::identity(),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
+            loosens: None,
             params,
         })
     }
@@ -319,7 +323,9 @@ impl Skill for Insert {
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phase != Phase::Done);
         let is_opening = matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done);
-        if is_opening || params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
+        let presses = |hold: &Holding| seen.force.iter().any(|force| *force > hold.felt);
+        let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
+        if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
             let torque = params.hold.as_ref().map(|hold| hold.torque);
             self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
             arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
