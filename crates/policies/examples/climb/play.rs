@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Vector3};
 #[path = "../game/mod.rs"]
 mod game;
 
-use game::{Game, Start, push_towards};
+use game::{Game, SPREAD, Start, push_towards};
 
 /// Speed of a joint from which physics steps are looked at one by one, rad/s.
 const FAST: f64 = 10.0;
@@ -21,8 +21,8 @@ const FAST: f64 = 10.0;
 const TOUCH: f64 = 0.1;
 /// Parts of a limit that are told apart.
 const BINS: usize = 1000;
-/// A multiple of the golden angle and of the golden ratio spreads directions and times over the rooms.
-const SPREAD: [f64; 2] = [2.399_963, 0.618_034];
+/// The golden ratio: multiples of it spread times and masses over the rooms.
+const RATIO: f64 = 0.618_034;
 
 /// Differences of an episode from the benchmark's.
 #[derive(Debug, Clone, Default)]
@@ -160,7 +160,7 @@ fn variation(scene: &Scene, seed: u64, changes: &Changes) -> Variation {
     }
     if changes.mass != 0.0 || changes.masses != 0.0 {
         for (index, ids) in scene.robot_ids.links.iter().enumerate() {
-            let drawn = (SPREAD[1] * (1 + seed * 61 + index as u64) as f64).fract();
+            let drawn = (RATIO * (1 + seed * 61 + index as u64) as f64).fract();
             let mass = 1.0 + changes.mass + changes.masses * (2.0 * drawn - 1.0);
             variation.bodies.push((ids.body, BodyVariation { mass, ..BodyVariation::default() }));
         }
@@ -230,10 +230,10 @@ pub fn play(
                 loads,
             });
         }
-        let part = (SPREAD[1] * (seed + 1) as f64).fract();
+        let part = (RATIO * (seed + 1) as f64).fract();
         let due = climbing[0] + part * (climbing[1] - climbing[0]);
         let is_due = !is_pushed && game.seconds() > due;
-        let push = changes.push.filter(|_| is_due).map(|speed| push_towards(SPREAD[0] * seed as f64, speed));
+        let push = changes.push.filter(|_| is_due).map(|speed| push_towards(SPREAD * seed as f64, speed));
         is_pushed |= is_due;
         let mut state = game.world.state().clone();
         seen = game.step(&mut climb, &seen, push)?;

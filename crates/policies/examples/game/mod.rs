@@ -126,6 +126,9 @@ pub fn session(task: Task, scene: &Scene) -> SessionInfo {
     }
 }
 
+/// The golden angle, rad: multiples of it spread directions over the rooms.
+pub const SPREAD: f64 = 2.399_963;
+
 /// A push of the whole robot to a side, m/s and rad.
 pub fn push_towards(angle: f64, speed: f64) -> Push {
     Push { linear: speed * Vector3::new(angle.cos(), angle.sin(), 0.0), angular: Vector3::zeros() }

@@ -10,12 +10,10 @@ use fiatlux_world::{ShapeOwner, World};
 #[path = "../game/mod.rs"]
 mod game;
 
-use game::{Game, Start, push_towards};
+use game::{Game, SPREAD, Start, push_towards};
 
 /// Control steps from the first entry into a phase to a push.
 const UNTIL_PUSH: u64 = 100;
-/// The golden angle spreads directions over the rooms.
-const SPREAD: f64 = 2.399_963;
 
 /// Differences of an episode from the benchmark's.
 #[derive(Debug, Clone, Default)]
