@@ -32,7 +32,7 @@ for extra in "${extras[@]}"; do
         ray) tests=(extras/test_ray.py) ;;
         lerobot) tests=(extras/test_lerobot.py) ;;
         mujoco) tests=(test_benchmarks.py test_planning.py) ;;
-        assets) tests=(extras/test_assets.py) ;;
+        assets) tests=(extras/test_assets.py extras/test_formats.py) ;;
         *)
             echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco, assets" >&2
             exit 2

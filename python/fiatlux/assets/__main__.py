@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .error import AssetError
+from .files import read_text
 
+MAX_MJCF_BYTES = 1 << 26
 EXAMPLES = """examples:
   python -m fiatlux.assets build crate.glb --out crate --role crate --size 0.6 --mass 1.5
   python -m fiatlux.assets verify crate
@@ -150,6 +152,8 @@ def show(out: Path, done: dict[str, Any]) -> None:
     print(
         f"{out}: {size} m, {done['mass_kg']:.4g} kg, {done['links']} links, {pieces} pieces, digest {done['digest'][:12]}"
     )
+    if done["not_read"]:
+        print(f"{out}: not read, of the look alone: {', '.join(done['not_read'])}", file=sys.stderr)
 
 
 def run_verify(given: argparse.Namespace) -> int:
@@ -210,8 +214,8 @@ def run_scene(given: argparse.Namespace) -> None:
 
     if given.mjcf is not None:
         try:
-            model = sys.stdin.read() if str(given.mjcf) == "-" else given.mjcf.read_text()
-        except (OSError, UnicodeDecodeError) as error:
+            model = sys.stdin.read() if str(given.mjcf) == "-" else read_text(given.mjcf, MAX_MJCF_BYTES)
+        except UnicodeDecodeError as error:
             raise AssetError(f"{given.mjcf}: {error}") from error
     else:
         from fiatlux import Env

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,11 +11,14 @@ import numpy as np
 import tomllib
 
 from .error import AssetError
+from .files import read_text
 
 KINDS = ("revolute", "prismatic", "fixed")
 #: Density of a part that names none, kg/m^3, and the range of densities; the published pipeline has the same.
 DENSITY = 1500.0
 DENSITIES = (20.0, 12000.0)
+#: Largest TOML, URDF or JSON, bytes.
+MAX_BYTES = 1 << 22
 #: Names of parts and joints become names of prims, bodies and files.
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 
@@ -38,12 +39,28 @@ class Joint:
 
 
 @dataclass
+class Inertial:
+    """Mass distribution that a file gives: kg, m and kg m^2, in the axes of the object's mesh."""
+
+    mass: float
+    com: np.ndarray
+    #: About the centre of mass, 3 x 3.
+    inertia: np.ndarray
+
+
+@dataclass
 class PartSource:
     name: str
     mesh: Path
     density: float | None = None
     #: From the frame of the mesh file to that of the object, in its axes and units.
     offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    #: Of the mesh, along its axes; below 0 it mirrors.
+    scale: np.ndarray = field(default_factory=lambda: np.ones(3))
+    #: In place of the mesh's own colour, linear.
+    color: tuple[float, float, float] | None = None
+    #: None takes mass and inertia from the volume.
+    inertial: Inertial | None = None
 
 
 @dataclass
@@ -75,16 +92,16 @@ def read(path: Path) -> Articulation:
         AssetError: A part or joint is missing, wrong, or part of a loop.
     """
     if path.suffix == ".urdf":
-        try:
-            return checked(_urdf(path), path)
-        except AssetError:
-            raise
-        except ValueError as error:
-            raise AssetError(f"{path}: a number cannot be read: {error}") from error
+        from . import urdf
+
+        return checked(urdf.read(path), path)
+    text = read_text(path, MAX_BYTES)
     try:
-        document = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise AssetError(f"{path}: {error}") from error
+    except RecursionError as error:
+        raise AssetError(f"{path}: its brackets nest too deep; write parts and joints as tables") from error
     _known(document, {"parts", "joints"}, str(path))
     parts = [_part(table, path, index) for index, table in enumerate(document.get("parts", []))]
     joints = [_joint(table, path, index) for index, table in enumerate(document.get("joints", []))]
@@ -190,80 +207,3 @@ def _joint(table: Any, path: Path, index: int) -> Joint:
         float(limits[0]),
         float(limits[1]),
     )
-
-
-def _urdf(path: Path) -> Articulation:
-    """Links with one visual mesh each, in frames that are not turned."""
-    try:
-        root = ElementTree.fromstring(path.read_text())
-    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as error:
-        raise AssetError(f"{path}: {error}") from error
-    captions: dict[str, Any] = {}
-    beside = path.with_suffix(".json")
-    if beside.is_file():
-        try:
-            captions = json.loads(beside.read_text())["output"]["parts_captions"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise AssetError(f"{beside}: it has no output.parts_captions: {error!r}") from error
-
-    joints, origins = [], {}
-    for element in root.findall("joint"):
-        name = check_name(element.get("name"), f"{path}: joint")
-        kind = {"continuous": "revolute"}.get(str(element.get("type")), str(element.get("type")))
-        parent, child = (
-            _attribute(element.find(side), "link", f"{path}: joint '{name}' {side}") for side in ("parent", "child")
-        )
-        offset = _origin(element, f"{path}: joint '{name}'")
-        axis, limit = element.find("axis"), element.find("limit")
-        lower, upper = -np.inf, np.inf
-        if limit is not None and element.get("type") != "continuous":
-            lower, upper = (float(limit.get(side, "0")) for side in ("lower", "upper"))
-        direction = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-        joints.append(Joint(name, kind, parent, child, offset, np.array(direction.split(), float), lower, upper))
-        origins[child] = (parent, offset)
-
-    def anchor(link: str) -> np.ndarray:
-        at, total = link, np.zeros(3)
-        for _ in range(len(origins) + 1):
-            if at not in origins:
-                return total
-            at, offset = origins[at][0], origins[at][1]
-            total = total + offset
-        raise AssetError(f"{path}: the joints around link '{link}' form a loop")
-
-    for joint in joints:
-        joint.anchor = anchor(joint.child)
-    parts = []
-    for link in root.findall("link"):
-        name = check_name(link.get("name"), f"{path}: link")
-        visual = link.find("visual")
-        shape = None if visual is None else visual.find("geometry/mesh")
-        if visual is None or shape is None:
-            raise AssetError(f"{path}: link '{name}' has no visual mesh")
-        mesh = inside(path.parent, shape.get("filename"), f"{path}: link '{name}'")
-        caption = captions.get(name.removeprefix("l_"), {})
-        density = caption.get("density") if isinstance(caption, dict) else None
-        # Small numbers are g/cm^3.
-        if isinstance(density, int | float) and 0.05 <= density <= 25.0:
-            density = 1000.0 * density
-        offset = anchor(name) + _origin(visual, f"{path}: link '{name}'")
-        parts.append(PartSource(name, mesh, check_density(density, f"{beside}: {name}"), offset))
-    parts.sort(key=lambda part: part.name in origins)
-    return Articulation(parts, joints)
-
-
-def _attribute(element: ElementTree.Element | None, name: str, what: str) -> str:
-    value = None if element is None else element.get(name)
-    if value is None:
-        raise AssetError(f"{what}: it names no {name}")
-    return value
-
-
-def _origin(element: ElementTree.Element, what: str) -> np.ndarray:
-    origin = element.find("origin")
-    if origin is None:
-        return np.zeros(3)
-    turn, offset = (np.array(origin.get(key, "0 0 0").split(), float) for key in ("rpy", "xyz"))
-    if turn.shape != (3,) or offset.shape != (3,) or np.abs(turn).max() > 1e-9:
-        raise AssetError(f"{what}: its frame is turned; write the parts in one frame, with rpy 0 0 0")
-    return offset

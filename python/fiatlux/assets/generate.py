@@ -15,7 +15,9 @@ from typing import Any
 
 from .build import in_folder
 from .error import AssetError
-from .mesh import FORMATS, MAX_FILE_BYTES, count_triangles
+from .files import read_bytes
+from .formats.parsed import MAX_FILE_BYTES
+from .mesh import FORMATS, parse
 
 #: Largest picture, bytes.
 MAX_IMAGE_BYTES = 64 << 20
@@ -53,9 +55,7 @@ def generate(
     image = Path(image)
     if (command is None) == (server is None):
         raise AssetError("generate: give either a command or a server")
-    if not image.is_file() or image.stat().st_size > MAX_IMAGE_BYTES:
-        raise AssetError(f"{image}: it is no file of at most {MAX_IMAGE_BYTES} bytes")
-    content = image.read_bytes()
+    content = read_bytes(image, MAX_IMAGE_BYTES)
     if not any(content.startswith(magic) for magic in IMAGES):
         raise AssetError(f"{image}: it is no picture; use {', '.join(IMAGES.values())}")
 
@@ -79,8 +79,8 @@ def generate(
             "seed": seed,
             "seconds": round(time.monotonic() - started, 3),
             "mesh": mesh.relative_to(folder).as_posix(),
+            "triangles": sum(len(chunk.faces) for chunk in parse(mesh).chunks),
             "sha256": hashlib.sha256(mesh.read_bytes()).hexdigest(),
-            "triangles": count_triangles(mesh),
         }
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
         return manifest

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import struct
-from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
 from .error import AssetError, needs
+from .files import read_bytes
+from .formats import HEADS, READERS, Parsed
+from .formats.parsed import MAX_FILE_BYTES, Material
 
 try:
     import trimesh
@@ -22,10 +22,6 @@ except ImportError as error:
 
 #: Formats that are read, and the axis that points up in them where the caller does not say.
 FORMATS = {".glb": "y", ".gltf": "y", ".obj": "z", ".ply": "z", ".stl": "z"}
-#: More are refused before they are read. Hunyuan3D writes 40 000.
-MAX_TRIANGLES = 1_000_000
-MAX_FILE_BYTES = 1 << 30
-MAX_LIBRARY_BYTES = 1 << 20
 #: Metres in a unit of a file.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 #: Largest extents of an object in the room, m.
@@ -41,6 +37,8 @@ class Look:
     roughness: float = 0.6
     #: ``color``, ``metallic_roughness`` (roughness in green, metallic in blue) and ``normal``.
     images: dict[str, Any] = field(default_factory=dict)
+    #: Parts of the file's look that were left out, by name.
+    not_read: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -65,13 +63,28 @@ class Surface:
         mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=9)
         return mesh
 
-    def moved(self, factor: float, shift: np.ndarray) -> Surface:
-        """Scaled, then shifted."""
-        return Surface(self.vertices * factor + shift, self.faces, self.uv, self.look)
+    def moved(self, factor: float | np.ndarray, shift: np.ndarray) -> Surface:
+        """Scaled, by one factor or one for each axis, then shifted. A factor below 0 mirrors it, and turns its faces again."""
+        faces = self.faces[:, ::-1] if np.prod(np.broadcast_to(factor, 3)) < 0.0 else self.faces
+        return Surface(self.vertices * factor + shift, faces, self.uv, self.look)
 
 
 def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def parse(path: Path) -> Parsed:
+    """The triangles of a mesh file, in its own axes and units.
+
+    Raises:
+        AssetError: It is of another format, too large, wrong, or has something that is not read.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise AssetError(f"{path}: '{suffix}' is not a known format; use {', '.join(FORMATS)}")
+    check_head = HEADS.get(suffix)
+    content = read_bytes(path, MAX_FILE_BYTES, None if check_head is None else partial(check_head, path))
+    return READERS[suffix](path, content)
 
 
 def read(path: Path, up: str | None = None, repair: bool = False) -> Surface:
@@ -83,31 +96,15 @@ def read(path: Path, up: str | None = None, repair: bool = False) -> Surface:
         repair: Close small holes and turn faces outwards instead of refusing the mesh.
 
     Raises:
-        AssetError: The file is not a closed surface of at most :data:`MAX_TRIANGLES` triangles.
+        AssetError: The file is not a closed surface of at most 1,000,000 triangles.
     """
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise AssetError(f"{path}: '{suffix}' is not a known format; use {', '.join(FORMATS)}")
-    if not path.is_file():
-        raise AssetError(f"{path}: there is no such file")
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise AssetError(f"{path}: {path.stat().st_size} bytes; the limit is {MAX_FILE_BYTES}")
-    count = count_triangles(path)
-    if count > MAX_TRIANGLES:
-        raise AssetError(f"{path}: {count} triangles; the limit is {MAX_TRIANGLES}; simplify the mesh first")
-    try:
-        loaded = trimesh.load(path, process=False)
-    except AssetError:
-        raise
-    except Exception as error:
-        raise AssetError(f"{path}: cannot be read as {suffix[1:]}: {error}") from error
-    mesh = loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise AssetError(f"{path}: it has no triangles")
+    parsed = parse(path)
+    mesh = joined(parsed, str(path))
     surface = Surface(
         np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int), texture_coordinates(mesh), look(mesh)
     )
-    if (up or FORMATS[suffix]) == "y":
+    surface.look.not_read = sorted(parsed.not_read)
+    if (up or FORMATS[path.suffix.lower()]) == "y":
         surface.vertices = surface.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
     return checked(surface, str(path), repair)
 
@@ -224,71 +221,35 @@ def rgb(values: Any) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def count_triangles(path: Path) -> int:
-    """Triangles of a mesh file by its header or lines, before any of it is parsed."""
-    suffix = path.suffix.lower()
-    try:
-        with path.open("rb") as file:
-            if suffix in (".glb", ".gltf"):
-                return _of_gltf(file.read(), path)
-            if suffix == ".stl":
-                head = file.read(84)
-                size = path.stat().st_size
-                count = struct.unpack("<I", head[80:84])[0] if len(head) == 84 else 0
-                if size == 84 + 50 * count:
-                    return count
-                return sum(line.lstrip().startswith(b"facet") for line in file)
-            if suffix == ".ply":
-                for line in file:
-                    if line.startswith(b"element face"):
-                        return int(line.split()[2])
-                    if line.startswith(b"end_header"):
-                        break
-                return 0
-            return _of_obj(file, path)
-    except (ValueError, IndexError, KeyError, TypeError, struct.error) as error:
-        raise AssetError(f"{path}: cannot be read as {suffix[1:]}: {error}") from error
+def joined(parsed: Parsed, name: str) -> Any:
+    """One mesh of all chunks. Different materials are packed into one image."""
+    meshes = []
+    is_textured = any(chunk.uv is not None for chunk in parsed.chunks)
+    for chunk in parsed.chunks:
+        if not len(chunk.faces):
+            continue
+        visual = None
+        uv = np.zeros((len(chunk.vertices), 2)) if chunk.uv is None and is_textured else chunk.uv
+        if chunk.material is not None or uv is not None:
+            visual = trimesh.visual.TextureVisuals(uv=uv, material=material_of(chunk.material))
+        meshes.append(trimesh.Trimesh(chunk.vertices, chunk.faces, visual=visual, process=False))
+    if not meshes:
+        raise AssetError(f"{name}: it has no triangles")
+    if len(meshes) > 1 and not is_textured and len({repr(chunk.material) for chunk in parsed.chunks}) > 1:
+        # Packed images need coordinates.
+        for mesh in meshes:
+            material = getattr(mesh.visual, "material", material_of(None))
+            mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.vertices), 2)), material=material)
+    return meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
 
 
-def _of_obj(lines: Iterable[bytes], path: Path) -> int:
-    count = 0
-    for line in lines:
-        if line.startswith(b"f "):
-            # A polygon of n corners becomes n - 2 triangles.
-            count += max(len(line.split()) - 3, 0)
-        elif line.startswith(b"mtllib "):
-            name = line[7:].decode(errors="replace").strip()
-            _stays(name, path)
-            library = path.parent / name
-            if library.is_file() and library.stat().st_size <= MAX_LIBRARY_BYTES:
-                for entry in library.read_text(errors="replace").splitlines():
-                    if entry.strip().lower().startswith(("map_", "bump", "disp", "decal", "norm")):
-                        _stays(entry.split()[-1], path)
-            elif library.is_file():
-                raise AssetError(f"{path}: {name} has more than {MAX_LIBRARY_BYTES} bytes")
-    return count
-
-
-def _stays(name: str, path: Path) -> None:
-    """Refuses a file that a mesh names outside of its folder."""
-    plain = unquote(name).replace("\\", "/")
-    if ":" in plain or not (path.parent / plain).resolve().is_relative_to(path.parent.resolve()):
-        raise AssetError(f"{path}: it names '{name}', which lies outside of its folder; put the file in there")
-
-
-def _of_gltf(content: bytes, path: Path) -> int:
-    if content[:4] == b"glTF":
-        (length,) = struct.unpack("<I", content[12:16])
-        document = json.loads(content[20 : 20 + length])
-    else:
-        document = json.loads(content)
-    for buffer in [*document.get("buffers", []), *document.get("images", [])]:
-        uri = str(buffer.get("uri", "data:"))
-        if not uri.startswith("data:"):
-            _stays(uri, path)
-    if "KHR_draco_mesh_compression" in document.get("extensionsUsed", []):
-        raise AssetError(f"{path}: it is compressed by Draco, which is not read; export it without compression")
-    accessors = document.get("accessors", [])
-    primitives = [primitive for mesh in document.get("meshes", []) for primitive in mesh["primitives"]]
-    index = [primitive.get("indices", primitive["attributes"]["POSITION"]) for primitive in primitives]
-    return sum(int(accessors[at]["count"]) // 3 for at in index)
+def material_of(material: Material | None) -> Any:
+    material = material or Material(Look().color, Look().metallic, Look().roughness)
+    return trimesh.visual.material.PBRMaterial(
+        baseColorFactor=None if material.color is None else [*material.color, 1.0],
+        metallicFactor=material.metallic,
+        roughnessFactor=material.roughness,
+        baseColorTexture=material.images.get("color"),
+        metallicRoughnessTexture=material.images.get("metallic_roughness"),
+        normalTexture=material.images.get("normal"),
+    )

@@ -121,7 +121,7 @@ def calibrate(source: Path, settings: Settings) -> Object:
     joints = articulated.joints
     if up == "y":
         for joint in joints:
-            joint.anchor, joint.axis = (vector[[0, 2, 1]] * [1.0, -1.0, 1.0] for vector in (joint.anchor, joint.axis))
+            joint.anchor, joint.axis = turned(joint.anchor), turned(joint.axis)
 
     cloud = np.concatenate([surface.vertices for surface in surfaces])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
@@ -136,12 +136,16 @@ def calibrate(source: Path, settings: Settings) -> Object:
     surfaces = [surface.moved(scale, shift) for surface in surfaces]
 
     solids = [surface.solid() for surface in surfaces]
-    densities = [settings.density or part.density or DENSITY for part in articulated.parts]
+    given = [inertial_of(part, up, scale, shift, settings) for part in articulated.parts]
+    densities = [
+        settings.density or (own.mass / solid.volume if own else part.density or DENSITY)
+        for part, own, solid in zip(articulated.parts, given, solids)
+    ]
     if settings.mass is not None:
         total = sum(solid.volume * density for solid, density in zip(solids, densities))
         densities = [density * settings.mass / total for density in densities]
     parts = []
-    for of, surface, solid, density in zip(articulated.parts, surfaces, solids, densities):
+    for of, surface, solid, density, own in zip(articulated.parts, surfaces, solids, densities, given):
         if not DENSITIES[0] <= density <= DENSITIES[1]:
             low_mass, high_mass = (solid.volume * bound for bound in DENSITIES)
             raise AssetError(
@@ -149,14 +153,22 @@ def calibrate(source: Path, settings: Settings) -> Object:
                 f" {DENSITIES[0]} to {DENSITIES[1]}; its mass must be {low_mass:.3g} to {high_mass:.3g} kg; is the size right?"
             )
         above = next((joint for joint in joints if joint.child == of.name), None)
+        mass = solid.volume * density
+        com, moment = np.asarray(solid.center_mass), inertia(solid) * density
+        if own is not None:
+            com, moment = own.com, own.inertia * (mass / own.mass)
+            if (com < surface.vertices.min(axis=0)).any() or (com > surface.vertices.max(axis=0)).any():
+                raise AssetError(
+                    f"mass: the centre of mass of part '{of.name}' lies outside of it; correct its inertial"
+                )
         parts.append(
             Part(
                 of.name,
                 surface,
                 pieces(solid, of.name, settings.threshold, settings.seed),
-                solid.volume * density,
-                np.asarray(solid.center_mass),
-                inertia(solid) * density,
+                mass,
+                com,
+                moment,
                 density,
                 np.zeros(3) if above is None else above.anchor,
             )
@@ -170,6 +182,7 @@ def calibrate(source: Path, settings: Settings) -> Object:
         "up": up,
         "unit_extent_per_mesh_unit": float(1.0 / (high - low).max()),
         "meters_per_mesh_unit": scale,
+        "not_read": sorted({name for surface in surfaces for name in surface.look.not_read}),
         "triangles": int(sum(len(surface.faces) for surface in surfaces)),
         "pieces": [len(part.pieces) for part in parts],
     }
@@ -179,10 +192,35 @@ def calibrate(source: Path, settings: Settings) -> Object:
 def placed(part: articulation.PartSource, settings: Settings) -> Surface:
     """The surface of a part in the frame of the object, z up."""
     surface = mesh.read(part.mesh, settings.up, settings.repair)
-    offset = part.offset
+    offset, scale = part.offset, part.scale
     if (settings.up or mesh.FORMATS[part.mesh.suffix.lower()]) == "y":
-        offset = offset[[0, 2, 1]] * [1.0, -1.0, 1.0]
-    return surface.moved(1.0, offset)
+        offset, scale = turned(offset), part.scale[[0, 2, 1]]
+    if part.color is not None:
+        if surface.look.images:
+            surface.look.not_read.append(f"images of {part.mesh.name}, for the URDF's colour")
+        surface.look = mesh.Look(part.color, not_read=surface.look.not_read)
+    return surface.moved(scale, offset)
+
+
+def turned(vector: np.ndarray) -> np.ndarray:
+    """From y up to z up."""
+    return vector[[0, 2, 1]] * [1.0, -1.0, 1.0]
+
+
+def inertial_of(
+    part: articulation.PartSource, up: str, scale: float, shift: np.ndarray, settings: Settings
+) -> articulation.Inertial | None:
+    """The mass distribution that the source gives, in the frame of the object."""
+    own = part.inertial
+    if own is None:
+        return None
+    if settings.density is not None:
+        raise AssetError(f"density: part '{part.name}' has its mass and inertia in the source; remove one of them")
+    com, moment = own.com, own.inertia
+    if up == "y":
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        com, moment = turn @ com, turn @ moment @ turn.T
+    return articulation.Inertial(own.mass, com * scale + shift, moment * scale**2)
 
 
 def inertia(solid: trimesh.Trimesh) -> np.ndarray:

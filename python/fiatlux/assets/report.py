@@ -13,6 +13,7 @@ from .. import _native
 from .articulation import check_name
 from .build import MANIFEST
 from .error import AssetError
+from .files import read_text
 from .verify import ASSERTIONS, Expected, validators, verify
 
 #: Rows of the table: the trials' name, its words in the paper, and the numbers that the paper has for its own objects.
@@ -25,6 +26,7 @@ ROWS = (
     ("scene_fit", "Scene fit", "12/18"),
     ("joint_motion", "Articulated joint motion", "0/2"),
 )
+MAX_MANIFEST_BYTES = 1 << 20
 #: Triangles of a picture; of larger surfaces the pieces are drawn.
 MAX_DRAWN = 4000
 
@@ -37,8 +39,8 @@ def manifest_of(folder: Path) -> dict[str, Any]:
     """
     remedy = "write one with `build`"
     try:
-        manifest = json.loads((folder / MANIFEST).read_text())
-    except (OSError, ValueError) as error:
+        manifest = json.loads(read_text(folder / MANIFEST, MAX_MANIFEST_BYTES))
+    except (AssetError, ValueError, RecursionError) as error:
         raise AssetError(f"{folder}: it is not an object's folder; {remedy}") from error
     counts = [manifest.get(name) for name in ("links", "joints")] if isinstance(manifest, dict) else [None]
     if not all(isinstance(count, int) for count in counts):

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 
 from .error import AssetError, needs
+from .files import read_bytes
 
 try:
     from pxr import Ar, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdUtils, UsdValidation
 except ImportError as error:
     raise needs("usd-core") from error
+
+from .unread import prims, unread
 
 MAX_BYTES = 1 << 30
 
@@ -58,7 +61,7 @@ class Stage:
     expected: Expected
 
     def of(self, kind: Any) -> list[Usd.Prim]:
-        return [prim for prim in self.usd.Traverse() if prim.IsA(kind)]
+        return [prim for prim in prims(self.usd) if prim.IsA(kind)]
 
     @property
     def meshes(self) -> list[UsdGeom.Mesh]:
@@ -66,11 +69,11 @@ class Stage:
 
     @property
     def colliders(self) -> list[Usd.Prim]:
-        return [prim for prim in self.usd.Traverse() if prim.HasAPI(UsdPhysics.CollisionAPI)]
+        return [prim for prim in prims(self.usd) if prim.HasAPI(UsdPhysics.CollisionAPI)]
 
     @property
     def bodies(self) -> list[Usd.Prim]:
-        return [prim for prim in self.usd.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+        return [prim for prim in prims(self.usd) if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
 
     @property
     def joints(self) -> list[UsdPhysics.Joint]:
@@ -198,7 +201,7 @@ def collider(stage: Stage) -> Iterator[str]:
     stage.skip_without_colliders()
     expected = stage.expected.approximation
     for body in stage.bodies:
-        below = list(Usd.PrimRange(body))
+        below = below_of(body)
         if any(prim.IsA(UsdGeom.Mesh) for prim in below) and not any(
             prim.HasAPI(UsdPhysics.CollisionAPI) for prim in below
         ):
@@ -257,7 +260,7 @@ def mass(stage: Stage) -> Iterator[str]:
     """Each body has a mass or density, its own or of what is below it, and none is negative or NaN."""
     for body in stage.bodies:
         values = []
-        for prim in Usd.PrimRange(body):
+        for prim in below_of(body):
             if prim.HasAPI(UsdPhysics.MassAPI):
                 api = UsdPhysics.MassAPI(prim)
                 values += [api.GetMassAttr().Get(), api.GetDensityAttr().Get()]
@@ -449,18 +452,17 @@ def verify(file: str | Path, expected: Expected | None = None) -> list[Check]:
     The layers that a stage names are opened only if its paths stay within its folder.
 
     Raises:
-        AssetError: The file cannot be opened as a stage.
+        AssetError: The file cannot be opened as a stage, or has something that no assertion looks into.
     """
     file = Path(file)
-    if not file.is_file():
-        raise AssetError(f"{file}: there is no such file")
-    if file.stat().st_size > MAX_BYTES:
-        raise AssetError(f"{file}: {file.stat().st_size} bytes; the limit is {MAX_BYTES}")
+    read_bytes(file, MAX_BYTES)
     expected = expected or Expected()
     try:
         usd = Usd.Stage.Open(str(file), Usd.Stage.LoadAll)
     except Exception as error:
         raise AssetError(f"{file}: cannot be opened as USD: {error}") from error
+    for problem in unread(usd):
+        raise AssetError(f"{file}: {problem}")
     stage = Stage(file, usd, expected)
     return [row(number, assertion, stage) for number, assertion in enumerate(ASSERTIONS, start=1)]
 
@@ -498,18 +500,22 @@ def points_of(mesh: UsdGeom.Mesh) -> np.ndarray:
     return np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
 
 
+def below_of(prim: Usd.Prim) -> list[Usd.Prim]:
+    return list(Usd.PrimRange(prim, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
+
+
 def pieces_beside(prim: Usd.Prim) -> bool:
     """True if the body of a drawn mesh has colliders of purpose guide."""
     while prim and not prim.HasAPI(UsdPhysics.RigidBodyAPI):
         prim = prim.GetParent()
     if not prim:
         return False
-    below = (other for other in Usd.PrimRange(prim) if other.HasAPI(UsdPhysics.CollisionAPI))
+    below = (other for other in below_of(prim) if other.HasAPI(UsdPhysics.CollisionAPI))
     return any(UsdGeom.Imageable(other).ComputePurpose() == UsdGeom.Tokens.guide for other in below)
 
 
 def bounds(stage: Stage) -> Any:
-    """The box of all meshes in the world; empty where a point is not finite."""
+    """The box of all shapes in the world; empty where a point is not finite."""
     from pxr import Gf
 
     cache, box = UsdGeom.XformCache(), Gf.Range3d()
@@ -518,6 +524,13 @@ def bounds(stage: Stage) -> Any:
         points = points_of(mesh) @ world[:3, :3] + world[3, :3]
         for point in (points.min(axis=0), points.max(axis=0)) if len(points) and np.isfinite(points).all() else ():
             box.UnionWith(Gf.Vec3d(*point.tolist()))
+    for prim in stage.of(UsdGeom.Gprim):
+        # Planes have no end.
+        if not prim.IsA(UsdGeom.Mesh) and not prim.IsA(UsdGeom.Plane):
+            extent = UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), Usd.TimeCode.Default())
+            if extent:
+                whole = Gf.BBox3d(Gf.Range3d(*map(Gf.Vec3d, extent)), cache.GetLocalToWorldTransform(prim))
+                box.UnionWith(whole.ComputeAlignedRange())
     return box
 
 
