@@ -261,7 +261,7 @@ impl Episode {
     ) -> Result<bool, RenderError> {
         let header = self.bag.header();
         let light = Lighting::of(&light_of(header));
-        let stage = Arc::new(Stage { visuals: Visuals::with_robot(&self.scene, meshes), light });
+        let stage = Arc::new(Stage { visuals: Visuals::for_people(&self.scene, meshes), light });
         let samples = self.samples(options);
         let subject = Subject {
             scene: &self.scene,

@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let spec = SceneSpec::new(SceneKind::of(still.task), still.seed, robot.gains(GainSet::Fiatlux));
         let scene = Arc::new(Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
         let world = start(Arc::clone(&scene), still.task, 0, &StartOptions::default())?;
-        let (row, visuals) = (world.row(), Visuals::with_robot(&scene, meshes.as_ref()));
+        let (row, visuals) = (world.row(), Visuals::for_people(&scene, meshes.as_ref()));
 
         let heading = row.robot.pose.rotation * Vector3::x();
         let yaw = libm::atan2(heading.y, heading.x);

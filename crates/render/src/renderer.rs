@@ -1,6 +1,6 @@
 //! One frame from meshes to bytes.
 
-use fiatlux_rules::{Bulb, Row};
+use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::ShapeOwner;
 use nalgebra::Isometry3;
 
@@ -9,10 +9,13 @@ use crate::mesh::{Detail, Mesh};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{Corner, Plane, Setup, fill};
-use crate::shade::{MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness};
+use crate::shade::{
+    Lamp, MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness,
+};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::view::{SinglePose, View, single};
+use crate::visuals::Look;
 use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
@@ -103,10 +106,11 @@ impl Renderer {
         self.owners.clear();
         self.owners.extend(visuals.meshes(self.detail).iter().map(|mesh| mesh.owner));
         let lit_bulb = row.attachments[Bulb::Fresh as usize].seated;
+        let lamp = (lit_bulb && visuals.look() == Look::Two).then(|| Lamp::at(&row.things[errand::FRESH_BULB].pose));
         self.draw(visuals, &view, camera.hidden_link, lit_bulb);
         let shaded = self.draw_shadows(visuals, &view, &light);
         self.find_occlusion(&view);
-        self.shade(&view, &light, shaded);
+        self.shade(&view, &light, lamp, shaded);
         &self.image
     }
 
@@ -275,8 +279,8 @@ impl Renderer {
     }
 
     /// Lights every sample and averages those of a pixel.
-    fn shade(&mut self, view: &View, light: &PreparedLight, shaded: bool) {
-        let shader = Shader { light, finishes: &self.finishes };
+    fn shade(&mut self, view: &View, light: &PreparedLight, lamp: Option<Lamp>, shaded: bool) {
+        let shader = Shader { light, lamp, finishes: &self.finishes };
         let mut rgb = std::mem::take(&mut self.image.rgb);
         if self.samples == 1 {
             for y in (0..self.size[1]).step_by(2) {
@@ -382,7 +386,9 @@ impl Renderer {
     ) -> Vec3 {
         let at = y * self.size[0] * self.samples + x;
         let ray = view.ray(x, y);
-        let Some(surface) = self.surfaces.get(self.ids[at] as usize) else { return shader.haze(normalize(ray)) };
+        let Some(surface) = self.surfaces.get(self.ids[at] as usize) else {
+            return add(shader.haze(normalize(ray)), shader.halo(view.eye, ray, f32::INFINITY));
+        };
         let inverse = self.depth[at];
         let distance = 1.0 / inverse;
         let point = add(view.eye, scale(ray, distance));
@@ -399,7 +405,8 @@ impl Renderer {
             }
         };
         let footprint = Some(distance * view.inverse_focal[0]);
-        shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit })
+        let colour = shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit });
+        add(colour, shader.halo(view.eye, ray, distance))
     }
 }
 

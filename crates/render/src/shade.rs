@@ -1,7 +1,10 @@
 //! Light on one pixel.
 
+use nalgebra::{Isometry3, Point3};
+
 use crate::lighting::PreparedLight;
 use crate::paint::{Finish, Paint};
+use crate::view::single;
 
 pub(crate) type Vec3 = [f32; 3];
 
@@ -83,9 +86,55 @@ pub(crate) struct Spot {
     pub lit: f32,
 }
 
+/// The light of a burning bulb. It passes through what stands in its way.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Lamp {
+    /// Middle of the glass, world, m.
+    middle: Vec3,
+}
+
+impl Lamp {
+    /// Middle of the glass above the bulb's root, m.
+    const GLASS: f64 = 0.152;
+    /// Colour of its light, linear.
+    const WARM: Vec3 = [1.0, 0.78, 0.48];
+    /// Light on a surface that faces it, at 1 m; the nominal key light gives 1.55.
+    const STRENGTH: f32 = 1.5;
+    /// Radius within which its light no longer grows, m.
+    const RADIUS: f32 = 0.14;
+    /// Light that its glow adds to a look straight at it, and the distance from it at which that has halved, m.
+    const HALO: (f32, f32) = (0.55, 0.07);
+
+    /// Of a bulb with that pose.
+    pub(crate) fn at(bulb: &Isometry3<f64>) -> Self {
+        Self { middle: single(&(bulb * Point3::new(0.0, 0.0, Self::GLASS)).coords) }
+    }
+
+    /// Light that arrives at a point of a surface with that unit normal.
+    fn on(&self, point: Vec3, normal: Vec3) -> Vec3 {
+        let way = sub(self.middle, point);
+        let square = dot(way, way).max(Self::RADIUS * Self::RADIUS);
+        let facing = (dot(normal, way) / square.sqrt()).max(0.0);
+        scale(Self::WARM, Self::STRENGTH * facing / square)
+    }
+
+    /// Its glow on a look along a ray that ends at a distance, in lengths of the ray.
+    fn halo(&self, eye: Vec3, ray: Vec3, distance: f32) -> Vec3 {
+        let way = sub(self.middle, eye);
+        let along = dot(way, ray) / dot(ray, ray);
+        if along <= 0.0 || along > distance + Self::RADIUS {
+            return [0.0; 3];
+        }
+        let off = sub(way, scale(ray, along));
+        let wide = dot(off, off) / (Self::HALO.1 * Self::HALO.1);
+        scale(Self::WARM, Self::HALO.0 / (1.0 + wide))
+    }
+}
+
 /// Colours and light of one frame.
 pub(crate) struct Shader<'a> {
     pub light: &'a PreparedLight,
+    pub lamp: Option<Lamp>,
     pub finishes: &'a [Finish],
 }
 
@@ -112,9 +161,11 @@ impl Shader<'_> {
         let side = 1.0 + SIDE * (n[0] * light.dome_side[0] + n[1] * light.dome_side[1]);
         let dome = scale(mix(GROUND, SKY, up), light.dome * side * spot.open);
         let facing = dot(n, light.towards_key).max(0.0);
-        let key = scale(light.key, facing * spot.lit);
-        let glow = finish.glow;
-        let mut colour = product(base, add(add(dome, key), [glow; 3]));
+        let mut arriving = add(dome, scale(light.key, facing * spot.lit));
+        if let Some(lamp) = &self.lamp {
+            arriving = add(arriving, lamp.on(spot.point, n));
+        }
+        let mut colour = product(base, add(arriving, [finish.glow; 3]));
         if finish.mirror > 0.0 {
             let ray = normalize(spot.ray);
             let back = -dot(n, ray);
@@ -145,6 +196,12 @@ impl Shader<'_> {
             }
         }
         colour
+    }
+
+    /// Glow of the burning bulb on a look from `eye` along a ray that ends at a distance, in lengths of the ray.
+    #[inline]
+    pub(crate) fn halo(&self, eye: Vec3, ray: Vec3, distance: f32) -> Vec3 {
+        self.lamp.map_or([0.0; 3], |lamp| lamp.halo(eye, ray, distance))
     }
 
     /// Colour of the haze along a ray.

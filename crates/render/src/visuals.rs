@@ -4,6 +4,7 @@ mod bulb;
 mod fixture;
 mod g1;
 mod ladder;
+mod lofts;
 pub(crate) mod robot;
 mod room;
 mod shapes;
@@ -22,28 +23,54 @@ use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
+/// How things look. The bytes of a sensor's pictures depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Look {
+    /// What the robot's cameras see: part of the benchmark's version.
+    One,
+    /// What people see: the robot's own surfaces, a lamp that lights what is near it.
+    Two,
+}
+
 /// The meshes of a scene, made from its shapes and sizes, and those of the user's own. Constant: one serves any number of renderers.
 #[derive(Debug, Clone)]
 pub struct Visuals {
     robot: Arc<Robot>,
+    look: Look,
     /// Fine and coarse meshes of the same things in the same order.
     fine: Vec<Arc<Mesh>>,
     coarse: Vec<Arc<Mesh>>,
 }
 
 impl Visuals {
-    /// Makes the meshes, all from our own shapes.
+    /// Makes the meshes that the robot's cameras see, all from our own shapes.
     pub fn new(scene: &Scene) -> Self {
         Self::with_robot(scene, None)
     }
 
-    /// Makes the meshes. Links that `robot` has a mesh for are drawn with it; it must be opened for the scene's robot.
+    /// Makes the meshes that the robot's cameras see. Links that `robot` has a mesh for are drawn with it; it must be opened
+    /// for the scene's robot.
     pub fn with_robot(scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
+        Self::with_look(scene, robot, Look::One)
+    }
+
+    /// Makes the meshes that people see. Links that `robot` has a mesh for are drawn with it; it must be opened for the
+    /// scene's robot.
+    pub fn for_people(scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
+        Self::with_look(scene, robot, Look::Two)
+    }
+
+    fn with_look(scene: &Scene, robot: Option<&RobotMeshes>, look: Look) -> Self {
         Self {
             robot: Arc::clone(&scene.robot),
-            fine: meshes(scene, robot, Detail::Fine),
-            coarse: meshes(scene, robot, Detail::Coarse),
+            look,
+            fine: meshes(scene, robot, Detail::Fine, look),
+            coarse: meshes(scene, robot, Detail::Coarse, look),
         }
+    }
+
+    pub(crate) fn look(&self) -> Look {
+        self.look
     }
 
     pub(crate) fn meshes(&self, detail: Detail) -> &[Arc<Mesh>] {
@@ -65,7 +92,7 @@ impl Visuals {
     }
 }
 
-fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc<Mesh>> {
+fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail, look: Look) -> Vec<Arc<Mesh>> {
     let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail)];
     meshes.push(furniture(scene, ShapeOwner::Bench, detail));
     meshes.push(furniture(scene, ShapeOwner::CRATE, detail));
@@ -75,7 +102,7 @@ fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail) -> Vec<Arc
     meshes.push(bulb::bulb(scene, Bulb::Fresh, detail));
     meshes.extend((errand::THINGS..scene.things.len()).map(|thing| plain(scene, thing, detail)));
     let mut meshes: Vec<_> = meshes.into_iter().map(|mesh| Arc::new(mesh.finished())).collect();
-    meshes.extend(robot::links(&scene.robot, robot, detail));
+    meshes.extend(robot::links(&scene.robot, robot, detail, look));
     meshes.retain(|mesh| !mesh.triangles.is_empty());
     meshes
 }

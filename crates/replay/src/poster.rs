@@ -61,7 +61,7 @@ impl Poster {
         let rows: Vec<Row> =
             rows().enumerate().filter_map(|(index, row)| wanted.next_if_eq(&index).map(|_| row)).collect();
 
-        let (visuals, light) = (Visuals::new(&scene), Lighting::of(&light_of(header)));
+        let (visuals, light) = (Visuals::for_people(&scene, None), Lighting::of(&light_of(header)));
         let focus = Focus::of(header.task.parse().ok());
         let lens = [FOV, STILL[0] as f64 / STILL[1] as f64];
         let trials: Vec<Row> = rows.iter().step_by(rows.len().div_ceil(TRIALS).max(1)).cloned().collect();

@@ -109,7 +109,7 @@ pub struct Stage {
 
 impl Stage {
     pub fn new(scene: &Scene, lighting: &Lighting) -> Self {
-        let visuals = Visuals::new(scene);
+        let visuals = Visuals::for_people(scene, None);
         let links = scene.robot.links().len();
         let (mut positions, mut normals, mut indices) = (Vec::new(), Vec::new(), Vec::<u32>::new());
         let mut meshes = Vec::new();

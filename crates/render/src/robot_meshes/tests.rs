@@ -7,12 +7,12 @@ use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, star
 use nalgebra::Vector3;
 
 use super::*;
-use crate::visuals::robot::links;
+use crate::visuals::{Look, robot::links};
 use crate::{Camera, HEAD_PIXELS, Lighting, Renderer, Visuals};
 
 /// A binary STL file of each link that has a look of its own.
 fn export(robot: &Robot, folder: &Path) {
-    for (link, mesh) in robot.links().iter().zip(links(robot, None, Detail::Fine)) {
+    for (link, mesh) in robot.links().iter().zip(links(robot, None, Detail::Fine, Look::One)) {
         let corner = |i: u32| stl_io::Vertex::new(mesh.positions[i as usize]);
         let triangle = |triangle: &crate::mesh::Triangle| stl_io::Triangle {
             normal: stl_io::Normal::new([0.0; 3]),
@@ -33,8 +33,8 @@ fn our_own_shapes_come_back() {
     let robot = Arc::new(Robot::benchmark().unwrap());
     export(&robot, &folder);
     let meshes = RobotMeshes::open(&folder, &robot).unwrap();
-    let drawn =
-        robot.links().len() - links(&robot, None, Detail::Fine).iter().filter(|m| m.triangles.is_empty()).count();
+    let drawn = robot.links().len()
+        - links(&robot, None, Detail::Fine, Look::One).iter().filter(|m| m.triangles.is_empty()).count();
     assert_eq!(meshes.links().count(), drawn);
 
     let spec = SceneSpec::new(SceneKind::of(Task::S08), 0, robot.gains(GainSet::Fiatlux));

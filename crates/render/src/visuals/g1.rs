@@ -1,8 +1,9 @@
-//! The look of a Unitree G1: light shells over its collision shapes, dark motors at the joints, a visor. Sizes follow the
-//! collision shapes; the rest is ours.
+//! The look of a Unitree G1. The first one: light shells over its collision shapes, dark motors at the joints, a visor; sizes
+//! follow the collision shapes, the rest is ours. The second one: the links' own surfaces in place of the shells.
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::{Look, lofts};
 use crate::mesh::Mesh;
 use crate::paint::Paint;
 
@@ -71,7 +72,7 @@ const PARTS: &[(&str, Paint, Solid)] = &[
 ];
 
 /// Adds the look of a link; false for one that has none.
-pub(super) fn dress(mesh: &mut Mesh, link: &str) -> bool {
+pub(super) fn dress(mesh: &mut Mesh, link: &str, look: Look) -> bool {
     let (side, name) = match (link.strip_prefix("left_"), link.strip_prefix("right_")) {
         (Some(name), _) => (1.0, name),
         (_, Some(name)) => (-1.0, name),
@@ -81,8 +82,9 @@ pub(super) fn dress(mesh: &mut Mesh, link: &str) -> bool {
     let mirror = if matches!(name, "hand_base_link" | "palm") { 1.0 } else { side };
     let at = |[x, y, z]: [f64; 3]| Vector3::new(x, mirror * y, z);
     let here = Isometry3::identity();
-    let mut dressed = false;
-    for (_, paint, solid) in PARTS.iter().filter(|part| part.0 == name) {
+    let lofted = look == Look::Two && lofts::add(mesh, name, side);
+    let mut dressed = lofted;
+    for (_, paint, solid) in PARTS.iter().filter(|part| part.0 == name && !(lofted && part.1 == Shell)) {
         dressed = true;
         match *solid {
             Bar(from, to, radii) => {

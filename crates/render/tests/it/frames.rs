@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use fiatlux_render::{Camera, HEAD_PIXELS, Lighting, RenderError, Renderer, Visuals};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{Row, Task, errand};
+use fiatlux_rules::{Bulb, Row, Task, errand};
 use fiatlux_world::{PropScale, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, start};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -200,17 +200,22 @@ fn nothing_is_missing() {
 #[test]
 fn nothing_is_inside_out() {
     let (scene, row) = stage(Task::S02, 0);
-    let visuals = Visuals::new(&scene);
+    for visuals in [Visuals::new(&scene), Visuals::for_people(&scene, None)] {
+        check_front(&scene, &row, &visuals);
+    }
+}
+
+fn check_front(scene: &Scene, row: &Row, visuals: &Visuals) {
     let size = [200, 200];
     let mut renderer = Renderer::new(size[0], size[1]);
     let chest = row.robot.pose * Point3::new(0.0, 0.0, 0.25);
     let ahead = row.robot.pose.rotation * Vector3::x();
     let camera = Camera::look_at(chest.coords + ahead * 1.5, chest.coords, 0.1, 1.0);
-    renderer.render(&visuals, &row, &camera, &Lighting::default());
-    let torso = scene.robot.link_index("torso_link").unwrap();
+    renderer.render(visuals, row, &camera, &Lighting::default());
+    let [torso, logo] = ["torso_link", "logo_link"].map(|name| scene.robot.link_index(name).unwrap());
     for y in 50..150 {
         for x in 50..150 {
-            assert_eq!(renderer.owner(x, y), Some(ShapeOwner::Robot(torso)), "({x}, {y})");
+            assert!([Some(ShapeOwner::Robot(torso)), Some(ShapeOwner::Robot(logo))].contains(&renderer.owner(x, y)));
             assert!(renderer.depth(x, y).unwrap() < 1.5, "({x}, {y}) shows the back");
         }
     }
@@ -262,6 +267,28 @@ fn light_and_tint_show() {
     assert!((0..3).all(|i| dim[i] < 0.9 * nominal[i]), "{nominal:?} {dim:?}");
     let red = mean(&Lighting { room_tint: [1.0, 0.8, 0.8], ..Lighting::default() });
     assert!(red[1] < nominal[1] - 3.0 && (red[0] - nominal[0]).abs() < 1.0, "{nominal:?} {red:?}");
+}
+
+/// A seated fresh bulb lights the ladder below it in pictures for people. The robot's cameras keep the light of their version.
+#[test]
+fn a_burning_bulb_lights_what_is_near_for_people_alone() {
+    let (scene, lit) = stage(Task::S12, 0);
+    let mut dark = lit.clone();
+    assert!(dark.attachments[Bulb::Fresh as usize].seated);
+    dark.attachments[Bulb::Fresh as usize].seated = false;
+    let ladder = lit.things[errand::LADDER].pose.translation.vector;
+    let camera = Camera::look_at(ladder + Vector3::new(2.5, 1.5, 3.2), ladder + Vector3::z(), 0.8, 1.0);
+    let mut renderer = Renderer::new(100, 100);
+    let mut brightness = |visuals: &Visuals, row: &Row| {
+        renderer.render(visuals, row, &camera, &Lighting::default());
+        let pixels = (0..100 * 100).filter(|i| renderer.owner(i % 100, i / 100) == Some(ShapeOwner::LADDER));
+        let bytes: Vec<usize> = pixels.map(|i| usize::from(renderer.image().rgb()[3 * i])).collect();
+        assert!(bytes.len() > 200, "{}", bytes.len());
+        bytes.iter().sum::<usize>() as f64 / bytes.len() as f64
+    };
+    let (people, sensors) = (Visuals::for_people(&scene, None), Visuals::new(&scene));
+    assert!(brightness(&people, &lit) > brightness(&people, &dark) + 10.0);
+    assert_eq!(brightness(&sensors, &lit), brightness(&sensors, &dark));
 }
 
 /// Props are seen in the size that they have: the ladder within the box of its projected ends, a bulb from above as a disc
