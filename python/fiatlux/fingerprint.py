@@ -1,140 +1,481 @@
 """A digest of what makes a policy play as it does: its code and its weights."""
 
-import dis
+import dataclasses
+import enum
 import functools
 import hashlib
-import inspect
-from collections.abc import Iterable, Iterator
-from types import CodeType, FunctionType, MethodType, ModuleType
+import random
+import re
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import PurePath
+from types import (
+    BuiltinFunctionType,
+    CellType,
+    FunctionType,
+    MethodType,
+    ModuleType,
+    SimpleNamespace,
+)
 from typing import Any
 
 import numpy as np
 
-Named = Iterable[tuple[str, Any]]
+from ._code import Uses, code_bytes, imported, in_library, is_users, node_of, tree_bytes, unwrapped
+
+_SETUP = frozenset(
+    "__init__ __new__ __post_init__ __init_subclass__ __class_getitem__ __setstate__ __set_name__".split()
+)
+"""Methods that make an object: what they assign is no state."""
+
+_GENERATED = frozenset(
+    "__init__ __repr__ __eq__ __hash__ __lt__ __le__ __gt__ __ge__ __new__ __replace__ __match_args__".split()
+)
+"""Methods that ``dataclass`` and ``NamedTuple`` write from the fields."""
 
 
 def digest_of(policy: Any) -> str:
     """16 hexadecimal digits of a SHA-256 over a policy's code and weights, or its own attribute ``digest``.
 
-    Code is the byte code of the policy's class or function, and of what these name in their own module. Weights are arrays,
-    numbers and texts among attributes, closures, defaults and named globals, in lists and dictionaries arrays alone, and whatever
-    has a ``state_dict``. What a method other than ``__init__``, or a function, assigns is state and does not count.
+    Code is that of the policy and of every function and class of the user's that it reaches: by name, in closures, defaults and
+    attributes, in other modules of the user's. It counts as it is written, without comments, blanks and line breaks, so that the digest is the
+    same in every process and version of Python; where the source is not there (``exec``, ``python -c``) or is no longer what runs, byte
+    code counts in its place, and the digest holds for one version of Python. Libraries count by the names of what is used.
+
+    Weights are all values in attributes, closures, defaults and named globals, and whatever has a ``state_dict``. What code that runs
+    while the policy plays assigns or changes in place is state and does not count, but what ``__init__`` alone does. An object of a library that keeps its
+    contents out of Python's sight counts by its type: give such a policy an attribute ``digest``.
     """
     own = getattr(policy, "digest", None)
     if isinstance(own, str):
         return own
-    function = policy.func if isinstance(policy, functools.partial) else policy
-    home = function.__module__ if hasattr(function, "__qualname__") else type(function).__module__
-    digest = hashlib.sha256()
-    for part in _Walk(home).value(policy):
-        digest.update(len(part).to_bytes(8, "little") + part)
-    return digest.hexdigest()[:16]
+    function = policy
+    while isinstance(function, functools.partial):
+        function = function.func
+    if isinstance(function, MethodType):
+        function = function.__self__ if not isinstance(function.__self__, type) else function.__func__
+    has_own = isinstance(function, (type, FunctionType, BuiltinFunctionType))
+    home = (function if has_own else type(function)).__module__ or ""
+    reach = _Reach(home)
+    reach.follow(policy)
+    return _Walk(reach).digest(policy).hex()[:16]
+
+
+class _Reach:
+    """The user's functions that run while a policy plays, and what they change."""
+
+    def __init__(self, home: str) -> None:
+        self.home = home
+        self.uses: dict[int, Uses] = {}
+        self._functions: list[FunctionType] = []
+        self._classes: list[type] = []
+        self._seen: dict[int, Any] = {}
+        self._mentioned: set[str] = set()
+        self._stored: set[str] = set()
+        self._constructed: set[int] = set()
+
+    def follow(self, policy: Any) -> None:
+        """Collects everything; methods count whose names are mentioned somewhere."""
+        if isinstance(policy, type):
+            self._constructed.add(id(policy))
+        self._visit(policy)
+        found = -1
+        while found != len(self.uses):
+            found = len(self.uses)
+            for kind in list(self._classes):
+                for name, function in methods(kind):
+                    is_setup = name in _SETUP
+                    is_special = name.startswith("__") or name == "reset" or name in self._mentioned
+                    if name.endswith("="):
+                        is_special = name[:-1] in self._stored
+                    if is_special and (not is_setup or id(kind) in self._constructed):
+                        self._function(function)
+        self.state_of_others = set().union(*(uses.others for uses in self.uses.values()))
+
+    def state_of(self, kind: type) -> set[str]:
+        """Attributes of a class's objects that change while it plays."""
+        names = set(self.state_of_others)
+        for parent in kind.__mro__:
+            for name, function in methods(parent):
+                if name not in _SETUP and id(function) in self.uses:
+                    names |= self.uses[id(function)].own
+        return names
+
+    def changed_in(self, namespace: Mapping[str, Any]) -> set[str]:
+        """Globals of a module that change while the policy plays."""
+        of_module = (self.uses[id(function)] for function in self._functions if function.__globals__ is namespace)
+        return set().union(*(uses.changed for uses in of_module))
+
+    def changed_cell(self, cell: CellType) -> bool:
+        """True if some function changes the variable of a closure."""
+        for function in self._functions:
+            names = function.__code__.co_freevars
+            for name, own in zip(names, function.__closure__ or ()):
+                if own is cell and name in self.uses[id(function)].changed:
+                    return True
+        return False
+
+    def is_users(self, value: Any) -> bool:
+        return is_users(getattr(value, "__module__", None), self.home)
+
+    def is_users_code(self, function: FunctionType) -> bool:
+        """By the file: a library's wrapper has the module of what it wraps."""
+        return self.is_users(function) and (
+            not in_library(function.__code__.co_filename)
+            or function.__globals__.get("__name__", "").partition(".")[0] == self.home.partition(".")[0]
+        )
+
+    def globals_of(self, function: FunctionType) -> Iterator[tuple[str, Any]]:
+        """Globals that a function mentions, by name, and of modules of the user's what it mentions of them."""
+        uses = self.uses[id(function)]
+        for name in sorted(uses.names):
+            if name not in function.__globals__ or name in function.__code__.co_freevars:
+                continue
+            value = function.__globals__[name]
+            yield name, value
+            yield from self._of_module(name, value, uses.attributes)
+        for module, name in sorted(uses.imports):
+            value = imported(module, name, function.__globals__.get("__package__"), self.home)
+            yield f"import {module} {name}", value
+            yield from self._of_module(module, value, uses.attributes)
+
+    def _of_module(self, name: str, value: Any, attributes: set[str]) -> Iterator[tuple[str, Any]]:
+        if isinstance(value, ModuleType) and is_users(value.__name__, self.home):
+            for attribute in sorted(attributes):
+                if attribute in vars(value):
+                    inner = vars(value)[attribute]
+                    yield f"{name}.{attribute}", inner
+                    if isinstance(inner, ModuleType) and inner.__name__.startswith(f"{value.__name__}."):
+                        yield from self._of_module(f"{name}.{attribute}", inner, attributes)
+
+    def _function(self, function: FunctionType) -> None:
+        if id(function) in self.uses:
+            return
+        self._seen[id(function)] = function
+        if self.is_users_code(function):
+            uses = self.uses[id(function)] = Uses(function, node_of(function))
+            self._functions.append(function)
+            self._mentioned |= uses.attributes | uses.names
+            self._stored |= uses.own | uses.others
+            for _, value in self.globals_of(function):
+                if isinstance(value, type):
+                    self._constructed.add(id(value))
+                self._visit(value)
+        for value in parts_of_function(function):
+            self._visit(value)
+
+    def _visit(self, value: Any) -> None:
+        if isinstance(value, (str, bytes, int, float, complex, np.generic, np.ndarray, type(None), ModuleType)):
+            return
+        if id(value) in self._seen:
+            return
+        if isinstance(value, FunctionType):
+            self._function(value)
+            return
+        self._seen[id(value)] = value
+        if isinstance(value, type):
+            for kind in value.__mro__:
+                if self.is_users(kind) and all(kind is not known for known in self._classes):
+                    self._classes.append(kind)
+                    for _, part in members(kind):
+                        # Methods are followed where they are called.
+                        is_method = isinstance(part, (FunctionType, property, functools.cached_property))
+                        if not is_method and unwrapped(part) is None:
+                            self._visit(part)
+            return
+        if isinstance(value, MethodType):
+            self._mentioned.add(value.__func__.__name__)
+        for part in _inner(value):
+            self._visit(part)
+        if self.is_users(type(value)):
+            self._visit(type(value))
+
+
+def _inner(value: Any) -> Iterator[Any]:
+    """Parts of an object that may be functions or objects of the user's."""
+    if isinstance(value, MethodType):
+        yield from (value.__func__, value.__self__)
+    elif isinstance(value, functools.partial):
+        yield from (value.func, *value.args, *value.keywords.values())
+    elif isinstance(value, Mapping):
+        yield from list(value.values())
+    elif isinstance(value, (list, tuple, set, frozenset, deque)):
+        yield from list(value)
+    wrapped = unwrapped(value)
+    if wrapped is not None:
+        yield wrapped
+    yield from attributes(value).values()
+
+
+def parts_of_function(function: FunctionType) -> Iterator[Any]:
+    """Values that a function keeps: defaults and closure."""
+    yield from function.__defaults__ or ()
+    yield from (function.__kwdefaults__ or {}).values()
+    for cell in function.__closure__ or ():
+        try:
+            yield cell.cell_contents
+        except ValueError:
+            continue
+    if hasattr(function, "__wrapped__"):
+        yield function.__wrapped__
+
+
+def attributes(value: Any) -> dict[str, Any]:
+    """Attributes of an object, those in slots too, in the order of their names."""
+    found = dict(getattr(value, "__dict__", None) or {}) if not isinstance(value, type) else {}
+    for kind in type(value).__mro__:
+        slots = vars(kind).get("__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            if name not in ("__dict__", "__weakref__") and hasattr(value, name):
+                found[name] = getattr(value, name)
+    return {name: found[name] for name in sorted(found, key=str)}
+
+
+def members(kind: type) -> Iterator[tuple[str, Any]]:
+    """Functions and values of a class, without what Python adds."""
+    is_generated = "__dataclass_fields__" in vars(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields"))
+    for name, part in sorted(vars(kind).items()):
+        part = getattr(part, "__func__", part) if isinstance(part, (staticmethod, classmethod)) else part
+        if isinstance(part, FunctionType):
+            file = part.__code__.co_filename
+            if is_generated and (in_library(file) or (file.startswith("<") and name in _GENERATED)):
+                continue
+            yield name, part
+        elif not name.startswith("__") and not name.startswith("_abc_") and name not in ("_field_defaults", "_fields"):
+            if type(part).__name__ not in ("member_descriptor", "getset_descriptor", "_tuplegetter"):
+                yield name, part
+
+
+def methods(kind: type) -> Iterator[tuple[str, FunctionType]]:
+    """Functions of a class, those in properties and decorators too; with ``=`` after the name those that a property's assignment calls."""
+    for name, part in members(kind):
+        inner: tuple[Any, ...] = (part, unwrapped(part))
+        if isinstance(part, property):
+            inner = (part.fget,)
+            for function in (part.fset, part.fdel):
+                if isinstance(function, FunctionType):
+                    yield f"{name}=", function
+        elif isinstance(part, functools.cached_property):
+            inner = (part.func,)
+        for function in inner:
+            if isinstance(function, FunctionType):
+                yield name, function
 
 
 class _Walk:
-    """A walk over the code and the weights of one module."""
+    """A walk over the code and the weights that a policy reaches."""
 
-    def __init__(self, home: str) -> None:
-        self._home = home
-        self._seen: set[int] = set()
+    def __init__(self, reach: _Reach) -> None:
+        self._reach = reach
+        # Objects of the walk, kept so that no later one has the same id, and their digests; none while one is at work in it.
+        self._known: dict[int, tuple[Any, bytes | None]] = {}
 
-    def value(self, value: Any) -> Iterator[bytes]:
-        if value is None or isinstance(value, (bool, int, float, complex, str, bytes, np.generic)):
-            yield repr(value).encode()
-        elif id(value) not in self._seen:
-            self._seen.add(id(value))
-            yield from self._object(value)
+    def digest(self, value: Any) -> bytes:
+        """The digest of a value. What is reached again from within itself counts by its type."""
+        if isinstance(value, (bool, int, float, complex, str, bytes, type(None))):
+            return _hashed([type(value).__name__.encode(), _plain(value)])
+        known = self._known.get(id(value))
+        if known is not None:
+            return known[1] or _hashed([b"again", _name(value if isinstance(value, type) else type(value))])
+        self._known[id(value)] = value, None
+        found = _hashed(self._object(value))
+        self._known[id(value)] = value, found
+        return found
 
     def _object(self, value: Any) -> Iterator[bytes]:
-        if isinstance(value, np.ndarray):
-            yield f"{value.dtype.str}{value.shape}".encode() + (b"" if value.dtype.hasobject else value.tobytes())
-        elif isinstance(value, CodeType):
-            yield value.co_code + repr(value.co_names).encode()
-            yield from self.value(value.co_consts)
+        kind = type(value)
+        yield _name(kind)
+        if isinstance(value, (np.ndarray, np.generic)) or _is_tensor(value):
+            yield from self._numbers(value)
         elif isinstance(value, FunctionType):
             yield from self._function(value)
         elif isinstance(value, MethodType):
-            yield from self.value((value.__func__, value.__self__))
+            yield from map(self.digest, (value.__func__, value.__self__))
         elif isinstance(value, functools.partial):
-            yield from self.value((value.func, value.args, *sorted(value.keywords.items())))
+            yield from map(self.digest, (value.func, value.args, *self._sorted(value.keywords)))
         elif isinstance(value, type):
-            for kind in value.__mro__:
-                if kind.__module__ == self._home:
-                    yield from self._named(_members(kind))
-        elif isinstance(value, tuple):
-            for part in value:
-                yield from self.value(part)
-        elif isinstance(value, frozenset):
-            yield repr(sorted(map(repr, value))).encode()
-        elif isinstance(value, (list, dict)):
-            # Further entries of a list or a dictionary may be a log, which grows.
-            parts = value.items() if isinstance(value, dict) else enumerate(value)
-            for name, part in parts:
-                inner = list(self.value(part)) if _is_weight(part) else []
-                yield from (str(name).encode(), *inner) if inner else ()
-        elif _has_weights(value):
-            yield from self._named((str(name), _array(part)) for name, part in value.state_dict().items())
-            yield from self.value(type(value))
-        elif type(value).__module__ == self._home:
-            yield from self.value(type(value))
-            state = _assigned(type(value))
-            yield from self._named((name, part) for name, part in vars(value).items() if name not in state)
-        elif not isinstance(value, ModuleType):
-            # An object of a library, such as a trainer's model.
+            yield from self._class(value)
+        elif isinstance(value, ModuleType):
+            yield value.__name__.encode()
+        elif isinstance(value, enum.Enum):
+            yield value.name.encode()
+            yield from map(self.digest, (value.value, kind))
+        elif isinstance(value, (property, functools.cached_property)):
+            names = ("fget", "fset", "fdel", "func")
+            yield from (self.digest(getattr(value, name, None)) for name in names)
+        elif isinstance(value, re.Pattern):
+            yield from map(self.digest, (value.pattern, value.flags))
+        elif isinstance(value, (PurePath, range, slice, np.dtype)):
+            yield str(value).encode()
+        elif isinstance(value, (np.random.Generator, np.random.RandomState, random.Random)):
+            return
+        elif isinstance(value, Mapping):
+            for name, part in list(value.items()):
+                yield from (self.digest(name), self.digest(part))
+            yield from self._instance(value)
+        elif isinstance(value, (list, tuple, deque)):
+            yield from map(self.digest, list(value))
+            yield from self._instance(value)
+        elif isinstance(value, (set, frozenset)):
+            yield from sorted(map(self.digest, value))
+        else:
+            wrapped = unwrapped(value)
+            if wrapped is not None:
+                yield self.digest(wrapped)
+            yield from self._instance(value)
+
+    def _instance(self, value: Any) -> Iterator[bytes]:
+        """Attributes of an object: all of the user's classes, of others texts and weights."""
+        own = attributes(value)
+        if _has_weights(value):
+            yield from self._network(value)
+        if self._reach.is_users(type(value)) or isinstance(value, SimpleNamespace):
+            yield self.digest(type(value))
+            state = self._reach.state_of(type(value))
+            # A module of PyTorch keeps its own under names that begin with a line; its weights were counted.
+            is_network = hasattr(value, "_modules")
             yield from self._named(
-                (name, part) for name, part in getattr(value, "__dict__", {}).items() if _has_weights(part)
+                {
+                    name: part
+                    for name, part in own.items()
+                    if name not in state and not (is_network and name.startswith("_"))
+                }
             )
+        else:
+            yield _package(value)
+            plain = (str, bytes, PurePath, np.ndarray, FunctionType, MethodType)
+            kept = {
+                name: part
+                for name, part in own.items()
+                if isinstance(part, plain) or _has_weights(part) or _is_tensor(part) or self._reach.is_users(type(part))
+            }
+            yield from self._named(kept)
+
+    def _network(self, value: Any) -> Iterator[bytes]:
+        """Weights, and the layers that have none."""
+        yield from self._named({str(name): part for name, part in value.state_dict().items()})
+        modules = getattr(value, "named_modules", None)
+        for name, module in modules() if callable(modules) else ():
+            own = {
+                key: part for key, part in attributes(module).items() if not key.startswith("_") and key != "training"
+            }
+            state = self._reach.state_of(type(module))
+            plain = {
+                key: part
+                for key, part in own.items()
+                if key not in state and isinstance(part, (bool, int, float, str, tuple))
+            }
+            yield from (name.encode(), _name(type(module)))
+            yield from self._named(plain)
+            if module is not value and self._reach.is_users(type(module)):
+                yield self.digest(type(module))
+
+    def _numbers(self, value: Any) -> Iterator[bytes]:
+        if not isinstance(value, (np.ndarray, np.generic)):
+            yield str(value.dtype).encode() + str(tuple(value.shape)).encode()
+            yield _bytes_of(value)
+            return
+        yield f"{value.dtype.descr if value.dtype.names else value.dtype.str}{value.shape}".encode()
+        if value.dtype.hasobject:
+            yield from map(self.digest, np.asarray(value).ravel().tolist())
+        else:
+            yield value.tobytes()
+
+    def _class(self, kind: type) -> Iterator[bytes]:
+        if not self._reach.is_users(kind):
+            yield _name(kind)
+            return
+        yield kind.__qualname__.encode()
+        for parent in kind.__mro__:
+            yield _name(parent)
+            if not self._reach.is_users(parent):
+                continue
+            state = self._reach.state_of(parent)
+            yield from self._named({name: part for name, part in members(parent) if name not in state})
+            for field in vars(parent).get("__dataclass_fields__", {}).values():
+                # Types count as they are written: what else they are is different from version to version.
+                made = field.default_factory
+                yield f"{field.name} {field.init} {field.kw_only}".encode()
+                yield from (self.digest(_or_none(field.default)), self.digest(_or_none(made)))
+            if issubclass(parent, tuple) and "_fields" in vars(parent):
+                defaults = getattr(parent, "_field_defaults", {})
+                yield from (self.digest(tuple(vars(parent)["_fields"])), self.digest(dict(defaults)))
 
     def _function(self, function: FunctionType) -> Iterator[bytes]:
-        if function.__module__ != self._home:
-            return
-        code = function.__code__
-        yield from self.value((code, function.__defaults__, *(function.__kwdefaults__ or {}).items()))
-        used = inspect.getclosurevars(function)
-        state = _stored(code, "STORE_GLOBAL", "STORE_DEREF")
-        yield from self._named(
-            (name, part) for name, part in {**used.globals, **used.nonlocals}.items() if name not in state
-        )
+        reach = self._reach
+        if id(function) in reach.uses or reach.is_users_code(function):
+            node = node_of(function)
+            if node is None:
+                yield from code_bytes(function.__code__)
+            else:
+                yield tree_bytes(node)
+            yield from map(self.digest, function.__defaults__ or ())
+            yield from self._named(function.__kwdefaults__ or {})
+            if id(function) in reach.uses:
+                changed = reach.changed_in(function.__globals__)
+                yield from self._named({name: part for name, part in reach.globals_of(function) if name not in changed})
+        else:
+            yield _package(function)
+        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):
+            if not reach.changed_cell(cell):
+                try:
+                    yield from self._named({name: cell.cell_contents})
+                except ValueError:
+                    yield name.encode()
+        if hasattr(function, "__wrapped__"):
+            yield self.digest(function.__wrapped__)
 
-    def _named(self, items: Named) -> Iterator[bytes]:
-        for name, part in items:
-            yield name.encode()
-            yield from self.value(part)
+    def _named(self, items: Mapping[str, Any]) -> Iterator[bytes]:
+        for name in sorted(items, key=str):
+            yield from (str(name).encode(), self.digest(items[name]))
+
+    def _sorted(self, items: Mapping[str, Any]) -> Iterable[Any]:
+        return sorted(items.items())
+
+
+def _hashed(parts: Iterable[bytes]) -> bytes:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return digest.digest()
+
+
+def _plain(value: Any) -> bytes:
+    if isinstance(value, str):
+        return value.encode("utf-8", "surrogatepass")
+    return value if isinstance(value, bytes) else repr(value).encode()
+
+
+def _name(kind: type) -> bytes:
+    """A type's package and name; libraries move theirs between modules from version to version."""
+    return f"{kind.__module__.partition('.')[0]}.{kind.__qualname__}".encode()
+
+
+def _package(value: Any) -> bytes:
+    """The same of a function of a library; nothing for an object without a name."""
+    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
+    module = getattr(value, "__module__", None) or ""
+    return f"{module.partition('.')[0]}.{name}".encode() if isinstance(name, str) else b""
+
+
+def _or_none(value: Any) -> Any:
+    return None if value is dataclasses.MISSING else value
+
+
+def _is_tensor(value: Any) -> bool:
+    """True for the arrays of PyTorch, JAX and TensorFlow."""
+    return not isinstance(value, type) and all(hasattr(value, name) for name in ("dtype", "shape", "__array__"))
 
 
 def _has_weights(value: Any) -> bool:
     return not isinstance(value, type) and callable(getattr(value, "state_dict", None))
 
 
-def _is_weight(value: Any) -> bool:
-    return _has_weights(value) or isinstance(value, (np.ndarray, list, dict))
-
-
-def _array(value: Any) -> Any:
-    """A tensor as an array of its bytes; anything else as it is."""
-    if not hasattr(value, "detach"):
-        return value
+def _bytes_of(tensor: Any) -> bytes:
+    """The bytes of a tensor, of PyTorch also where NumPy has no such type."""
+    if not hasattr(tensor, "detach"):
+        return np.asarray(tensor).tobytes()
     import torch
 
-    return value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy()
-
-
-def _members(kind: type) -> Named:
-    """Functions and values of a class."""
-    for name, part in vars(kind).items():
-        part = getattr(part, "__func__", getattr(part, "fget", part))
-        if isinstance(part, FunctionType) or not name.startswith("__"):
-            yield name, part
-
-
-def _assigned(kind: type) -> set[str]:
-    """Attributes that methods other than ``__init__`` assign."""
-    members = (item for parent in kind.__mro__ for item in _members(parent))
-    methods = (part for name, part in members if isinstance(part, FunctionType) and name != "__init__")
-    return {name for method in methods for name in _stored(method.__code__, "STORE_ATTR")}
-
-
-def _stored(code: CodeType, *operations: str) -> set[str]:
-    """Names that byte code assigns by these operations."""
-    found = {step.argval for step in dis.get_instructions(code) if step.opname in operations}
-    return found.union(*(_stored(part, *operations) for part in code.co_consts if isinstance(part, CodeType)))
+    flat = tensor.detach().cpu().contiguous().reshape(-1)
+    return flat.view(torch.uint8).numpy().tobytes()

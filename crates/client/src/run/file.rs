@@ -73,7 +73,10 @@ impl RunFile {
                 let mut differs = differences(&found.spec, spec);
                 if ![found.policy_digest.as_str(), policy_digest].contains(&"") && found.policy_digest != policy_digest
                 {
-                    differs.insert(0, "the policy's code or weights");
+                    differs.insert(
+                        0,
+                        "the policy's code or weights (its attribute `digest`, if it has one, says what it is)",
+                    );
                 }
                 match differs {
                     differs if differs.is_empty() => Ok(found),
@@ -188,7 +191,7 @@ mod tests {
         let first = RunFile::open_of(&path, &spec(), "1a").unwrap();
         assert_eq!(RunFile::open_of(&path, &spec(), "1a").unwrap(), first);
         let error = RunFile::open_of(&path, &spec(), "2b").unwrap_err().to_string();
-        assert!(error.contains("which differs in the policy's code or weights;"), "{error}");
+        assert!(error.contains("which differs in the policy's code or weights ("), "{error}");
         // The programs know no digest, and neither do older files.
         assert_eq!(RunFile::open(&path, &spec()).unwrap(), first);
         std::fs::remove_file(&path).unwrap();

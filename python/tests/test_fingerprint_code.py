@@ -1,0 +1,380 @@
+"""Tests that the digest of a policy follows every part of its code, and nothing else: small modules, each with edits that change what it plays."""
+
+import importlib
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+from fiatlux.fingerprint import digest_of
+
+# Code, the expression for the policy, edits that must count, edits that must not.
+CASES = {
+    "functions": (
+        """
+        import numpy as np
+        GAINS = [1.0, 2.0]
+        TABLE = {"hip": 0.5}
+        def scale(x): return x * 0.0
+        def shift(x): return x + 0.0
+        def policy(observation): return shift(scale(np.ones(2))) * GAINS[0] * TABLE["hip"]
+        """,
+        "policy",
+        [
+            ("x * 0.0", "x * 0.7"),
+            ("x + 0.0", "x + 0.2"),
+            ("[1.0, 2.0]", "[1.0, 3.0]"),
+            ("0.5", "0.6"),
+            ("shift(scale(", "scale(shift("),
+        ],
+        [
+            ("x * 0.0", "x * 0.0  # slower"),
+            ("def scale(x): return", "\n\ndef scale(x):\n    return"),
+            ("np.ones(2)", "np.ones( 2 )"),
+        ],
+    ),
+    "nested": (
+        """
+        def helper(x): return x + 1
+        def other(x): return x + 2
+        def policy(observation):
+            def inner(x):
+                return [helper(y) for y in x]
+            return inner(observation) + list(map(lambda x: other(x), observation))
+        """,
+        "policy",
+        [
+            ("x + 1", "x + 3"),
+            ("x + 2", "x + 3"),
+            ("helper(y)", "other(y)"),
+            ("lambda x: other(x)", "lambda x: helper(x)"),
+        ],
+        [],
+    ),
+    "closures": (
+        """
+        def make(gain, step=0.1):
+            def policy(observation, bias=0.5, *, k=2): return observation * gain * step + bias * k
+            return policy
+        policy = make(1.0)
+        """,
+        "policy",
+        [("make(1.0)", "make(2.0)"), ("step=0.1", "step=0.2"), ("bias=0.5", "bias=0.6"), ("k=2", "k=3")],
+        [],
+    ),
+    "lambdas": (
+        """
+        first, second = lambda o: o * 1.0, lambda o: o * 2.0
+        policies = [lambda o: first(o), lambda o: second(o)]
+        policy = policies[0]
+        """,
+        "policy",
+        [("o * 1.0", "o * 3.0"), ("policies[0]", "policies[1]")],
+        [],
+    ),
+    "partials": (
+        """
+        import functools
+        def play(gain, observation, *, k=1): return gain * observation * k
+        policy = functools.partial(functools.partial(play, k=3), 2.0)
+        """,
+        "policy",
+        [
+            ("k=3", "k=4"),
+            ("2.0", "2.5"),
+            ("gain * observation", "gain + observation"),
+            ("play, k", "lambda g, o, k: g, k"),
+        ],
+        [],
+    ),
+    "dataclass": (
+        """
+        import dataclasses
+        @dataclasses.dataclass
+        class Policy:
+            gain: float = 1.0
+            names: list = dataclasses.field(default_factory=lambda: ["a"])
+            def __call__(self, observation): return self.gain * observation
+        """,
+        "Policy",
+        [("= 1.0", "= 2.0"), ('["a"]', '["b"]'), ("self.gain *", "self.gain +")],
+        [],
+    ),
+    "named tuple": (
+        """
+        from typing import NamedTuple
+        class Gains(NamedTuple):
+            hip: float = 1.0
+            def doubled(self): return 2 * self.hip
+        class Policy:
+            def __call__(self, observation): return Gains().doubled()
+        """,
+        "Policy()",
+        [("= 1.0", "= 2.0"), ("2 * self", "3 * self")],
+        [],
+    ),
+    "methods": (
+        """
+        import functools
+        class Base:
+            offset = 0.5
+            def plan(self, x): return x + self.offset
+        class Policy(Base):
+            def __init__(self, gain=1.0): self.gain = gain
+            @property
+            def k(self): return self.gain * 2
+            @k.setter
+            def k(self, value): self.gain = value + 1
+            @staticmethod
+            def turn(x): return x * 3
+            @classmethod
+            def bend(cls, x): return x * 4
+            @functools.cached_property
+            def table(self): return [5]
+            @functools.lru_cache
+            def slow(self, x): return x * 6
+            def act(self, x): return self.plan(x) * self.k + self.turn(x) + self.bend(x) + self.table[0] + self.slow(x)
+        policy = Policy().act
+        """,
+        "policy",
+        [
+            ("offset = 0.5", "offset = 0.6"),
+            ("x + self.offset", "x - self.offset"),
+            ("gain * 2", "gain * 7"),
+            ("value + 1", "value + 2"),
+            ("x * 3", "x * 7"),
+            ("x * 4", "x * 7"),
+            ("[5]", "[7]"),
+            ("x * 6", "x * 7"),
+            ("Policy().act", "Policy(2.0).act"),
+            ("Policy().act", "Policy().plan"),
+        ],
+        [],
+    ),
+    "weights in helpers": (
+        """
+        import numpy as np
+        class Net:
+            __slots__ = ("w",)
+            def forward(self, x): return x * self.w
+        class Policy:
+            def __init__(self): self.load(1.0)
+            def load(self, scale):
+                self.net = Net()
+                self.net.w = np.full(3, scale)
+            @classmethod
+            def of(cls, bias):
+                made = cls()
+                made.bias = bias
+                return made
+            def reset(self, info): self.hidden = 0
+            def __call__(self, observation):
+                self.hidden += 1
+                return self.net.forward(observation) + self.bias
+        policy = Policy.of(0.5)
+        """,
+        "policy",
+        [
+            ("load(1.0)", "load(2.0)"),
+            ("of(0.5)", "of(0.6)"),
+            ("x * self.w", "x + self.w"),
+            ("hidden = 0", "hidden = 9"),
+        ],
+        [],
+    ),
+    "recursion": (
+        """
+        def even(n): return True if n == 0 else odd(n - 1)
+        def odd(n): return False if n == 0 else even(n - 1)
+        def policy(observation): return even(4)
+        """,
+        "policy",
+        [("return True", "return None"), ("return False", "return None"), ("even(4)", "odd(4)")],
+        [],
+    ),
+    "one name, two classes": (
+        """
+        import sys
+        if sys.maxsize > 0:
+            class Policy:
+                def __call__(self, observation): return 1.0
+        else:
+            class Policy:
+                def __call__(self, observation): return 2.0
+        """,
+        "Policy",
+        [("return 1.0", "return 3.0")],
+        [("return 2.0", "return 3.0")],
+    ),
+    "modules of the user's": (
+        """
+        import helpers
+        from helpers import scale as size
+        def policy(observation):
+            from late import more
+            return helpers.shift(size(observation)) + more(observation)
+        """,
+        "policy",
+        [("scale as size", "shift as size"), ("helpers.shift", "helpers.scale")],
+        [],
+    ),
+    "libraries": (
+        """
+        from math import sin as f
+        import numpy as np
+        def policy(observation): return np.cos(f(1.0)) * np.float64(2.0)
+        """,
+        "policy",
+        [("sin as f", "cos as f"), ("np.cos", "np.sin"), ("float64(2.0)", "float32(2.0)")],
+        [],
+    ),
+    "texts": (
+        '''
+        def policy(observation):
+            """A prompt."""
+            return len(f"go {observation!r:>{10}} to" " the lamp")
+        ''',
+        "policy",
+        [("A prompt", "Another prompt"), ("!r", "!s"), (">{10}", ">{11}"), ("the lamp", "a lamp")],
+        [],
+    ),
+}
+
+HELPERS = {
+    "helpers": "FACTOR = 2.0\ndef scale(x): return x * FACTOR\ndef shift(x): return x + 1.0\n",
+    "late": "def more(x): return x * 5.0\n",
+}
+
+
+def imported(folder, code, policy, helpers=HELPERS):
+    """The policy of a module that is imported from a folder."""
+    folder.mkdir()
+    for name, text in {**helpers, "mine": textwrap.dedent(code)}.items():
+        (folder / f"{name}.py").write_text(text)
+        sys.modules.pop(name, None)
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+    try:
+        mine = importlib.import_module("mine")
+        return eval(policy, vars(mine))
+    finally:
+        sys.path.remove(str(folder))
+        sys.dont_write_bytecode = before
+
+
+def digest_in(folder, code, policy, helpers=HELPERS):
+    # Also what a function imports as it is called is found only next to it.
+    sys.path.insert(0, str(folder))
+    try:
+        return digest_of(imported(folder, code, policy, helpers))
+    finally:
+        sys.path.remove(str(folder))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_follows_what_the_user_wrote(case, tmp_path):
+    code, policy, counts, does_not = CASES[case]
+    base = digest_in(tmp_path / "base", code, policy)
+    assert digest_in(tmp_path / "again", code, policy) == base
+    for number, (old, new) in enumerate(counts):
+        assert old in code
+        assert digest_in(tmp_path / f"edit {number}", code.replace(old, new), policy) != base, f"{old} -> {new}"
+    for number, (old, new) in enumerate(does_not):
+        assert old in code
+        edited = textwrap.dedent(code).replace(old, new)
+        assert digest_in(tmp_path / f"blank {number}", edited, policy) == base, f"{old} -> {new}"
+
+
+def test_it_follows_the_users_other_modules(tmp_path):
+    code, policy, *_ = CASES["modules of the user's"]
+    base = digest_in(tmp_path / "base", code, policy)
+    for number, (name, old, new) in enumerate(
+        [
+            ("helpers", "= 2.0", "= 3.0"),
+            ("helpers", "x * F", "x / F"),
+            ("helpers", "+ 1.0", "+ 2.0"),
+            ("late", "5.0", "6.0"),
+        ]
+    ):
+        edited = {**HELPERS, name: HELPERS[name].replace(old, new)}
+        assert digest_in(tmp_path / str(number), code, policy, edited) != base, f"{old} -> {new}"
+
+
+def test_it_is_the_same_in_every_process(tmp_path):
+    for number, (case, (code, policy, *_)) in enumerate(CASES.items()):
+        folder = tmp_path / str(number)
+        here = digest_in(folder, code, policy)
+        script = f"import mine; from fiatlux.fingerprint import digest_of; print(digest_of(mine.{policy}))"
+        run = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True)
+        assert run.stdout.split() == [here], case
+
+
+PLAYED = """
+import numpy as np
+calls = 0
+LOG = []
+class Memory:
+    def __init__(self): self.seen = []
+    def keep(self, x): self.seen.append(x)
+class Policy:
+    made = 0
+    def __init__(self, weight=1.0):
+        self.weights = {"w": np.full(3, weight)}
+        self.hidden = np.zeros(3)
+        self.memory = Memory()
+        self.cache = {}
+    def reset(self, info):
+        self.hidden[:] = 0.0
+        self._begin(info)
+    def _begin(self, info): self.seed = info["seed"]
+    def __call__(self, observation):
+        global calls
+        calls += 1
+        LOG.append(calls)
+        self.hidden = self.hidden + observation
+        self.cache[calls] = observation
+        self.memory.keep(observation)
+        return self.weights["w"] * self.hidden
+def counter():
+    count = 0
+    seen = []
+    def policy(observation):
+        nonlocal count
+        count += 1
+        seen.append(observation)
+        return np.zeros(3) + count
+    return policy
+"""
+
+
+@pytest.mark.parametrize("made", ["Policy()", "counter()"])
+def test_what_playing_changes_does_not_count(made, tmp_path):
+    policy = imported(tmp_path / "code", PLAYED, made)
+    before = digest_of(policy)
+    for seed in range(3):
+        if hasattr(policy, "reset"):
+            policy.reset({"seed": seed})
+        policy(np.ones(3))
+    assert digest_of(policy) == before
+
+
+def test_an_edit_after_the_import_is_not_what_runs(tmp_path):
+    policy = imported(tmp_path / "code", "def policy(o): return 1.0", "policy")
+    before = digest_of(policy)
+    (tmp_path / "code" / "mine.py").write_text("def policy(o): return 2.0  # not imported yet")
+    assert digest_of(policy) == digest_of(policy) != before
+    assert digest_of(policy) != digest_in(tmp_path / "new", "def policy(o): return 2.0", "policy")
+
+
+def test_without_source_the_byte_code_counts():
+    made = []
+    for text in (
+        "def policy(o): return helper(o)\ndef helper(o): return 1",
+        "def policy(o): return helper(o)\ndef helper(o): return 2",
+    ):
+        space = {"__name__": "__main__"}
+        exec(text, space)
+        made.append(digest_of(space["policy"]))
+    assert made[0] != made[1]
