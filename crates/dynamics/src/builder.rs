@@ -7,7 +7,7 @@ use crate::error::ModelError;
 use crate::geometry::Geometry;
 use crate::inverse_weights::inverse_weights;
 use crate::model::{Body, CullGroupPair, MAX_DOFS, Model, Node};
-use crate::parameters::{Inertial, InverseWeights, Parameters};
+use crate::parameters::{Inertial, InverseWeights, Parameters, new_id};
 use crate::spec::{BodyId, BodySpec, Joint, ShapeId, ShapeSpec};
 
 /// Collects bodies and shapes and checks them.
@@ -218,6 +218,7 @@ impl ModelBuilder {
             materials: self.shapes.iter().map(|shape| shape.material).collect(),
             inverse_weights: InverseWeights::default(),
             gravity: self.gravity,
+            id: new_id(),
         };
         let node = |body: &Body| Node {
             parent: body.spec.parent.0,

@@ -84,6 +84,10 @@ pub(crate) fn check_shape(spec: &ShapeSpec) -> Result<(), ModelError> {
     for (field, size) in spec.geometry.sizes() {
         positive(field, size)?;
     }
+    for (field, lever) in [("torsion", spec.material.torsion), ("rolling", spec.material.rolling)] {
+        let ok = lever >= 0.0 && lever.is_finite();
+        check_value("shape", &spec.name, field, lever, ok, "it must be finite and not negative")?;
+    }
     check_friction(&spec.name, spec.material.friction)
 }
 

@@ -111,6 +111,10 @@ struct Carrier {
     cull_group: usize,
     /// The cull group takes part in pairs of one tree.
     in_tree: bool,
+    /// The cull group has shapes of this body alone.
+    is_alone: bool,
+    /// Where the body was when its shapes were placed last, if it stood still; placing them again would change nothing.
+    still_at: Option<(V3, Matrix3<f64>)>,
     /// Its shapes, in [`Collider::moving`].
     shapes: std::ops::Range<usize>,
 }
@@ -143,6 +147,28 @@ impl Bounds {
     }
 }
 
+impl Carrier {
+    /// True if the body stands still where it stood still last.
+    #[inline(always)]
+    fn is_kept(&self, kin: &Kinematics) -> bool {
+        let motion = &kin.motion[self.body];
+        self.still_at.is_some_and(|(position, rotation)| {
+            position == kin.position[self.body]
+                && rotation == kin.rotation[self.body]
+                && motion.linear == V3::zeros()
+                && motion.angular == V3::zeros()
+        })
+    }
+
+    fn note_still(&mut self, kin: &Kinematics) {
+        let motion = &kin.motion[self.body];
+        // Only shapes whose bounds no other body grows, and without a second set of bounds.
+        if self.is_alone && !self.in_tree && motion.linear == V3::zeros() && motion.angular == V3::zeros() {
+            self.still_at = Some((kin.position[self.body], kin.rotation[self.body]));
+        }
+    }
+}
+
 impl Collider {
     pub fn new(model: &Model) -> Self {
         let shapes = model.shapes.len();
@@ -172,7 +198,16 @@ impl Collider {
                         let in_tree =
                             |pair: &CullGroupPair| pair.one_tree && (pair.a == cull_group || pair.b == cull_group);
                         let in_tree = model.pairs.iter().any(in_tree);
-                        collider.carriers.push(Carrier { body, root, cull_group, in_tree, shapes: at..at + 1 });
+                        let is_alone = model.cull_groups[cull_group].iter().all(|&s| model.shapes[s].body.0 == body);
+                        collider.carriers.push(Carrier {
+                            body,
+                            root,
+                            cull_group,
+                            in_tree,
+                            is_alone,
+                            still_at: None,
+                            shapes: at..at + 1,
+                        });
                     }
                 }
                 let (geometry, extent) = (shape.geometry.clone(), shape.geometry.radius());
@@ -185,12 +220,20 @@ impl Collider {
     /// Places all shapes. Their bounds cover what they may travel in `dt` s, up to 0.1 m, so that a body that is not faster
     /// than that meets a surface in the step in which it would pass it.
     pub fn update(&mut self, kin: &Kinematics, dt: f64) {
-        for carrier in &self.carriers {
+        for carrier in &mut self.carriers {
+            if carrier.is_kept(kin) {
+                continue;
+            }
+            carrier.still_at = None;
             self.bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
             self.kin_bounds.cull_groups[carrier.cull_group] = Aabb::EMPTY;
         }
         let margin = |speed: f64| 0.5 * REST_MARGIN + (dt * speed).min(MAX_SPEED_MARGIN);
-        for carrier in &self.carriers {
+        for carrier in &mut self.carriers {
+            if carrier.still_at.is_some() {
+                continue;
+            }
+            carrier.note_still(kin);
             let (body, root, cull_group) = (carrier.body, carrier.root, carrier.cull_group);
             let (rotation, motion, root_motion) = (&kin.rotation[body], &kin.motion[body], &kin.motion[root]);
             let (body_position, origin) = (kin.position[body], kin.origin[body]);
@@ -225,9 +268,13 @@ impl Collider {
         }
     }
 
-    /// Appends every contact point that two shapes may reach within `dt` s; points of one body pair stand together.
-    pub fn find(&mut self, model: &Model, materials: &[Material], dt: f64, out: &mut Vec<Contact>) {
+    /// Appends every contact point that two shapes may reach within `dt` s; points of one body pair stand together. Cull groups
+    /// at rest are left out.
+    pub fn find(&mut self, model: &Model, materials: &[Material], resting: &[bool], dt: f64, out: &mut Vec<Contact>) {
         for pair in &model.pairs {
+            if resting[pair.a] | resting[pair.b] {
+                continue;
+            }
             let bounds = if pair.one_tree { &self.kin_bounds } else { &self.bounds };
             let (group_a, group_b) = (&bounds.cull_groups[pair.a], &bounds.cull_groups[pair.b]);
             if !group_a.overlaps(group_b) {
@@ -247,6 +294,37 @@ impl Collider {
                         let speed = (x.velocity - y.velocity).norm() + x.spin_speed + y.spin_speed;
                         let margin = REST_MARGIN + (dt * speed).min(MAX_SPEED_MARGIN);
                         collide_pair(model, materials, &self.placed, &mut self.scratch, a, b, margin, out);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Collider {
+    /// True if the bounds of two shapes of a pair of cull groups overlap: a step would look for contact between them.
+    pub fn is_near(&self, model: &Model, pair: usize) -> bool {
+        let (pair, bounds) = (&model.pairs[pair], &self.bounds);
+        let (group_a, group_b) = (&bounds.cull_groups[pair.a], &bounds.cull_groups[pair.b]);
+        let partners = if pair.by_b { group_a } else { group_b };
+        group_a.overlaps(group_b)
+            && pair.rows.iter().any(|(shape, range)| {
+                let own = &bounds.shapes[usize::from(*shape)];
+                let near = |partner: &u16| own.overlaps(&bounds.shapes[usize::from(*partner)]);
+                own.overlaps(partners) && pair.partners[range.clone()].iter().any(near)
+            })
+    }
+
+    /// Appends the contact points of pairs of cull groups, given by index, as if all stood still.
+    pub fn find_still(&mut self, model: &Model, materials: &[Material], pairs: &[usize], out: &mut Vec<Contact>) {
+        for pair in pairs.iter().map(|&pair| &model.pairs[pair]) {
+            for (shape, range) in &pair.rows {
+                let own = self.bounds.shapes[usize::from(*shape)];
+                for partner in &pair.partners[range.clone()] {
+                    if own.overlaps(&self.bounds.shapes[usize::from(*partner)]) {
+                        let (a, b) = if pair.by_b { (partner, shape) } else { (shape, partner) };
+                        let (a, b) = (usize::from(*a), usize::from(*b));
+                        collide_pair(model, materials, &self.placed, &mut self.scratch, a, b, REST_MARGIN, out);
                     }
                 }
             }
@@ -316,7 +394,7 @@ fn collide_pair(
     out: &mut Vec<Contact>,
 ) {
     use Geometry::{Capsule, Cuboid as Box, HalfSpace, Hull, Sphere};
-    let friction = materials[a].pair_friction(&materials[b]);
+    let Material { friction, torsion, rolling, .. } = materials[a].pair(&materials[b]);
     let geometry = |shape: usize| &model.shapes[shape].geometry;
     // Each pair of kinds is written once, in the order of the ranks.
     let swapped = rank(geometry(a)) > rank(geometry(b));
@@ -330,6 +408,8 @@ fn collide_pair(
             normal: point.normal,
             distance: point.distance,
             friction,
+            torsion,
+            rolling,
             force: V3::zeros(),
         });
     };

@@ -19,6 +19,10 @@ pub struct Contact {
     pub distance: f64,
     /// Coefficient of friction of the pair.
     pub friction: f64,
+    /// Levers of the pair's resistance to turning about the normal and to rolling about the tangents, m.
+    pub torsion: f64,
+    /// See `torsion`.
+    pub rolling: f64,
     /// Mean force over the last physics step that `a` exerts on `b`, world, N. Zero in a query.
     pub force: Vector3<f64>,
 }

@@ -56,7 +56,7 @@ impl EquationOfMotion {
     }
 
     /// Computes all for a configuration and the velocity that it was given with. Rows of free twigs hold their diagonal
-    /// alone.
+    /// alone. Bodies that are flagged as at rest keep what they had; without flags there are none.
     pub fn update<const W: usize>(
         &mut self,
         model: &Model,
@@ -65,15 +65,16 @@ impl EquationOfMotion {
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
         free_twigs: RowSet<W>,
+        resting: &[bool],
     ) {
-        for index in 1..model.bodies.len() {
+        for index in (1..model.bodies.len()).filter(|&index| !is_resting(resting, index)) {
             let (rotation, inertial) = (&kin.rotation[index], &parameters.bodies[index]);
             let com = kin.position[index] - kin.origin[index] + rotation * inertial.com;
             self.own[index] = Inertia::new(inertial.mass, &com, &Sym3::rotated(rotation, &inertial.inertia));
         }
         self.motion.copy_from_slice(&kin.motion);
-        self.update_forces(model, parameters, kin, wrenches, velocity);
-        self.update_mass_matrix(model, kin, free_twigs);
+        self.update_forces(model, parameters, kin, wrenches, velocity, resting);
+        self.update_mass_matrix(model, kin, free_twigs, resting);
     }
 
     /// Computes the bias force for another velocity in the same configuration.
@@ -84,6 +85,7 @@ impl EquationOfMotion {
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
+        resting: &[bool],
     ) {
         for (index, node) in model.nodes.iter().enumerate().skip(1) {
             let dof = node.dof;
@@ -96,7 +98,7 @@ impl EquationOfMotion {
                 motion
             };
         }
-        self.update_forces(model, parameters, kin, wrenches, velocity);
+        self.update_forces(model, parameters, kin, wrenches, velocity, resting);
     }
 
     fn update_forces(
@@ -106,10 +108,14 @@ impl EquationOfMotion {
         kin: &Kinematics,
         wrenches: &[(BodyId, Wrench)],
         velocity: &[f64],
+        resting: &[bool],
     ) {
         // Gravity as an upward acceleration of the world.
         self.acceleration[0] = Motion { angular: V3::zeros(), linear: -parameters.gravity };
         for (index, node) in model.nodes.iter().enumerate().skip(1) {
+            if is_resting(resting, index) {
+                continue;
+            }
             let motion = &self.motion[index];
             let mut acceleration = self.acceleration[node.parent];
             if node.is_free {
@@ -130,12 +136,12 @@ impl EquationOfMotion {
             self.acceleration[index] = acceleration;
             self.force[index] = force;
         }
-        for (body, wrench) in wrenches {
+        for (body, wrench) in wrenches.iter().filter(|(body, _)| !is_resting(resting, body.0)) {
             let arm = kin.position[body.0] - kin.origin[body.0] + kin.rotation[body.0] * parameters.bodies[body.0].com;
             self.force[body.0].force -= wrench.force;
             self.force[body.0].torque -= wrench.torque + arm.cross(&wrench.force);
         }
-        for index in (1..model.bodies.len()).rev() {
+        for index in (1..model.bodies.len()).rev().filter(|&index| !is_resting(resting, index)) {
             let node = &model.nodes[index];
             let (force, momentum, parent) = (self.force[index], self.body_momentum[index], node.parent);
             if parent != 0 {
@@ -149,9 +155,15 @@ impl EquationOfMotion {
         }
     }
 
-    fn update_mass_matrix<const W: usize>(&mut self, model: &Model, kin: &Kinematics, free_twigs: RowSet<W>) {
+    fn update_mass_matrix<const W: usize>(
+        &mut self,
+        model: &Model,
+        kin: &Kinematics,
+        free_twigs: RowSet<W>,
+        resting: &[bool],
+    ) {
         self.inertia.copy_from_slice(&self.own);
-        for index in (1..model.bodies.len()).rev() {
+        for index in (1..model.bodies.len()).rev().filter(|&index| !is_resting(resting, index)) {
             let node = &model.nodes[index];
             let (inertia, parent) = (self.inertia[index], node.parent);
             if parent != 0 {
@@ -179,4 +191,9 @@ impl EquationOfMotion {
             }
         }
     }
+}
+
+#[inline(always)]
+fn is_resting(flags: &[bool], body: usize) -> bool {
+    flags.get(body).is_some_and(|&resting| resting)
 }

@@ -11,6 +11,7 @@ pub struct Input<'a> {
     /// External wrenches on any bodies, constant over the step. Each force acts at its body's centre of mass, in world axes
     /// (see [`Wrench`]); several wrenches on one body add up, and one on [`BodyId::WORLD`] has no effect.
     pub wrenches: &'a [(BodyId, Wrench)],
-    /// Degrees of freedom held at rest, `nv` flags; empty: none.
+    /// Degrees of freedom held at rest, `nv` flags; empty: none. With flags, even if none is set, every body is stepped as if it
+    /// moved: none is left out because it lies still.
     pub locked: &'a [bool],
 }

@@ -18,7 +18,7 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     let mut kin = Kinematics::new(model);
     kin.update(model, &model.reference_state());
     let mut equation = EquationOfMotion::new(model);
-    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], RowSet::<1>::EMPTY);
+    equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], RowSet::<1>::EMPTY, &[]);
     let mut factor = Factor::<MAX_WORDS>::new(model);
     let rows = RowSet::below(model.nv);
     factor.load(&equation.mass_matrix, rows);

@@ -134,6 +134,9 @@ pub(crate) fn integrate(model: &Model, state: &mut State, dt: f64) {
             continue;
         }
         let (qpos, qvel) = (&mut state.qpos[q..q + 7], &state.qvel[v..v + 6]);
+        if qvel.iter().all(|&speed| speed == 0.0) {
+            continue;
+        }
         for k in 0..3 {
             qpos[k] += dt * qvel[k];
         }

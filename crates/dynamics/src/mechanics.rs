@@ -88,7 +88,7 @@ impl Mechanics {
     pub fn update_equation(&mut self, model: &Model, state: &State) {
         self.kin.update(model, state);
         let parameters = self.varied.as_deref().unwrap_or(&model.nominal);
-        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, RowSet::<1>::EMPTY);
+        self.equation.update(model, parameters, &self.kin, &[], &state.qvel, RowSet::<1>::EMPTY, &[]);
     }
 
     /// Pose of a body.

@@ -1,5 +1,7 @@
 //! The numbers of a model that may differ between worlds that share it, and what is derived from them.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::spec::{BodyId, BodySpec, Drive, Material};
@@ -15,6 +17,14 @@ pub(crate) struct Parameters {
     pub inverse_weights: InverseWeights,
     /// World, m/s^2.
     pub gravity: Vector3<f64>,
+    /// Tells these numbers from all others of this process, for what is remembered of them.
+    pub id: u64,
+}
+
+/// A number that no other parameters have.
+pub(crate) fn new_id() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 /// Mass properties of one body.

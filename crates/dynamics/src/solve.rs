@@ -18,6 +18,7 @@ use crate::parameters::Parameters;
 use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion, V3};
 use crate::spec::Joint;
+pub(crate) use body_pair::stiffness_of;
 use body_pair::{BodyPair, force_of};
 use island::{Island, Islands};
 use twigs::Twigs;
@@ -39,7 +40,7 @@ const MIN_CAUTION: f64 = 1e-3;
 /// by itself.
 const CONTACTS_EXPECTED: [usize; 2] = [128, 20];
 /// Gap up to which a contact point without load counts as touching in a report, m.
-const TOUCHING: f64 = 5e-4;
+pub(crate) const TOUCHING: f64 = 5e-4;
 
 /// The objective of one step.
 #[derive(Clone, Copy)]
@@ -143,11 +144,11 @@ impl<const W: usize> Solver<W> {
         self.twigs.find_free(model, contacts)
     }
 
-    /// Sets up the problem; the velocity of the state is the first guess.
-    pub fn start(&mut self, problem: &Problem<'_>, state: &State, contacts: &[Contact]) {
+    /// Sets up the problem; the velocity of the state is the first guess. Bodies at rest, which are flagged, keep it.
+    pub fn start(&mut self, problem: &Problem<'_>, state: &State, contacts: &[Contact], resting: &[bool]) {
         let &Problem { model, equation, input, .. } = problem;
         self.set_up_joints(problem, state);
-        self.set_up_contacts(problem, contacts);
+        self.set_up_contacts(problem, contacts, resting);
         self.velocity.copy_from_slice(&state.qvel);
         for (v, _) in self.velocity.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
             *v = 0.0;
@@ -161,9 +162,7 @@ impl<const W: usize> Solver<W> {
         for pair in &self.pairs {
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.velocity);
             for point in &mut self.points[pair.points.0..pair.points.1] {
-                for (k, row) in point.rows.iter().enumerate() {
-                    point.velocity[k] = motion.dot(row);
-                }
+                point.set_velocity(&motion);
             }
         }
     }
@@ -220,7 +219,7 @@ impl<const W: usize> Solver<W> {
     }
 
     /// Replaces `state.qvel` by the velocity at the end of the substep; writes contact forces and adds efforts, both as a
-    /// `part` of their means over it.
+    /// `part` of their means over it. `resting` is the number of points with load of bodies at rest.
     pub fn finish(
         &mut self,
         dt: f64,
@@ -228,9 +227,10 @@ impl<const W: usize> Solver<W> {
         state: &mut State,
         contacts: &mut [Contact],
         efforts: &mut [f64],
+        resting: u32,
         report: &mut StepReport,
     ) {
-        let mut touching = 0;
+        let mut touching = resting;
         for (contact, (point, sign)) in contacts.iter_mut().zip(self.points.iter().zip(&self.normal_sign)) {
             contact.force = point.wrench().force * (part * sign / dt);
             touching += u32::from(contact.distance <= TOUCHING || point.impulse.z > 0.0);
@@ -260,7 +260,7 @@ impl<const W: usize> Solver<W> {
         }
     }
 
-    fn set_up_contacts(&mut self, problem: &Problem<'_>, contacts: &[Contact]) {
+    fn set_up_contacts(&mut self, problem: &Problem<'_>, contacts: &[Contact], resting: &[bool]) {
         let &Problem { model, parameters, kin, dt, .. } = problem;
         self.pairs.clear();
         self.points.clear();
@@ -281,7 +281,7 @@ impl<const W: usize> Solver<W> {
             let inverse_mass = parameters.inverse_weights.bodies[a] + parameters.inverse_weights.bodies[b];
             for contact in &contacts[first..first + count] {
                 let (arm, normal) = (contact.position - origin, contact.normal * sign);
-                self.points.push(Point::new(&arm, &normal, contact.friction, contact.distance, inverse_mass, dt));
+                self.points.push(Point::new(&arm, &normal, contact, inverse_mass, dt));
                 self.normal_sign.push(sign);
             }
             let start = self.columns.len();
@@ -299,7 +299,8 @@ impl<const W: usize> Solver<W> {
             first += count;
         }
         self.factor.finish_pattern();
-        self.islands.gather(self.pairs.iter().map(|pair| pair.body), &self.drives, &self.limits);
+        let pair_bodies = self.pairs.iter().map(|pair| pair.body);
+        self.islands.gather(pair_bodies, resting, &self.drives, &self.limits);
     }
 
     /// Columns of the motion of `b` relative to `a`, by ascending degree of freedom; says which.
@@ -421,9 +422,7 @@ impl<const W: usize> Solver<W> {
             let pair = &self.pairs[pair];
             let motion = pair.relative_motion(&self.columns, &self.column_dof, &self.direction);
             for point in &mut self.points[pair.points.0..pair.points.1] {
-                for (k, row) in point.rows.iter().enumerate() {
-                    point.direction[k] = motion.dot(row);
-                }
+                point.set_direction(&motion);
             }
             if let Some(stiffness) = &pair.stiffness {
                 let force = force_of(stiffness, &motion);
@@ -444,7 +443,7 @@ impl<const W: usize> Solver<W> {
         }
         for &pair in &island.pairs {
             for point in &mut self.points[self.pairs[pair].points.0..self.pairs[pair].points.1] {
-                point.velocity += point.direction * step;
+                point.advance(step);
             }
         }
     }

@@ -82,22 +82,43 @@ pub struct BodySpec {
     pub inertia: Matrix3<f64>,
 }
 
-/// Coulomb friction of a surface.
+/// Friction of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
-    /// Coefficient, at least 0.
+    /// Coulomb's coefficient, at least 0.
     pub friction: f64,
-    /// The surface with the higher priority decides a pair's coefficient; at equal priority the larger coefficient does.
+    /// Torque per normal force that a contact point holds against turning about its normal, m, at least 0: about the radius of
+    /// the patch in which the surfaces touch.
+    pub torsion: f64,
+    /// The same against rolling, m: the lever of rolling resistance.
+    pub rolling: f64,
+    /// The surface with the higher priority decides a pair's numbers; at equal priority the larger ones do, one by one.
     pub priority: i32,
 }
 
 impl Material {
+    /// A surface on which things turn and roll freely.
+    pub const fn new(friction: f64, priority: i32) -> Self {
+        Self { friction, torsion: 0.0, rolling: 0.0, priority }
+    }
+
     /// The coefficient that holds between two surfaces.
     pub fn pair_friction(&self, other: &Material) -> f64 {
+        self.pair(other).friction
+    }
+
+    /// The numbers that hold between two surfaces.
+    #[inline(always)]
+    pub(crate) fn pair(&self, other: &Material) -> Material {
         match self.priority.cmp(&other.priority) {
-            Ordering::Greater => self.friction,
-            Ordering::Less => other.friction,
-            Ordering::Equal => self.friction.max(other.friction),
+            Ordering::Greater => *self,
+            Ordering::Less => *other,
+            Ordering::Equal => Material {
+                friction: self.friction.max(other.friction),
+                torsion: self.torsion.max(other.torsion),
+                rolling: self.rolling.max(other.rolling),
+                priority: self.priority,
+            },
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::input::Input;
 use crate::kinematics::integrate;
 use crate::mechanics::Mechanics;
 use crate::model::{Model, State};
+use crate::rest::Rest;
 use crate::row_set::MAX_WORDS;
 use crate::solve::{Problem, Solver, StepReport, TOLERANCE, contacts_expected};
 use crate::spatial::Velocity;
@@ -47,6 +48,7 @@ pub struct Dynamics {
 struct Stepper {
     mechanics: Mechanics,
     collider: Collider,
+    rest: Rest,
     contacts: Vec<Contact>,
     efforts: Vec<f64>,
     mean_velocity: Vec<f64>,
@@ -66,6 +68,7 @@ impl Dynamics {
             stepper: Stepper {
                 mechanics: Mechanics::new(model),
                 collider: Collider::new(model),
+                rest: Rest::new(model),
                 contacts: Vec::with_capacity(4 * contacts_expected(model)),
                 efforts: vec![0.0; model.drives().len()],
                 mean_velocity: vec![0.0; model.nv],
@@ -184,10 +187,10 @@ impl Dynamics {
             let stepper = &mut self.stepper;
             match &mut self.solver {
                 AnySolver::Narrow(solver) => {
-                    stepper.kick(solver, model, state, input, length, part, mean_bias, &mut report);
+                    stepper.kick(solver, model, state, input, [dt, length], part, mean_bias, &mut report);
                 }
                 AnySolver::Wide(solver) => {
-                    stepper.kick(solver, model, state, input, length, part, mean_bias, &mut report);
+                    stepper.kick(solver, model, state, input, [dt, length], part, mean_bias, &mut report);
                 }
             }
             integrate(model, state, if substep < substeps { length } else { 0.5 * length });
@@ -231,14 +234,15 @@ impl Dynamics {
 }
 
 impl Stepper {
-    /// The velocity after `dt` s of all forces at the configuration at hand.
+    /// The velocity after `dt` s of all forces at the configuration at hand; `whole` is the length of the step, of which this
+    /// is a part.
     fn kick<const W: usize>(
         &mut self,
         solver: &mut Solver<W>,
         model: &Model,
         state: &mut State,
         input: &Input<'_>,
-        dt: f64,
+        [whole, dt]: [f64; 2],
         part: f64,
         mean_bias: bool,
         report: &mut StepReport,
@@ -248,21 +252,25 @@ impl Stepper {
         kin.update(model, state);
         let first_contact = self.contacts.len();
         self.collider.update(kin, dt);
-        self.collider.find(model, &parameters.materials, dt, &mut self.contacts);
+        self.rest.find(model, parameters, kin, &mut self.collider, state, input, whole);
+        self.collider.find(model, &parameters.materials, &self.rest.groups, dt, &mut self.contacts);
         let contacts = &mut self.contacts[first_contact..];
         let free_twigs = solver.find_free_twigs(model, contacts);
-        equation.update(model, parameters, kin, input.wrenches, &state.qvel, free_twigs);
+        let resting = &self.rest.bodies;
+        equation.update(model, parameters, kin, input.wrenches, &state.qvel, free_twigs, resting);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
-        solver.start(&problem, state, contacts);
+        solver.start(&problem, state, contacts, resting);
         if mean_bias {
             solver.minimise(&problem, FIRST_TOLERANCE, report);
             for (mean, (before, after)) in self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(solver.velocity())) {
                 *mean = 0.5 * (before + after);
             }
-            equation.update_bias(model, parameters, kin, input.wrenches, &self.mean_velocity);
+            equation.update_bias(model, parameters, kin, input.wrenches, &self.mean_velocity, resting);
             problem = Problem { model, parameters, kin, equation, input, dt };
         }
         report.converged &= solver.minimise(&problem, TOLERANCE, report);
-        solver.finish(dt, part, state, contacts, &mut self.efforts, report);
+        solver.finish(dt, part, state, contacts, &mut self.efforts, self.rest.touching(), report);
+        self.rest.report(part, &mut self.contacts, report);
+        self.rest.stop(model, parameters, kin, &mut self.collider, state, input, whole);
     }
 }

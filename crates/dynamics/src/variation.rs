@@ -8,7 +8,7 @@ use crate::check::{check_finite, check_friction, check_value};
 use crate::error::ModelError;
 use crate::inverse_weights::inverse_weights;
 use crate::model::Model;
-use crate::parameters::Parameters;
+use crate::parameters::{Parameters, new_id};
 use crate::spec::{BodyId, ShapeId};
 
 /// Differences of one world from its model, for [`Dynamics::set_variation`](crate::Dynamics::set_variation). What is not
@@ -122,6 +122,7 @@ impl Variation {
             check_finite("model", "world", "varied gravity", gravity.as_slice())?;
             varied.gravity = gravity;
         }
+        varied.id = new_id();
         varied.inverse_weights = inverse_weights(model, &varied);
         Ok(varied)
     }

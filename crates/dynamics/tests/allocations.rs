@@ -31,7 +31,7 @@ fn a_varied_world() {
         [(BodyId::WORLD, Geometry::HalfSpace), (base, Geometry::Cuboid { half_extents: Vector3::repeat(0.1) })]
     {
         let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
-        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        let (material, cull_group) = (Material::new(0.5, 0), body.0 as u16);
         builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
     }
     // A hull falls on the box and down from it.
@@ -45,7 +45,7 @@ fn a_varied_world() {
         body: stone.0,
         body_from_shape: Isometry3::identity(),
         geometry: stone.1,
-        material: Material { friction: 0.2, priority: 0 },
+        material: Material::new(0.2, 0),
         cull_group: 7,
         label: 0,
     };
@@ -82,7 +82,7 @@ fn a_heap() {
     let mut builder = ModelBuilder::new();
     let shape = |builder: &mut ModelBuilder, body: BodyId, geometry| {
         let (name, body_from_shape) = (format!("shape {}", body.0), Isometry3::identity());
-        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        let (material, cull_group) = (Material::new(0.5, 0), body.0 as u16);
         builder.add_shape(ShapeSpec { name, body, body_from_shape, geometry, material, cull_group, label: 0 }).unwrap();
     };
     shape(&mut builder, BodyId::WORLD, Geometry::HalfSpace);

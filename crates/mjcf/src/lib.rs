@@ -14,7 +14,7 @@ mod tests;
 
 use std::fmt::Display;
 
-use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Model, ShapeSpec, Site, State};
+use fiatlux_dynamics::{BodyId, Geometry, Hinge, Joint, Material, Model, ShapeSpec, Site, State};
 use fiatlux_robot::{CameraMount, LinkIds, Robot, RobotIds};
 use fiatlux_world::Scene;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -259,7 +259,15 @@ impl Writer<'_> {
         let material = material(shape, owner);
         let mut attributes: Vec<Attribute> =
             vec![("name", &shape.name), ("type", &kind), (field, &size), ("pos", &pos), ("quat", &quat)];
-        attributes.extend([("friction", &shape.material.friction as &dyn Display), ("condim", &3)]);
+        let Material { friction, torsion, rolling, .. } = shape.material;
+        // All three, since of two geoms the larger numbers hold, and MuJoCo's defaults are not 0.
+        let frictions = numbers(&[friction, torsion, rolling]);
+        let dimensions = match (torsion > 0.0, rolling > 0.0) {
+            (_, true) => 6,
+            (true, false) => 4,
+            (false, false) => 3,
+        };
+        attributes.extend([("friction", &frictions as &dyn Display), ("condim", &dimensions)]);
         if shape.material.priority != 0 {
             attributes.push(("priority", &shape.material.priority));
         }

@@ -69,7 +69,7 @@ impl ExportScene {
                 body: BodyId::WORLD,
                 body_from_shape: Isometry3::identity(),
                 geometry: Geometry::HalfSpace,
-                material: Material { friction: 1.0, priority: 0 },
+                material: Material::new(1.0, 0),
                 cull_group: placed.next_cull_group,
                 label: u32::MAX,
             })?;

@@ -31,12 +31,17 @@ fn small_model() -> Model {
     let left = add("left <arm> & \"co\"", trunk, hinge(Some(drive)), 0.1);
     let right = add("right", trunk, hinge(Some(free_drive)), -0.1);
     let hand = add("hand", left, hinge(None), 0.3);
-    let material = Material { friction: 0.8, priority: 0 };
+    let material = Material::new(0.8, 0);
     let geometries = [
         (BodyId::WORLD, "floor", Geometry::HalfSpace, material),
         (BodyId::WORLD, "bench", Geometry::Cuboid { half_extents: Vector3::new(0.1, 0.2, 0.3) }, material),
-        (trunk, "ball", Geometry::Sphere { radius: 0.05 }, material),
-        (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material { friction: 1.2, priority: 1 }),
+        (
+            trunk,
+            "ball",
+            Geometry::Sphere { radius: 0.05 },
+            Material { torsion: 1e-4, rolling: 5e-4, ..material },
+        ),
+        (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material::new(1.2, 1)),
     ];
     let corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]].map(Vector3::from);
     let stone = Geometry::Hull(Arc::new(Hull::new("stone", &corners).expect("a solid")));
@@ -185,11 +190,11 @@ fn shapes() {
     check_contains(
         &export(OptionSet::Nearest),
         &[
-            r#"<geom name="floor" type="plane" size="0 0 1" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="floor"/>"#,
-            r#"<geom name="bench" type="box" size="0.1 0.2 0.3" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="wood"/>"#,
-            r#"<geom name="ball" type="sphere" size="0.05" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
-            r#"<geom name="pin" type="capsule" size="0.01 0.02" pos="0 0 0" quat="1 0 0 0" friction="1.2" condim="3" priority="1" material="robot"/>"#,
-            r#"<geom name="stone" type="mesh" mesh="stone" pos="0 0 0" quat="1 0 0 0" friction="0.8" condim="3" material="robot"/>"#,
+            r#"<geom name="floor" type="plane" size="0 0 1" pos="0 0 0" quat="1 0 0 0" friction="0.8 0 0" condim="3" material="floor"/>"#,
+            r#"<geom name="bench" type="box" size="0.1 0.2 0.3" pos="0 0 0" quat="1 0 0 0" friction="0.8 0 0" condim="3" material="wood"/>"#,
+            r#"<geom name="ball" type="sphere" size="0.05" pos="0 0 0" quat="1 0 0 0" friction="0.8 0.0001 0.0005" condim="6" material="robot"/>"#,
+            r#"<geom name="pin" type="capsule" size="0.01 0.02" pos="0 0 0" quat="1 0 0 0" friction="1.2 0 0" condim="3" priority="1" material="robot"/>"#,
+            r#"<geom name="stone" type="mesh" mesh="stone" pos="0 0 0" quat="1 0 0 0" friction="0.8 0 0" condim="3" material="robot"/>"#,
             r#"<mesh name="stone" vertex="0 0 0 0.1 0 0 0 0.2 0 0 0 0.3"/>"#,
         ],
     );

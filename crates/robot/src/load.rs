@@ -169,7 +169,7 @@ fn surfaces(file: &RobotFile, refuse: &Refuse<'_>) -> Result<Vec<Surface>, Robot
         part.not_negative("static_friction", def.static_friction)?;
         surfaces.push(Surface {
             name: def.name.clone(),
-            material: Material { friction: def.friction, priority: def.priority },
+            material: Material::new(def.friction, def.priority),
             static_friction: def.static_friction,
         });
     }

@@ -18,8 +18,8 @@ use crate::row::CONTROL_DT;
 use crate::task::Task;
 use crate::thresholds::Thresholds;
 
-/// The benchmark version that last changed what moves: robots, scene or physics. What was trained before a change of rules
-/// alone is still fit.
+/// The benchmark version that last changed how a robot moves on its own. What was trained before a change of rules, or of how
+/// bulbs roll and things lie still (version 6), is still fit.
 pub const ENGINE_VERSION: u32 = 4;
 
 /// Digest of each robot's file, by its name. Robots that are not here play, but are not ranked.

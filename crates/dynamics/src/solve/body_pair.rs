@@ -39,6 +39,10 @@ pub(crate) fn stiffness_of(points: &[Point]) -> Option<[[f64; 6]; 6]> {
             continue;
         }
         loaded = true;
+        if let Some(spin) = &point.spin {
+            point.add_spin_stiffness(spin, &mut sum);
+            continue;
+        }
         let flat = |f: &Force| [f.torque.x, f.torque.y, f.torque.z, f.force.x, f.force.y, f.force.z];
         let rows = [flat(&point.rows[0]), flat(&point.rows[1]), flat(&point.rows[2])];
         let mut scaled = [[0.0; 6]; 3];

@@ -33,6 +33,8 @@ impl<const W: usize> Default for Island<W> {
 pub(crate) struct Islands<const W: usize> {
     /// Tree of each body and runs of each tree's degrees of freedom.
     tree_of_body: Vec<usize>,
+    /// Root of each tree.
+    roots: Vec<usize>,
     tree_dofs: Vec<Vec<Range<usize>>>,
     tree_rows: Vec<RowSet<W>>,
     /// For each tree one that it is coupled with, lower or itself.
@@ -65,7 +67,7 @@ impl<const W: usize> Islands<W> {
             pairs: Vec::with_capacity(pairs),
         };
         let (joined, slots) = ((0..roots.len()).collect(), (0..roots.len()).map(slot).collect());
-        Self { tree_of_body, tree_dofs, tree_rows, joined, slots }
+        Self { tree_of_body, roots, tree_dofs, tree_rows, joined, slots }
     }
 
     /// Forgets the couplings of the step before.
@@ -80,10 +82,11 @@ impl<const W: usize> Islands<W> {
     }
 
     /// Gathers the islands; `pair_bodies` has a body that moves of each pair. Drives and limits stand in the order of their
-    /// degrees of freedom.
+    /// degrees of freedom. Trees whose root is flagged as at rest are in none.
     pub fn gather(
         &mut self,
         pair_bodies: impl Iterator<Item = usize>,
+        resting: &[bool],
         drives: &[ImplicitDrive],
         limits: &[JointLimit],
     ) {
@@ -94,7 +97,7 @@ impl<const W: usize> Islands<W> {
             slot.rows = RowSet::EMPTY;
             slot.pairs.clear();
         }
-        for tree in 0..self.joined.len() {
+        for tree in (0..self.joined.len()).filter(|&tree| !resting[self.roots[tree]]) {
             let top = self.top(tree);
             self.slots[top].dofs.extend_from_slice(&self.tree_dofs[tree]);
             self.slots[top].rows |= self.tree_rows[tree];

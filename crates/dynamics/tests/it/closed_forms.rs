@@ -25,7 +25,7 @@ fn shape(name: &str, body: BodyId, geometry: Geometry, friction: f64) -> ShapeSp
         body,
         body_from_shape: Isometry3::identity(),
         geometry,
-        material: Material { friction, priority: 0 },
+        material: Material::new(friction, 0),
         cull_group: body.0 as u16,
         label: 0,
     }

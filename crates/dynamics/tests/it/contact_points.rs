@@ -59,7 +59,7 @@ pub fn two_shapes(a: Geometry, b: Geometry) -> Model {
                 body,
                 body_from_shape: Isometry3::identity(),
                 geometry,
-                material: Material { friction: 1.0, priority: 0 },
+                material: Material::new(1.0, 0),
                 cull_group: body.0 as u16,
                 label: 0,
             })

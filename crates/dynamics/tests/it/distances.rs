@@ -66,7 +66,7 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
             body: BodyId::WORLD,
             body_from_shape: Isometry3::translation(0.3 * index as f64, 0.0, height),
             geometry,
-            material: Material { friction: 1.0, priority: 0 },
+            material: Material::new(1.0, 0),
             cull_group: 0,
             label: 0,
         };

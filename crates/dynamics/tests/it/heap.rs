@@ -13,7 +13,7 @@ fn boxes(poses: &[Isometry3<f64>]) -> (Model, State) {
     let mut shape = |builder: &mut ModelBuilder, body: BodyId, pose, geometry| {
         let name = format!("shape {shapes}");
         shapes += 1;
-        let (material, cull_group) = (Material { friction: 0.5, priority: 0 }, body.0 as u16);
+        let (material, cull_group) = (Material::new(0.5, 0), body.0 as u16);
         let spec = ShapeSpec { name, body, body_from_shape: pose, geometry, material, cull_group, label: 0 };
         builder.add_shape(spec).unwrap();
     };

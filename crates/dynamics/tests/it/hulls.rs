@@ -23,7 +23,7 @@ fn add_shape(builder: &mut ModelBuilder, body: BodyId, geometry: Geometry, pose:
         body,
         body_from_shape: pose,
         geometry,
-        material: Material { friction, priority: 0 },
+        material: Material::new(friction, 0),
         cull_group: body.0 as u16,
         label: 0,
     };

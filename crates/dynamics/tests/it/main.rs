@@ -9,6 +9,8 @@ mod heap;
 mod hulls;
 mod mechanics;
 mod refused;
+mod rest;
+mod rolling;
 mod variation;
 
 use fiatlux_dynamics::{Mechanics, Model, State};

@@ -27,7 +27,7 @@ fn shape() -> ShapeSpec {
         body: BodyId(1),
         body_from_shape: Isometry3::identity(),
         geometry: Geometry::Sphere { radius: 0.1 },
-        material: Material { friction: 1.0, priority: 0 },
+        material: Material::new(1.0, 0),
         cull_group: 0,
         label: 0,
     }
@@ -97,7 +97,7 @@ fn shapes() {
     refused(add(ShapeSpec { geometry: Geometry::HalfSpace, ..shape() }), &["half-space", "world"]);
     let flat = Geometry::Cuboid { half_extents: Vector3::new(0.1, -0.1, 0.1) };
     refused(add(ShapeSpec { geometry: flat, ..shape() }), &["half_extents", "-0.1"]);
-    let rough = Material { friction: -0.5, priority: 0 };
+    let rough = Material::new(-0.5, 0);
     refused(add(ShapeSpec { material: rough, ..shape() }), &["friction", "-0.5"]);
 }
 

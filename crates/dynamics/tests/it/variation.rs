@@ -50,7 +50,7 @@ fn model(variation: &Variation) -> Model {
     for (id, name, body, z, geometry, nominal) in shapes {
         let friction = variation.frictions.iter().rfind(|(shape, _)| *shape == id).map_or(nominal, |(_, mu)| *mu);
         let body_from_shape = Isometry3::translation(0.0, 0.0, z);
-        let material = Material { friction, priority: i32::from(id == FOOT) };
+        let material = Material::new(friction, i32::from(id == FOOT));
         let cull_group = body.0 as u16;
         let spec = ShapeSpec { name: name.into(), body, body_from_shape, geometry, material, cull_group, label: 0 };
         assert_eq!(builder.add_shape(spec).unwrap(), id);

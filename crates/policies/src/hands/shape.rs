@@ -43,7 +43,7 @@ impl Shape {
             body,
             body_from_shape: pose * self.pose,
             geometry: self.geometry,
-            material: Material { friction: 1.0, priority: 0 },
+            material: Material::new(1.0, 0),
             cull_group,
             label: u32::MAX,
         }

@@ -33,7 +33,7 @@ impl Statue {
                 body: BodyId::WORLD,
                 body_from_shape: Isometry3::translation(x + 0.1, 0.0, 0.0),
                 geometry: Geometry::Cuboid { half_extents: Vector3::new(0.1, 1.0, 1.0) },
-                material: Material { friction: 0.5, priority: 0 },
+                material: Material::new(0.5, 0),
                 cull_group: placed.next_cull_group,
                 label: 0,
             };

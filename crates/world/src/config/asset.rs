@@ -111,10 +111,17 @@ impl SceneConfig {
             Role::Bulb => _ = numbers.bulb.as_ref().ok_or_else(missing)?,
             Role::Fixture | Role::Ladder | Role::None => {}
         }
+        let levers = self.surfaces.levers(role);
         let asset = AssetConfig {
             name: object.name.clone(),
             digest: object.digest.clone(),
-            surface: Surface { static_friction: object.static_friction, friction: object.friction, priority: 0 },
+            surface: Surface {
+                static_friction: object.static_friction,
+                friction: object.friction,
+                priority: 0,
+                torsion: levers.torsion,
+                rolling: levers.rolling,
+            },
             bulb: numbers.bulb.clone().filter(|_| role == Role::Bulb),
             pieces: link.pieces.clone(),
         };

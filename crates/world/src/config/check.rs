@@ -297,6 +297,7 @@ fn things(things: &BTreeMap<String, ThingConfig>) -> Checked {
         place("things.NAME.at", &thing.at)?;
         place("things.NAME.yaw", &[thing.yaw])?;
         within("things.NAME.surface", &[thing.surface.friction, thing.surface.static_friction], 0.0, 10.0)?;
+        within("things.NAME.surface", &[thing.surface.torsion, thing.surface.rolling], 0.0, 0.1)?;
         for [low, high] in &thing.boxes {
             (0..3).try_for_each(|axis| interval("things.NAME.boxes", &[low[axis], high[axis]]))?;
         }
@@ -347,6 +348,7 @@ fn surfaces(c: &Surfaces) -> Checked {
     ];
     for (field, surface) in fields {
         within(field, &[surface.friction, surface.static_friction], 0.0, 10.0)?;
+        within(field, &[surface.torsion, surface.rolling], 0.0, 0.1)?;
     }
     Ok(())
 }

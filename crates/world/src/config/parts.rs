@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use fiatlux_dynamics::Material;
 
+use crate::object::Role;
+
 /// Defines a section, whose fields are documented in `scene.toml`.
 macro_rules! section {
     ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* }) => {
@@ -148,13 +150,19 @@ section! {
         static_friction: f64,
         friction: f64,
         priority: i32,
+        /// Levers of the resistance to turning about a contact's normal and to rolling, m.
+        #[serde(default)]
+        torsion: f64,
+        #[serde(default)]
+        rolling: f64,
     }
 }
 
 impl Surface {
     /// As the engine takes it.
     pub fn material(&self) -> Material {
-        Material { friction: self.friction, priority: self.priority }
+        let &Self { friction, torsion, rolling, priority, .. } = self;
+        Material { friction, torsion, rolling, priority }
     }
 }
 
@@ -170,6 +178,16 @@ section! {
         sleeve: Surface,
         bulb: Surface,
         ladder: Surface,
+    }
+}
+
+impl Surfaces {
+    /// The surface whose resistance to turning an object has, of which its file says nothing: what is round is a bulb.
+    pub(crate) fn levers(&self, role: Role) -> Surface {
+        match role {
+            Role::Bulb => self.bulb,
+            _ => Surface { torsion: 0.0, rolling: 0.0, ..self.bench },
+        }
     }
 }
 

@@ -29,7 +29,8 @@ impl Object {
     /// # Errors
     /// [`ModelError`] for a piece that is no hull; a checked object has none.
     pub fn parts(&self, link: usize, config: &SceneConfig) -> Result<Vec<Part>, ModelError> {
-        let material = Material { friction: self.friction, priority: 0 };
+        let Material { torsion, rolling, .. } = config.surfaces.levers(self.role).material();
+        let material = Material { friction: self.friction, torsion, rolling, priority: 0 };
         let corners = self.links[link].pieces.iter().enumerate();
         let hulls = corners.map(|(index, corners)| hull(&format!("piece_{index}"), corners, 1.0));
         let mut parts = pieces(hulls.collect::<Result<_, _>>()?, material);

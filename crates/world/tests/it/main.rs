@@ -3,6 +3,7 @@
 
 mod diverged;
 mod learner;
+mod rest;
 mod rulebook;
 mod strict;
 mod stunts;

@@ -428,7 +428,7 @@ fn contact_points_are_those_of_mujoco() {
                 body,
                 body_from_shape: if fixed { shape.pose() } else { Isometry3::identity() },
                 geometry: shape.geometry(),
-                material: Material { friction: 1.0, priority: 0 },
+                material: Material::new(1.0, 0),
                 cull_group: u16::from(name == "b"),
                 label: 0,
             };

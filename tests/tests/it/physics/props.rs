@@ -132,7 +132,7 @@ impl Loaded {
                     body,
                     body_from_shape: Isometry3::identity(),
                     geometry: Geometry::Cuboid { half_extents: Vector3::from_element(BLOCK_HALF) },
-                    material: Material { friction: 1.0, priority: 0 },
+                    material: Material::new(1.0, 0),
                     cull_group: 1000,
                     label: 1000,
                 })
