@@ -180,16 +180,14 @@ fn search(scenes: usize, seed: u64) -> (usize, Vec<u64>) {
                     continue;
                 }
                 rested += 1;
-                // A flag for each degree of freedom, none of them set: everything is stepped as if it moved.
-                let (awake, mut after) = (vec![false; model.nv()], state.clone());
+                // With flags, everything is stepped as if it moved; the other body is held where it is, since what it does
+                // later is not this moment's.
+                let (mut after, mut free) = (state.clone(), Dynamics::new(&model));
                 let dof = model.bodies()[body.0].dof_start;
                 (0..2).for_each(|k| after.qvel[dof + k] += numbers.within(-NUDGE, NUDGE));
-                let others: Vec<usize> = (0..model.nv()).filter(|v| !(dof..dof + 6).contains(v)).collect();
-                let mut free = Dynamics::new(&model);
+                let held: Vec<bool> = (0..model.nv()).map(|v| !(dof..dof + 6).contains(&v)).collect();
                 for _ in 0..AFTER {
-                    // The other body stays where it is: what it does later is not this moment's.
-                    others.iter().for_each(|&v| after.qvel[v] = 0.0);
-                    free.step(&model, &mut after, &Input { locked: &awake, ..Input::default() }, DT);
+                    free.step(&model, &mut after, &Input { locked: &held, ..Input::default() }, DT);
                 }
                 if moved(&model, &state, &after, body) > SLACK {
                     mistaken.push(number);
