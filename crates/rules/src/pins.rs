@@ -29,7 +29,7 @@ pub const MODELS: [(&str, &str); 3] = include!("../pins/models.in");
 pub const RANKED_ROBOTS: [&str; 2] = include!("../pins/ranked.in");
 
 /// Digest of the scene config with the published values.
-pub const SCENE: &str = "15b1a3ebd992c8e16ff02aadea2810b2d0764b5f7de915680e972f3ed3d9de38";
+pub const SCENE: &str = "8fd1499753235a91f97a29812bcf9265687f16a4976c9f45c72302bf2109dcdd";
 
 /// Digest of the rules, see [`rules_digest`].
 pub const RULES: &str = "2e36985e9b96ac3a5c5765adc8e2d414f5dab6decfa2dfc7508ea407f1a223a7";
