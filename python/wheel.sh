@@ -4,7 +4,9 @@
 #
 #   python/wheel.sh [DIR]     writes DIR/fiatlux-VERSION-....whl [default: wheels]
 set -euo pipefail
-out="$(realpath -m "${1:-wheels}")"
+out="${1:-wheels}"
+# macOS has no `realpath -m`.
+case "$out" in /*) ;; *) out="$PWD/$out" ;; esac
 cd "$(dirname "$0")/.."
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT

@@ -17,4 +17,4 @@ cargo vendor --locked --versioned-dirs deploy/containers/vendor >/dev/null
 ignore=()
 # Docker finds the list next to the Containerfile by itself.
 [ "$(basename "$engine")" = podman ] && ignore=(--ignorefile deploy/containers/Containerfile.dockerignore)
-"$engine" build --network none -t "$tag" -f deploy/containers/Containerfile "${ignore[@]}" .
+"$engine" build --network none -t "$tag" -f deploy/containers/Containerfile ${ignore[@]+"${ignore[@]}"} .

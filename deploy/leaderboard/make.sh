@@ -42,12 +42,56 @@ fiatlux="${FIATLUX:-$programs/fiatlux}" sim="${SIM_SERVER:-$programs/sim-server}
 client="${POLICY_CLIENT:-$programs/policy-client}" python="${PYTHON:-python3}"
 mkdir -p "$out"
 
-servers=()
+servers=() player=
 finish() {
     [ ${#servers[@]} -eq 0 ] || kill "${servers[@]}" 2>/dev/null || true
     wait
 }
 trap finish EXIT
+# A signal may reach this script alone: it ends what it has started, which ignores SIGINT in the background.
+stop() {
+    trap - INT TERM
+    [ -z "$player" ] || kill "$player" 2>/dev/null || true
+    echo "make.sh: interrupted; the same command goes on from here" >&2
+    exit 130
+}
+trap stop INT TERM
+# Runs a program in a way that a signal interrupts, and fails as it does.
+play() {
+    "$@" &
+    player=$!
+    local ended=0
+    wait "$player" || ended=$?
+    player=
+    return "$ended"
+}
+
+# Waits until the newest server has written its address: speaks SECONDS FILE LOG PROBLEM.
+speaks() {
+    for _ in $(seq "${1}0"); do
+        [ -s "$2" ] && break
+        kill -0 "$newest" 2>/dev/null || { echo "make.sh: $4:" >&2 && cat "$3" >&2 && exit 1; }
+        sleep 0.1
+    done
+}
+
+# The board's server comes first: a port that is taken is said before anything is played.
+"$scorer" admin --folder "$out/board" init >/dev/null
+if [ ! -s "$out/token" ]; then
+    "$scorer" admin --folder "$out/board" account fiatlux >/dev/null
+    (umask 077 && "$scorer" admin --folder "$out/board" token fiatlux >"$out/token")
+fi
+port=$((20000 + RANDOM % 20000))
+"$sim" -l "tcp/127.0.0.1:$port" >"$out/sim-server.log" 2>&1 &
+newest=$!
+servers+=("$newest")
+: >"$out/address"
+"$scorer" serve --folder "$out/board" -e "tcp/127.0.0.1:$port" --http "$http" >"$out/address" 2>"$out/scorer.log" &
+newest=$!
+servers+=("$newest")
+board=$newest
+speaks 30 "$out/address" "$out/scorer.log" "the leaderboard did not start"
+address="$(grep -oE 'http://[^ ]+' "$out/address" | head -n 1)"
 
 # `walk` plays three tasks, and is ranked in those; the others are ranked in the table.
 IFS=, read -ra names <<<"$policies"
@@ -55,21 +99,12 @@ for name in "${names[@]}"; do
     tasks=all
     [ "$name" != walk ] || tasks=S05,S07,S09
     echo "== $name plays $tasks in rooms $seeds" >&2
-    "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
+    play "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
 done
-
-# Waits until the newest server has written its address: speaks SECONDS FILE LOG PROBLEM.
-speaks() {
-    for _ in $(seq "${1}0"); do
-        [ -s "$2" ] && break
-        kill -0 "${servers[-1]}" 2>/dev/null || { echo "make.sh: $4:" >&2 && cat "$3" >&2 && exit 1; }
-        sleep 0.1
-    done
-}
 
 if [ -n "$ppo" ]; then
     echo "== ppo plays ${ppo%%=*} in rooms $seeds" >&2
-    "$python" - "$ppo" "$seeds" "$out/runs/ppo" >"$out/ppo.txt" <<'END'
+    cat >"$out/ppo.py" <<'END'
 import sys
 
 import fiatlux
@@ -81,39 +116,30 @@ for part in seeds.split(","):
     rooms += range(int(first), int(last or first) + 1)
 print(fiatlux.evaluate(fiatlux.load_policy(file), tasks=[task], seeds=rooms, out=out))
 END
+    play "$python" "$out/ppo.py" "$ppo" "$seeds" "$out/runs/ppo" >"$out/ppo.txt"
     names+=(ppo)
 fi
 if [ -n "$act" ]; then
     echo "== act plays S06 in rooms $seeds" >&2
     "$python" -m fiatlux.serve_lerobot "$act" --port 0 >"$out/model" 2>"$out/model.log" &
-    servers+=($!)
+    newest=$!
+    servers+=("$newest")
     speaks 120 "$out/model" "$out/model.log" "the checkpoint is not served"
     endpoint="tcp/127.0.0.1:$((20000 + RANDOM % 20000))"
     "$sim" -l "$endpoint" --record "$out/runs/act" >"$out/act.log" 2>&1 &
-    servers+=($!)
-    [ -e "$out/act.done" ] || "$client" evaluate --policy vla --dialect gr00t --model "$(grep -oE 'tcp://[^ ]+' "$out/model")" \
+    newest=$!
+    servers+=("$newest")
+    [ -e "$out/act.done" ] || play "$client" evaluate --policy vla --dialect gr00t --model "$(grep -oE 'tcp://[^ ]+' "$out/model")" \
         --map lerobot_g1_hand --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$endpoint" >"$out/act.txt"
     touch "$out/act.done"
     names+=(act)
 fi
-"$scorer" admin --folder "$out/board" init >/dev/null
-if [ ! -s "$out/token" ]; then
-    "$scorer" admin --folder "$out/board" account fiatlux >/dev/null
-    (umask 077 && "$scorer" admin --folder "$out/board" token fiatlux >"$out/token")
-fi
-port=$((20000 + RANDOM % 20000))
-"$sim" -l "tcp/127.0.0.1:$port" >"$out/sim-server.log" 2>&1 &
-servers+=($!)
-: >"$out/address"
-"$scorer" serve --folder "$out/board" -e "tcp/127.0.0.1:$port" --http "$http" >"$out/address" 2>"$out/scorer.log" &
-servers+=($!)
-speaks 30 "$out/address" "$out/scorer.log" "the leaderboard did not start"
-address="$(grep -oE 'http://[^ ]+' "$out/address" | head -n 1)"
 for name in "${names[@]}"; do
     echo "== $name is submitted and verified" >&2
     folder="$out/runs/$name"
     [ "$name" != act ] || folder="$(dirname "$(find "$folder" -name '*.run.jsonl' | head -n 1)")"
-    "$scorer" submit "$folder" --to "$address" --token "$out/token" --author Fiatlux --wait
+    play "$scorer" submit "$folder" --to "$address" --token "$out/token" --author Fiatlux --wait
 done
 echo "$address shows them"
-[ -n "$exits" ] || wait "${servers[-1]}"
+trap 'exit 0' INT TERM
+[ -n "$exits" ] || wait "$board"

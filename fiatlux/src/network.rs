@@ -47,8 +47,8 @@ mod over_zenoh {
 
     /// TLS for the page, with the certificate of a folder.
     pub fn secure(folder: &Path, hosts: &[String]) -> anyhow::Result<Secured> {
-        let (host, secure, said) = fiatlux_tls::secure(folder, hosts)?;
-        Ok(Secured { host, secure, said })
+        let (names, secure, said) = fiatlux_tls::secure(folder, hosts)?;
+        Ok(Secured { names, secure, said })
     }
 
     fn free(endpoint: &str) -> anyhow::Result<String> {

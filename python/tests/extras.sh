@@ -26,7 +26,7 @@ for extra in "${extras[@]}"; do
     echo "== $extra"
     python3 -m venv "$work/$extra"
     "$work/$extra/bin/pip" install --quiet --upgrade pip
-    "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(realpath "$wheel")" "pytest>=8"
+    "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(cd "$(dirname "$wheel")" && pwd)/$(basename "$wheel")" "pytest>=8"
     case "$extra" in
         train) tests=(extras/test_rsl_rl.py extras/test_stable_baselines3.py extras/test_train.py test_fingerprint.py) ;;
         ray) tests=(extras/test_ray.py) ;;

@@ -12,7 +12,7 @@ use clap::Args;
 use fiatlux_access::KnownServers;
 use fiatlux_cli::whole;
 use fiatlux_client::AccessArgs;
-use fiatlux_leaderboard::{Jobs, Limits, Service, ServiceOptions, Store, Verifier};
+use fiatlux_leaderboard::{Jobs, Limits, Proxies, Service, ServiceOptions, Store, Verifier};
 use fiatlux_link::LinkArgs;
 
 /// Period of its checks for a stop.
@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_millis(50);
 ///
 /// Everything is kept in one folder, which is created on the first start: a database, the bags by their content, and
 /// incomplete uploads. Episodes are simulated again on the sim-servers that -e names, over one link for each; without any,
-/// they wait. Create accounts and tokens with `scorer admin`. For TLS, run a proxy in front of it on the same machine.
+/// they wait. Create accounts and tokens with `scorer admin`. For TLS, run a proxy in front of it, and name it with --proxy where it is on another machine or in a container.
 ///
 /// When it is ready it prints one line on stdout; its log goes to stderr. On SIGINT or SIGTERM it ends its requests and exits
 /// with 0. It may be killed at any moment: after a restart, work on accepted submissions goes on.
@@ -47,6 +47,10 @@ pub struct ServeArgs {
     /// File with the keys of your own servers, one line NAME ed25519:BASE64 each: their signatures make a run hosted
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
+    /// Proxy in front of the service that says in X-Forwarded-For who asks: its address, a network such as 10.0.0.0/8, or `private` for all
+    /// private networks, such as those of containers; may be repeated. One on this machine needs no option
+    #[arg(long, value_name = "ADDRESS")]
+    proxy: Vec<Proxies>,
     /// Threads that grade [default: one for each core]
     #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
     workers: Option<usize>,
@@ -95,6 +99,7 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
+        proxies: args.proxy.iter().cloned().collect(),
         grade_workers: args.workers.unwrap_or_default(),
         ..ServiceOptions::default()
     };

@@ -12,10 +12,12 @@ set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
 work="$(mktemp -d)"
-shots="$(realpath -m "${1:-$work/screenshots}")"
+shots="${1:-$work/screenshots}"
+# macOS has no `realpath -m`, and its bash 3.2 no empty arrays under `set -u`.
+case "$shots" in /*) ;; *) shots="$PWD/$shots" ;; esac
 servers=()
 finish() {
-    for server in "${servers[@]}"; do kill "$server" 2>/dev/null || true; done
+    for server in ${servers[@]+"${servers[@]}"}; do kill "$server" 2>/dev/null || true; done
     wait 2>/dev/null || true
     rm -rf "$work"
 }

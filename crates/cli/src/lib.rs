@@ -11,7 +11,7 @@ mod settings;
 mod signal;
 mod whole_file;
 
-pub use browser::open_browser;
+pub use browser::{Redirect, open_browser, open_browser_secretly};
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};
 pub use parse::{check_whole_numbers, parse, whole};

@@ -52,7 +52,7 @@ pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
 /// Answers only requests for `/metrics`, until it is dropped.
 pub async fn serve_metrics(service: Arc<Service>, listener: TcpListener) -> io::Result<()> {
     let (router, pace) = (crate::metrics::router(Arc::clone(&service)), service.options.pace);
-    let open = |_| {
+    let open = |_, _| {
         let router = router.clone();
         Some(move |stream, ended| answer(stream, None, router, pace, ended))
     };
@@ -69,9 +69,9 @@ pub async fn serve(
 ) -> io::Result<()> {
     let router = crate::router(Arc::clone(&service));
     let visitors = Visitors::new(Arc::clone(&service), most_connections);
-    let open = |peer| {
+    let open = |peer, own| {
         // Closed at once if its address has too many.
-        let visit = visitors.connect(peer)?;
+        let visit = visitors.connect(peer, own)?;
         let (service, router) = (Arc::clone(&service), router.clone());
         Some(move |stream, ended| async move {
             service.metrics.connections.fetch_add(1, Ordering::Relaxed);
@@ -88,7 +88,7 @@ async fn accept<Answer, Answering>(
     listener: TcpListener,
     most_connections: usize,
     stop: impl Future<Output = ()>,
-    open: impl Fn(IpAddr) -> Option<Answer>,
+    open: impl Fn(IpAddr, IpAddr) -> Option<Answer>,
 ) where
     Answer: FnOnce(TcpStream, watch::Receiver<bool>) -> Answering,
     Answering: Future<Output = ()> + Send + 'static,
@@ -111,7 +111,9 @@ async fn accept<Answer, Answering>(
         while connections.try_join_next().is_some() {}
         match accepted {
             Ok((stream, peer)) => {
-                let Some(answer) = open(peer.ip()) else { continue };
+                // A connection that has no address is broken already.
+                let Ok(own) = stream.local_addr() else { continue };
+                let Some(answer) = open(peer.ip(), own.ip()) else { continue };
                 let answering = answer(stream, ended.clone());
                 connections.spawn(async move {
                     answering.await;

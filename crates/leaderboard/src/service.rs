@@ -8,6 +8,7 @@ use fiatlux_access::KnownServers;
 use tokio::sync::{Notify, Semaphore};
 
 use crate::counts::Metrics;
+use crate::forwarded::Proxies;
 use crate::submission::Limits;
 use crate::{Store, SubmissionId};
 
@@ -43,18 +44,21 @@ pub struct ServiceOptions {
     pub token_pause: Duration,
     /// Keys of the operator's own servers, whose signatures make a run *hosted*.
     pub signers: KnownServers,
+    /// Proxies that say who asks them, besides those of this machine.
+    pub proxies: Proxies,
     /// Threads that grade; 0 means one per core.
     pub grade_workers: usize,
 }
 
 impl Default for ServiceOptions {
-    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, all cores.
+    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, no proxies, all cores.
     fn default() -> Self {
         Self {
             limits: Limits::default(),
             pace: Pace::default(),
             token_pause: Duration::from_secs(4),
             signers: KnownServers::default(),
+            proxies: Proxies::default(),
             grade_workers: 0,
         }
     }

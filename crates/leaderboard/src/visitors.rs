@@ -1,6 +1,7 @@
 //! Limits on the share of the service that one address may use, with a reserve for small pages.
 //!
-//! The address is that of the connection. Behind a proxy on this machine it is the last one in `X-Forwarded-For`.
+//! The address is that of the connection. Behind a proxy on this machine, or one that the service trusts, it is the one that the proxy
+//! says, see [`Proxies`](crate::Proxies).
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv6Addr};
@@ -60,12 +61,13 @@ impl Visitors {
         })
     }
 
-    /// A new connection; `None` if its address has too many already. Those of a proxy on this machine are counted by
-    /// request.
-    pub fn connect(self: &Arc<Self>, peer: IpAddr) -> Option<Arc<Visit>> {
-        let peer = peer.to_canonical();
-        let slot = if peer.is_loopback() { None } else { Some(self.slot(peer)?) };
-        Some(Arc::new(Visit { visitors: Arc::clone(self), peer, _slot: slot, held: Mutex::default() }))
+    /// A new connection from `peer` to the address `own` of this machine; `None` if its address has too many already. Those of a proxy
+    /// are counted by request.
+    pub fn connect(self: &Arc<Self>, peer: IpAddr, own: IpAddr) -> Option<Arc<Visit>> {
+        let (peer, own) = (peer.to_canonical(), own.to_canonical());
+        let is_proxy = self.service.options.proxies.has(peer, own);
+        let slot = if is_proxy { None } else { Some(self.slot(peer)?) };
+        Some(Arc::new(Visit { visitors: Arc::clone(self), peer, is_proxy, _slot: slot, held: Mutex::default() }))
     }
 
     fn slot(self: &Arc<Self>, address: IpAddr) -> Option<ConnectionSlot> {
@@ -125,6 +127,7 @@ impl Drop for ConnectionSlot {
 pub(crate) struct Visit {
     visitors: Arc<Visitors>,
     peer: IpAddr,
+    is_proxy: bool,
     _slot: Option<ConnectionSlot>,
     /// Held by the last request: its answer may still be on the way when its body has been handed to the system.
     held: Mutex<(Option<ConnectionSlot>, Option<OwnedSemaphorePermit>)>,
@@ -132,12 +135,7 @@ pub(crate) struct Visit {
 
 impl Visit {
     fn address(&self, headers: &HeaderMap) -> IpAddr {
-        if !self.peer.is_loopback() {
-            return self.peer;
-        }
-        let last = headers.get_all("x-forwarded-for").iter().next_back().and_then(|value| value.to_str().ok());
-        let last = last.and_then(|list| list.rsplit(',').next()).and_then(|address| address.trim().parse().ok());
-        last.map_or(self.peer, |address: IpAddr| address.to_canonical())
+        if self.is_proxy { self.visitors.service.options.proxies.visitor(self.peer, headers) } else { self.peer }
     }
 
     /// Takes one of the places for uploads and large answers, if it has none.
@@ -158,7 +156,7 @@ pub(crate) async fn admit(request: Request, next: Next) -> Response {
     let Some(visit) = request.extensions().get::<Arc<Visit>>().cloned() else { return next.run(request).await };
     let address = visit.address(request.headers());
     *lock(&visit.held) = (None, None);
-    if visit.peer.is_loopback() {
+    if visit.is_proxy {
         let Some(slot) = visit.visitors.slot(address) else {
             let message = format!(
                 "{address} has too many requests at once; try again later (a proxy in front of this service must send \

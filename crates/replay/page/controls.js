@@ -39,7 +39,13 @@ export function moments(player, { dt }) {
   };
   const copy = find("copy");
   copy.addEventListener("click", async () => {
-    history.replaceState(null, "", `#t=${Number((player.step * dt).toFixed(2))}`);
+    const moment = `#t=${Number((player.step * dt).toFixed(2))}`;
+    try {
+      history.replaceState(null, "", moment);
+    } catch {
+      // Browsers refuse it to some files, and when it is done too often.
+      location.hash = moment;
+    }
     const copied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
     copy.textContent = copied ? "Copied" : "In the address";
     setTimeout(() => {

@@ -33,6 +33,8 @@ function row(entry) {
   );
 }
 
+document.getElementById("late").remove();
+
 async function start() {
   const answer = await fetch("episodes.json");
   if (!answer.ok) throw new Error(await answer.text());

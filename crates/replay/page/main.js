@@ -7,6 +7,8 @@ import { Panel } from "./panel.js";
 import { Player } from "./player.js";
 import { seconds } from "./words.js";
 
+find("late").remove();
+
 async function start() {
   const replay = await load(undefined, loading);
   const { track, doc } = replay;

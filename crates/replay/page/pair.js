@@ -9,6 +9,8 @@ import { seconds } from "./words.js";
 
 const SIDES = ["a", "b"];
 
+find("late").remove();
+
 async function start() {
   const addresses = SIDES.map((side) => find("pair").dataset[side]);
   const replays = await Promise.all(addresses.map((address) => load(address, loading)));

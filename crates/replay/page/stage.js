@@ -38,6 +38,8 @@ export class Stage {
     this.controls.maxDistance = 25;
     this.controls.maxPolarAngle = 0.5 * Math.PI + 0.35;
     this.controls.addEventListener("change", changed);
+    // The graphics card was taken away, such as from a tab in the background, and is back.
+    canvas.addEventListener("webglcontextrestored", changed);
     this.pelvis = new THREE.Vector3();
     this.resetView();
   }

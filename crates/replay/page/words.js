@@ -2,8 +2,10 @@
 
 export function element(tag, properties = {}, ...children) {
   const made = document.createElement(tag);
-  const { dataset, ...rest } = properties;
+  const { dataset, ariaLabel, ...rest } = properties;
   Object.assign(made, rest);
+  // Firefox has the property only since 119.
+  if (ariaLabel) made.setAttribute("aria-label", ariaLabel);
   if (dataset) Object.assign(made.dataset, dataset);
   made.append(...children);
   return made;

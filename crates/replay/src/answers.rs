@@ -2,12 +2,13 @@
 
 use std::path::Path as FilePath;
 use std::sync::Arc;
+use std::time::UNIX_EPOCH;
 
 use axum::Router;
 use axum::body::Body;
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::middleware::{Next, from_fn_with_state};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
 use fiatlux_cli::in_full;
@@ -17,14 +18,14 @@ use crate::Packed;
 use crate::cache::PackedReplay;
 use crate::page::Page;
 use crate::served::ServedBags;
-use crate::site::{for_ever, guarded, page_part, whole_file};
+use crate::site::{download, for_ever, guarded, is_own, page_part};
 
 const HTML: &str = "text/html; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
 const JSON: &str = "application/json";
 const BYTES: &str = "application/octet-stream";
 
-pub(crate) fn router(served: Arc<ServedBags>, port: u16) -> Router {
+pub(crate) fn router(served: Arc<ServedBags>) -> Router {
     Router::new()
         .route("/", get(home))
         .route("/episodes.json", get(episodes))
@@ -38,18 +39,17 @@ pub(crate) fn router(served: Arc<ServedBags>, port: u16) -> Router {
         .route("/shapes/{digest}", get(shapes))
         .route("/page/{file}", get(page_file))
         .fallback(|| async { problem(StatusCode::NOT_FOUND, "nothing is at this address; start at /") })
-        .layer(from_fn_with_state(port, guard))
+        .layer(from_fn(guard))
         .with_state(served)
 }
 
-/// Lets only requests to this server's own address pass, and adds the headers of every answer.
-async fn guard(State(port): State<u16>, request: Request, next: Next) -> Response {
+/// Lets only requests to this machine pass, and adds the headers of every answer.
+async fn guard(request: Request, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
-    let (name, asked) = host.rsplit_once(':').unwrap_or((host, "80"));
-    let mut answer = if ["127.0.0.1", "localhost"].contains(&name) && asked == port.to_string() {
+    let mut answer = if is_own(host, &[]) {
         next.run(request).await
     } else {
-        problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to 127.0.0.1 and localhost with its port")
+        problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to addresses of this machine and localhost")
     };
     answer.headers_mut().entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     guarded(answer)
@@ -118,13 +118,25 @@ async fn part(
     }
 }
 
-async fn bag(State(served): State<Arc<ServedBags>>, Path(index): Path<String>) -> Response {
+async fn bag(
+    State(served): State<Arc<ServedBags>>,
+    method: Method,
+    asked: HeaderMap,
+    Path(index): Path<String>,
+) -> Response {
     let Some(path) = index_of(&index).and_then(|index| served.bags.file(index)) else { return no_episode(&served) };
-    let Ok(file) = File::open(path).await else {
-        return problem(StatusCode::NOT_FOUND, "the bag can no longer be opened");
+    let answer = async {
+        let file = File::open(path).await?;
+        let metadata = file.metadata().await?;
+        // A bag may still be growing.
+        let modified = metadata.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let tag = format!("{:x}-{:x}", modified.as_nanos(), metadata.len());
+        download(file, &tag, BYTES, &method, &asked).await
+    };
+    let Ok(mut answer) = answer.await else {
+        return problem(StatusCode::NOT_FOUND, "the bag can no longer be read");
     };
     let name = format!("attachment; filename=\"{}\"", plain_name(path));
-    let mut answer = content(BYTES, whole_file(file));
     if let Ok(name) = HeaderValue::from_str(&name) {
         answer.headers_mut().insert(header::CONTENT_DISPOSITION, name);
     }

@@ -1,19 +1,21 @@
 //! The server of replays, for this machine only.
 
+use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::answers::router;
+use crate::connections::serve;
 use crate::served::ServedBags;
 use crate::{Bags, ReplayError};
 
 /// Time between two checks whether the server should stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Shows bags in a browser on this machine. It listens on the loopback interface and answers only requests for its own
-/// address, so that no page of another host can read it under another name. Clients name episodes by number, never
+/// Shows bags in a browser on this machine. It listens on the loopback interface and answers only requests for an
+/// address or `localhost`, so that no page of another host can read it under another name. Clients name episodes by number, never
 /// files.
 #[derive(Debug)]
 pub struct Viewer {
@@ -43,11 +45,13 @@ impl Viewer {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ReplayError::Serve)?;
         let served = runtime.block_on(async {
             let listener = tokio::net::TcpListener::from_std(self.listener)?;
-            let server = axum::serve(listener, router(self.served, self.address.port()));
+            let router = router(self.served);
+            let plain = |stream| std::future::ready(io::Result::Ok(stream));
             tokio::select! {
-                served = server.into_future() => served,
-                () = stopped(stop) => Ok(()),
+                () = serve(&listener, &router, plain) => {}
+                () = stopped(stop) => {}
             }
+            Ok(())
         });
         // Does not wait for a replay that is still being read.
         runtime.shutdown_background();

@@ -1,24 +1,17 @@
-//! Replays inside the pages of another server.
+//! Replays inside the pages of another server, and what the servers of pages share.
 //!
 //! Such a page has [`SitePage::head`] in its head and [`SitePage::body`] in its body, and its policy allows
 //! [`SitePage::script`]. [`one`] requests `document.json`, `meshes.bin`, `track.bin` and `bag` below the page's own
 //! address. [`pair`] requests the same from two addresses, given by the attributes `data-a` and `data-b` of an element
 //! with the id `pair`. Modules and style are requested as `/page/NAME`: see [`page_part`].
 
-use std::pin::Pin;
-use std::task::{Context, Poll};
-
-use axum::body::{Body, Bytes};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::Response;
-use futures_core::Stream;
-use tokio::fs::File;
-use tokio::io::{AsyncRead, ReadBuf};
 
+pub use crate::connections::{Connection, connection_of, serve};
+pub use crate::download::download;
+pub use crate::hosts::{is_own, is_same_origin};
 use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
-
-/// Number of bytes to read from a file at once.
-const BLOCK: usize = 64 * 1024;
 
 /// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 5] = [
@@ -92,30 +85,4 @@ pub fn for_ever(mut answer: Response) -> Response {
     let kept = HeaderValue::from_static("public, max-age=31536000, immutable");
     answer.headers_mut().insert(header::CACHE_CONTROL, kept);
     answer
-}
-
-/// A file as the body of an answer, one block of it in memory at a time.
-pub fn whole_file(file: File) -> Body {
-    Body::from_stream(Blocks { file, block: vec![0; BLOCK] })
-}
-
-/// The blocks of a file, one at a time.
-struct Blocks {
-    file: File,
-    block: Vec<u8>,
-}
-
-impl Stream for Blocks {
-    type Item = std::io::Result<Bytes>;
-
-    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        let Self { file, block } = self.get_mut();
-        let mut buffer = ReadBuf::new(block);
-        match Pin::new(file).poll_read(context, &mut buffer) {
-            Poll::Pending => Poll::Pending,
-            Poll::Ready(Err(error)) => Poll::Ready(Some(Err(error))),
-            Poll::Ready(Ok(())) if buffer.filled().is_empty() => Poll::Ready(None),
-            Poll::Ready(Ok(())) => Poll::Ready(Some(Ok(Bytes::copy_from_slice(buffer.filled())))),
-        }
-    }
 }

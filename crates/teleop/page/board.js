@@ -14,6 +14,14 @@ const TURN = 0.45;
 const LAST = 20;
 const EVERY_MS = 200;
 
+// A rounded rectangle, or one with corners in browsers that round none.
+function box(pen, x, y, width, height, radius) {
+  pen.beginPath();
+  if (pen.roundRect) pen.roundRect(x, y, width, height, radius);
+  else pen.rect(x, y, width, height);
+  pen.fill();
+}
+
 export class Board {
   constructor() {
     this.canvas = document.createElement("canvas");
@@ -76,9 +84,7 @@ export class Board {
     const pen = this.canvas.getContext("2d");
     pen.clearRect(0, 0, WIDTH, HEIGHT);
     pen.fillStyle = "rgba(15, 19, 24, 0.82)";
-    pen.beginPath();
-    pen.roundRect(0, 0, WIDTH, HEIGHT, 24);
-    pen.fill();
+    box(pen, 0, 0, WIDTH, HEIGHT, 24);
     pen.textAlign = "left";
     pen.fillStyle = "#e6eaf0";
     pen.font = "600 38px system-ui, sans-serif";
@@ -106,9 +112,7 @@ export class Board {
     for (const { name, label, disabled, x, y, width, height } of this.placed()) {
       pen.globalAlpha = disabled ? 0.4 : 1;
       pen.fillStyle = aimed.includes(name) ? "#6ca6e8" : "#2b3440";
-      pen.beginPath();
-      pen.roundRect(x, y, width, height, 12);
-      pen.fill();
+      box(pen, x, y, width, height, 12);
       pen.fillStyle = aimed.includes(name) ? "#10151b" : "#e6eaf0";
       pen.fillText(label, x + width / 2, y + height / 2 + 8, width - 8);
     }

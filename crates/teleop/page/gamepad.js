@@ -1,14 +1,25 @@
 // The first gamepad of the standard mapping. It drives from its first press on, until a key is pressed.
 
+// Pads differ: a button may be a number or an object, and what is not connected may say anything.
+const number = (value) => (Number.isFinite(value) ? Math.max(-1, Math.min(1, value)) : 0);
+const valueOf = (button) => number(typeof button === "number" ? button : button?.value ?? (button?.pressed ? 1 : 0));
+
 export class Gamepad {
   pad() {
-    return [...(navigator.getGamepads?.() ?? [])].find((pad) => pad?.mapping === "standard") ?? null;
+    let pads = [];
+    try {
+      // Without a secure context, or where the page may not, browsers lack it or throw.
+      pads = navigator.getGamepads?.() ?? [];
+    } catch {
+      return null;
+    }
+    return Array.from(pads).find((pad) => pad?.mapping === "standard") ?? null;
   }
 
   // True while it is moved.
   isMoved() {
     const pad = this.pad();
-    return pad !== null && (pad.buttons.some(({ value }) => value > 0.1) || pad.axes.some((axis) => Math.abs(axis) > 0.2));
+    return pad !== null && (Array.from(pad.buttons).some((button) => valueOf(button) > 0.1) || Array.from(pad.axes).some((axis) => Math.abs(number(axis)) > 0.2));
   }
 
   atRest() {
@@ -17,8 +28,8 @@ export class Gamepad {
 
   read(running) {
     const pad = this.pad();
-    const axes = pad ? [...pad.axes].slice(0, 4) : [];
-    const buttons = pad ? [...pad.buttons].slice(0, 17).map(({ value }) => value) : [];
-    return { axes, buttons, connected: pad?.connected === true && document.visibilityState === "visible", running };
+    const axes = pad ? Array.from(pad.axes, number).slice(0, 4) : [];
+    const buttons = pad ? Array.from(pad.buttons, valueOf).slice(0, 17) : [];
+    return { axes, buttons, connected: pad !== null && pad.connected !== false && document.visibilityState === "visible", running };
   }
 }

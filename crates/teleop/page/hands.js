@@ -49,7 +49,7 @@ export class Hands {
     const other = handedness === "left" ? "right" : "left";
     const wrist = hand.get("wrist");
     const pose = frame.getPose(wrist, space);
-    const isTracked = pose && !pose.emulatedPosition && frame.fillPoses(hand.values(), wrist, this.matrices);
+    const isTracked = pose && !pose.emulatedPosition && this.fill(frame, hand, wrist);
     const place = (joint) => [12, 13, 14].map((at) => this.matrices[16 * joint + at]);
     const places = Array.from({ length: JOINTS }, (_, joint) => place(joint)).flat();
     if (!isTracked || !places.every(Number.isFinite)) {
@@ -68,6 +68,16 @@ export class Hands {
     const { position: p, orientation: q } = pose.transform;
     const rounded = places.map((at) => Math.round(1e4 * at) / 1e4);
     return { pose: [p.x, p.y, p.z, q.x, q.y, q.z, q.w], buttons: [], axes: [], hand: { version: VERSION, places: rounded } };
+  }
+
+  // Takes the joints' poses in the frame of the wrist; false where one is not tracked.
+  fill(frame, hand, wrist) {
+    if (frame.fillPoses) return frame.fillPoses(hand.values(), wrist, this.matrices);
+    // Not all browsers give all of them at once.
+    const poses = [...hand.values()].map((joint) => frame.getPose(joint, wrist));
+    if (poses.length !== JOINTS || poses.some((joint) => !joint)) return false;
+    poses.forEach((joint, index) => this.matrices.set(joint.transform.matrix, 16 * index));
+    return true;
   }
 
   draw(handedness, pose, follows) {

@@ -49,6 +49,8 @@ export class Live {
       frozen: (flags & 1) !== 0,
       follows: [(flags & 2) !== 0, (flags & 4) !== 0],
       freshSeated: (flags & 16) !== 0,
+      chosen: (flags & 128) !== 0 ? 0 : (flags & 256) !== 0 ? 1 : null,
+      closes: [(flags & 512) !== 0, (flags & 1024) !== 0],
       wanted: [(flags & 32) !== 0, (flags & 64) !== 0],
       echo: view.getFloat64(16, true),
       age: number(0),

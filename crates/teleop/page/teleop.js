@@ -7,8 +7,10 @@ import { fail, find, loading } from "./controls.js";
 import { Gamepad } from "./gamepad.js";
 import { Keyboard } from "./keyboard.js";
 import { Live, loadRoom } from "./live.js";
+import { numberOf } from "./measures.js";
 import { Socket } from "./socket.js";
 import { Stage } from "./stage.js";
+import { takeToken } from "./token.js";
 import { Headset } from "./webxr.js";
 import { element, seconds, words } from "./words.js";
 
@@ -17,13 +19,18 @@ const INPUT_MS = 20;
 // turns with the robot in a picture.
 const BEHIND = { turn: 0.6, rise: 0.55, away: 3.2 };
 const FOLLOWS = 0.08;
+// The view's steps where less motion is wanted, rad.
+const STEP = 0.6;
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+const touch = matchMedia("(pointer: coarse)");
 const WORDS = { opening: "Building the room", ready: "Ready", running: "Running", ended: "Ended" };
-const token = new URLSearchParams(location.search).get("token") ?? "";
+const token = takeToken();
+find("late").remove();
 
 const keyboard = new Keyboard();
 const gamepad = new Gamepad();
 // For tests and the curious.
-const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, roundTrips: [], parts: [], pictures: [] };
+const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, reason: "Connecting", roundTrips: [], parts: [], pictures: [] };
 const KEPT = 50;
 function keep(list, value) {
   list.push(value);
@@ -32,15 +39,20 @@ function keep(list, value) {
 // The newest state, which may come before its room, and when it came.
 let newest = null;
 let arrived = 0;
+// Since when this page drives, in its own time.
+let since = Infinity;
 let [live, stage, headset, shownRoom, usesPad, usesEye, room] = [null, null, null, 0, false, false, Promise.resolve()];
 
 const socket = new Socket(token, {
-  open: (isOpen) => {
-    seen.isOpen = isOpen;
+  open: (isOpen, reason = "") => {
+    [seen.isOpen, seen.reason] = [isOpen, reason];
     tell();
   },
   drives: (drives) => {
     seen.drives = drives;
+    // States that answer another page have its clock.
+    seen.roundTrips.length = 0;
+    since = performance.now();
     tell();
   },
   problem: (problem) => fail(problem),
@@ -58,22 +70,37 @@ const socket = new Socket(token, {
     arrived = performance.now();
     if (!live?.take(buffer)) return;
     const { echo, age, answer } = live.state;
-    if (echo >= 0) {
+    if (seen.drives && echo >= since) {
       const trip = arrived - echo;
       keep(seen.roundTrips, trip);
       // Waiting for an observation, the answer to it, and the ways there and back.
       keep(seen.parts, [age, answer, trip - age - answer]);
     }
-    panel();
     ask();
+    attempt(panel);
+    attempt(numbers);
   },
 });
+
+// A fault of one part of the page is said, and the others go on: the robot is driven all the same.
+function attempt(part) {
+  try {
+    part();
+  } catch (error) {
+    fail(`A part of the page does not work in this browser: ${error.message}`);
+  }
+}
 
 // Shows the room that the server has.
 async function show() {
   loading(0);
   const { doc, meshes } = await loadRoom(token);
   live = new Live(doc);
+  find("title").textContent = `${doc.task} ${doc.name}`;
+  document.title = `${doc.task}, seed ${doc.seed}: Fiatlux teleoperation`;
+  find("said").textContent = `\u201c${doc.instruction}\u201d`;
+  find("lamps").replaceChildren(...doc.criteria.map((name) => element("div", { className: "lamp" }, element("i"), words(name), element("em"))));
+  for (const side of ["left", "right"]) find(`force-${side}`).max = doc.fragility_n;
   if (stage) {
     stage.renderer.dispose();
     // A canvas keeps the context of its first renderer.
@@ -82,18 +109,19 @@ async function show() {
     await headset?.session?.end();
   }
   const canvas = find("view");
-  stage = new Stage(canvas, doc, meshes, live, ask);
-  new ResizeObserver(ask).observe(canvas);
-  addGhosts();
-  headset = new Headset(stage);
-  find("headset").hidden = !(await Headset.isThere());
-  find("title").textContent = `${doc.task} ${doc.name}`;
-  document.title = `${doc.task}, seed ${doc.seed}: Fiatlux teleoperation`;
-  find("said").textContent = `\u201c${doc.instruction}\u201d`;
-  find("lamps").replaceChildren(...doc.criteria.map((name) => element("div", { className: "lamp" }, element("i"), words(name))));
-  for (const side of ["left", "right"]) find(`force-${side}`).max = doc.fragility_n;
+  stage = null;
+  // A browser without WebGL still drives, and shows the conditions.
+  attempt(() => {
+    stage = new Stage(canvas, doc, meshes, live, ask);
+    addGhosts();
+  });
+  if (stage) {
+    new ResizeObserver(ask).observe(canvas);
+    headset = new Headset(stage);
+    find("headset").hidden = !(await Headset.isThere());
+  }
   loading(1);
-  if (newest && live.take(newest)) panel();
+  if (newest && live.take(newest)) attempt(panel);
   ask();
   seen.live = live;
   seen.needsView = true;
@@ -162,7 +190,12 @@ function lookFromBehind() {
 // Turns with the robot, and not with its sway.
 function turnWithRobot() {
   const rest = heading() - turned;
-  const angle = FOLLOWS * Math.atan2(Math.sin(rest), Math.cos(rest));
+  let angle = FOLLOWS * Math.atan2(Math.sin(rest), Math.cos(rest));
+  // Without motion that follows by itself the view turns in steps.
+  if (still.matches) {
+    if (Math.abs(angle) < FOLLOWS * STEP) return;
+    angle /= FOLLOWS;
+  }
   turned += angle;
   const { camera, controls } = stage;
   camera.position.sub(controls.target).applyAxisAngle(camera.up, angle).add(controls.target);
@@ -209,13 +242,29 @@ function board() {
   return [...gate, ...facts.map((text) => ({ text }))];
 }
 
-const hands = ({ follows }) => ["left", "right"].map((side, index) => `${side} ${follows[index] ? "follows" : "rests"}`).join(", ");
+// The keys that begin, or go on after a take; empty while one runs.
+function hint({ phase }) {
+  if (phase === "ready") return usesPad ? "Press A to begin" : touch.matches ? "Press Start to begin" : "Press Enter to begin";
+  if (phase !== "ended") return "";
+  return usesPad ? "X: save, B: discard, Y: next room" : touch.matches ? "Save it, or discard it" : "P: save, Del: discard, N: next room";
+}
+
+const hands = ({ follows, closes, chosen }) =>
+  ["left", "right"].map((side, index) => `${side} ${follows[index] ? "follows" : closes[index] ? "closed" : "open"}${chosen === index ? " (keys)" : ""}`).join(", ");
 
 // The board's buttons: those of the page.
 function boardButtons() {
   return ["start", "save", "discard", "next"].map((name) => {
     const { textContent, disabled } = find(name);
     return { name, label: textContent, disabled };
+  });
+}
+
+// How far each condition that does not hold is from holding.
+function numbers() {
+  const said = live.doc.measures.map((measure, index) => (measure && !live.state.criteria[index] ? numberOf(measure, live) : ""));
+  document.querySelectorAll(".lamp em").forEach((text, index) => {
+    text.textContent = said[index];
   });
 }
 
@@ -230,7 +279,7 @@ function panel() {
   find("velocity").textContent = `${vx}, ${vy} m/s, ${wz} rad/s`;
   find("hands").textContent = hands(state);
   find("clock").textContent = seconds(state.step, doc.control_dt);
-  const sorted = seen.roundTrips.toSorted((a, b) => a - b);
+  const sorted = [...seen.roundTrips].sort((a, b) => a - b);
   find("latency").textContent = sorted.length > 0 ? `${sorted[sorted.length >> 1].toFixed(0)} ms (answer ${state.answer.toFixed(1)} ms)` : "";
   const frozen = seen.status.phase === "running" && state.frozen;
   if (find("state").dataset.frozen !== String(frozen)) tell();
@@ -244,10 +293,13 @@ function tell() {
   if (status.phase === "ended") text = `Ended: ${words(status.end)}`;
   if (frozen) text = "No input: the robot stands";
   if (isOpen && !drives) text = "Another page drives";
-  if (!isOpen) text = "No connection: the robot stands";
+  if (!isOpen) text = seen.reason;
   badge.textContent = text;
-  badge.dataset.phase = status.phase;
+  badge.dataset.phase = isOpen ? status.phase : "gone";
   badge.dataset.frozen = String(frozen);
+  const next = isOpen && drives && live ? hint(status) : "";
+  find("hint").textContent = next;
+  find("hint").hidden = next === "";
   find("start").textContent = status.phase === "running" ? "Stop" : "Start";
   find("start").disabled = !(isOpen && ["ready", "running"].includes(status.phase));
   for (const id of ["save", "discard"]) find(id).disabled = !(isOpen && ["running", "ended"].includes(status.phase));
@@ -261,8 +313,9 @@ function tell() {
 const order = (name) => () => {
   if (!seen.drives) socket.send({ drive: true });
   socket.send({ order: name });
-  find("view").focus();
 };
+// A button that has the focus would take the keys that start, stop and close a hand.
+for (const id of ["start", "save", "discard", "next", "eye", "reset", "headset"]) find(id).addEventListener("click", () => find("view").focus());
 find("start").addEventListener("click", () => order(seen.status.phase === "running" ? "stop" : "start")());
 for (const id of ["save", "discard", "next"]) find(id).addEventListener("click", order(id));
 find("reset").addEventListener("click", () => {

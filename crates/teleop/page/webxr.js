@@ -41,13 +41,20 @@ export class Headset {
   }
 
   static async isThere() {
-    return (await navigator.xr?.isSessionSupported("immersive-vr").catch(() => false)) === true;
+    try {
+      return (await navigator.xr?.isSessionSupported?.("immersive-vr")) === true;
+    } catch {
+      // Such as a page that may not ask.
+      return false;
+    }
   }
 
   // Must be called from a click. `picture` draws one; `press` is called with the name of a button of the board; `ended` when the
   // session is over.
   async enter(picture, press, ended) {
     const session = await navigator.xr.requestSession("immersive-vr", { optionalFeatures: ["local-floor", "hand-tracking"] });
+    // Where the floor is not known, the eyes are: all poses count from where the user is.
+    const isOnFloor = await session.requestReferenceSpace("local-floor").then(() => true, () => false);
     const { stage, renderer } = this;
     this.flat = { position: stage.camera.position.clone(), quaternion: stage.camera.quaternion.clone(), following: stage.following };
     stage.following = false;
@@ -55,19 +62,10 @@ export class Headset {
     stage.scene.add(this.rig);
     this.rig.add(stage.camera);
     renderer.xr.enabled = true;
-    renderer.xr.setReferenceSpaceType("local-floor");
-    await renderer.xr.setSession(session);
+    renderer.xr.setReferenceSpaceType(isOnFloor ? "local-floor" : "local");
     this.session = session;
     this.centred = null;
     this.eye.set(0, 0, 0);
-    renderer.xr.getReferenceSpace().addEventListener?.("reset", () => {
-      this.space += 1;
-      this.centred = null;
-    });
-    session.addEventListener("select", ({ frame, inputSource }) => {
-      const button = this.hands.pressed(frame, inputSource, renderer.xr.getReferenceSpace());
-      if (button) press(button);
-    });
     session.addEventListener("end", () => {
       this.session = null;
       renderer.setAnimationLoop(null);
@@ -80,6 +78,18 @@ export class Headset {
       stage.controls.enabled = true;
       stage.key.castShadow = true;
       ended();
+    });
+    await renderer.xr.setSession(session).catch(async (error) => {
+      await session.end();
+      throw error;
+    });
+    renderer.xr.getReferenceSpace()?.addEventListener?.("reset", () => {
+      this.space += 1;
+      this.centred = null;
+    });
+    session.addEventListener("select", ({ frame, inputSource }) => {
+      const button = this.hands.pressed(frame, inputSource, renderer.xr.getReferenceSpace());
+      if (button) press(button);
     });
     this.times = [];
     renderer.setAnimationLoop((now, frame) => {
@@ -130,7 +140,7 @@ export class Headset {
       this.centred = null;
     }
     this.wasClicked = isClicked;
-    return { space: this.space, visible: this.session.visibilityState === "visible", ...hands, heading: this.heading, running };
+    return { space: this.space, visible: (this.session.visibilityState ?? "visible") === "visible", ...hands, heading: this.heading, running };
   }
 
   controller(frame, { gripSpace, gamepad }, space) {

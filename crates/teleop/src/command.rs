@@ -38,9 +38,9 @@ pub struct PageArgs {
     /// Serves headsets on the network too, over HTTPS with a certificate of this machine's own; opens no browser
     #[arg(long)]
     lan: bool,
-    /// Name or address of this machine for its certificate, the one for the page's address first; may be repeated [default:
-    /// its address and its name]
-    #[arg(long, value_name = "NAME_OR_IP", requires = "lan")]
+    /// Name or address of this machine for its certificate, the one for the page's address first [default: its address and its
+    /// name]; without --lan, the name of a tunnel that leads to the page. May be repeated
+    #[arg(long, value_name = "NAME_OR_IP")]
     host: Vec<String>,
     /// Folder of the certificate, made where there is none [default: ~/.config/fiatlux/teleop]
     #[arg(long, value_name = "DIR", requires = "lan")]
@@ -52,8 +52,8 @@ pub struct PageArgs {
 
 /// TLS for the page.
 pub struct Secured {
-    /// This machine's name in the page's address.
-    pub host: String,
+    /// This machine's names, the one in the page's address first.
+    pub names: Vec<String>,
     pub secure: Secure,
     /// For the user.
     pub said: String,
@@ -94,10 +94,11 @@ impl PageArgs {
         let cockpit = self.cockpit(&station, secure)?;
         let url = cockpit.url();
         fiatlux_cli::print(format!("{url}\n"))?;
-        let opened = !self.no_open && !self.lan && fiatlux_cli::open_browser(&url);
+        // Kept until the end: nobody says when the browser has read it.
+        let opened = if self.no_open || self.lan { None } else { fiatlux_cli::open_browser_secretly(&url) };
         eprintln!(
             "{}; Ctrl-C ends it",
-            if opened { "opened in the browser" } else { "open this address in a browser" }
+            if opened.is_some() { "opened in the browser" } else { "open this address in a browser" }
         );
         let kept = std::thread::scope(|scope| {
             let page = scope.spawn(|| {
@@ -129,7 +130,7 @@ impl PageArgs {
     ) -> Result<Cockpit, CommandError> {
         if !self.lan {
             let address = SocketAddr::from((Ipv4Addr::LOCALHOST, self.port.unwrap_or(0)));
-            return Ok(Cockpit::bind(address, Arc::clone(station))?);
+            return Ok(Cockpit::bind(address, &self.host, Arc::clone(station))?);
         }
         let folder = match &self.certificate {
             Some(folder) => folder.clone(),
@@ -138,10 +139,10 @@ impl PageArgs {
         let is_v6 = self.host.first().is_some_and(|host| host.parse::<Ipv6Addr>().is_ok());
         let every: IpAddr = if is_v6 { Ipv6Addr::UNSPECIFIED.into() } else { Ipv4Addr::UNSPECIFIED.into() };
         let address = SocketAddr::from((every, self.port.unwrap_or(LAN_PORT)));
-        let cockpit = Cockpit::bind(address, Arc::clone(station))?;
-        let Secured { host, secure, said } =
+        let cockpit = Cockpit::bind(address, &[], Arc::clone(station))?;
+        let Secured { names, secure, said } =
             secure(&folder, &self.host).map_err(|error| CommandError::Tls(error.into()))?;
         eprintln!("{said}");
-        Ok(cockpit.over_tls(&host, secure))
+        Ok(cockpit.over_tls(names, secure))
     }
 }

@@ -13,6 +13,8 @@ pub struct Frame {
     pub torso: [f64; 2],
     /// The left hand and the right one.
     pub hands: [Hand; 2],
+    /// The hand that keys move; `None` for inputs that move both.
+    pub chosen: Option<usize>,
     /// Counts how often the origin of the devices' space has moved. Poses before and after a change are not comparable.
     pub space: u64,
 }

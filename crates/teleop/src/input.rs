@@ -29,7 +29,7 @@ pub struct Reading {
 pub enum InputError {
     #[error("no input is named '{name}'; known ones are {known}")]
     Unknown { name: String, known: String },
-    #[error("cannot read a message of the {input}: {source}; reload the page")]
+    #[error("cannot read a message of the {input}; reload the page")]
     Message { input: &'static str, source: serde_json::Error },
     #[error("{field} of the {input} is {value}; it must be a number of size {most} at most")]
     Number { input: &'static str, field: &'static str, value: f64, most: f64 },

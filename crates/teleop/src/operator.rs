@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use fiatlux_client::{Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
@@ -14,6 +14,9 @@ use crate::frame::Order;
 use crate::pilot::Pilot;
 use crate::station::{Phase, Station};
 use crate::view::{Timing, View};
+
+/// A take that no page has been open for this long is stopped, and kept.
+const MAX_EMPTY: Duration = Duration::from_secs(10);
 
 /// Plays an episode as its operator asks.
 pub(crate) struct Operator {
@@ -27,16 +30,22 @@ pub(crate) struct Operator {
     is_ready: bool,
     has_started: bool,
     order: Option<Order>,
+    is_abandoned: bool,
 }
 
 impl Operator {
     pub fn new(station: Arc<Station>, quit: Arc<AtomicBool>, stop: Arc<AtomicBool>) -> Self {
-        Self { station, pilot: None, quit, stop, is_ready: false, has_started: false, order: None }
+        Self { station, pilot: None, quit, stop, is_ready: false, has_started: false, order: None, is_abandoned: false }
     }
 
     /// True if the clock was started.
     pub fn has_started(&self) -> bool {
         self.has_started
+    }
+
+    /// True if the take was stopped because no page was open.
+    pub fn is_abandoned(&self) -> bool {
+        self.is_abandoned
     }
 
     /// The order that ended the episode.
@@ -101,7 +110,10 @@ impl Policy for Operator {
                 self.stop.store(true, Ordering::Relaxed);
             }
         }
-        if self.quit.load(Ordering::Relaxed) {
+        if self.station.empty_for() > MAX_EMPTY {
+            self.is_abandoned = true;
+        }
+        if self.is_abandoned || self.quit.load(Ordering::Relaxed) {
             self.stop.store(true, Ordering::Relaxed);
         }
         let fresh = self.station.fresh();

@@ -37,6 +37,9 @@ pub struct Driven {
     pub is_frozen: bool,
     /// Hands that follow their device, left first.
     pub follows: [bool; 2],
+    /// The hand that keys move, and hands that were told to close.
+    pub chosen: Option<usize>,
+    pub closes: [bool; 2],
     /// Where the hands are wanted, from the pelvis; `None` where they were never moved.
     pub goals: [Option<Isometry3<f64>>; 2],
     pub command: BodyCommand,
@@ -120,6 +123,9 @@ impl Pilot {
         self.walk(frame);
         if let Some(frame) = frame {
             self.fingers = [0, 1].map(|side: usize| frame.hands[side].fingers);
+            self.driven.chosen = frame.chosen;
+            self.driven.closes =
+                self.fingers.map(|fingers| matches!(fingers, Some(Fingers::Close(share)) if share > 0.5));
         }
         let frame = frame.unwrap_or(&idle);
         let moves = |hand: &crate::frame::Hand| hand.motion != Motion::Still || hand.fingers.is_some();

@@ -3,13 +3,13 @@
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-use crate::station::Station;
+use crate::pages::{Farewell, Page};
 
 /// Largest message of a page, bytes: that of a headset has some 2,000.
 const MAX_MESSAGE: usize = 32 * 1024;
@@ -40,22 +40,54 @@ impl Write for Pipe {
     }
 }
 
-/// Serves a page until one of the two ends it.
-pub(crate) async fn talk(stream: impl AsyncRead + AsyncWrite + Unpin, station: Arc<Station>) {
-    let id = station.enter();
-    // A connection that breaks is one that ends.
-    let _ = serve(stream, &station, id).await;
-    station.leave(id);
+/// Budget of a page, in units: a message is one, and so are this many bytes. A headset sends 120 messages of 2,000 bytes a second, which
+/// are 240 units.
+const UNIT_BYTES: f64 = 2048.0;
+const MAX_RATE: f64 = 500.0;
+/// Units that a page may save up, for what a network delivers late.
+const MAX_SAVED: f64 = 500.0;
+
+/// Limits what a page may send: the rest of it waits, at the page's own end, and costs the others nothing.
+#[derive(Debug)]
+struct Budget {
+    units: f64,
+    /// When `units` was computed.
+    at: Instant,
 }
 
-async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, station: &Station, id: u64) -> Result<(), Error> {
+impl Budget {
+    fn new(now: Instant) -> Self {
+        Self { units: MAX_SAVED, at: now }
+    }
+
+    fn spend(&mut self, units: f64, now: Instant) {
+        self.units = (self.units + MAX_RATE * (now - self.at).as_secs_f64()).min(MAX_SAVED) - units;
+        self.at = now;
+    }
+
+    /// When the page may send again.
+    fn ready_at(&self) -> Instant {
+        self.at + Duration::from_secs_f64((-self.units).max(0.0) / MAX_RATE)
+    }
+}
+
+/// Serves a page until one of the two ends it.
+pub(crate) async fn talk(stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) {
+    // A connection that breaks is one that ends.
+    drop(serve(stream, page).await);
+}
+
+async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> Result<(), Error> {
+    let Page { station, id, .. } = page;
     let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
     let mut socket = WebSocket::from_raw_socket(Pipe::default(), Role::Server, Some(config));
     let (mut live, mut status, mut driver) =
         (station.live.subscribe(), station.status.subscribe(), station.driver.subscribe());
+    let mut ended = page.ended.clone();
     live.mark_changed();
     status.mark_changed();
     driver.mark_changed();
+    let mut budget = Budget::new(Instant::now());
     let mut buffer = [0; 4096];
     loop {
         let outgoing = std::mem::take(&mut socket.get_mut().outgoing);
@@ -63,21 +95,34 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, station: &Statio
             let sent = tokio::time::timeout(MAX_WRITE, stream.write_all(&outgoing)).await;
             sent.map_err(|_| Error::Io(io::ErrorKind::TimedOut.into()))??;
         }
+        let ready_at = budget.ready_at();
+        let may_read = ready_at <= Instant::now();
         tokio::select! {
             biased;
-            read = stream.read(&mut buffer) => {
+            farewell = ended.wait_for(Option::is_some) => {
+                let code = farewell.ok().and_then(|farewell| *farewell).unwrap_or(Farewell::End).code();
+                socket.close(Some(CloseFrame { code: code.into(), reason: "".into() }))?;
+                let outgoing = std::mem::take(&mut socket.get_mut().outgoing);
+                stream.write_all(&outgoing).await?;
+                return Ok(stream.shutdown().await?);
+            }
+            () = tokio::time::sleep_until(ready_at.into()), if !may_read => {}
+            read = stream.read(&mut buffer), if may_read => {
                 let length = read?;
                 if length == 0 {
                     return Ok(());
                 }
+                let mut units = length as f64 / UNIT_BYTES;
                 socket.get_mut().arrived.extend(&buffer[..length]);
                 while let Some(message) = next(&mut socket)? {
+                    units += 1.0;
                     let Message::Text(text) = message else { continue };
-                    if let Err(problem) = station.take(id, &text) {
+                    if let Err(problem) = station.take(*id, &text) {
                         let said = serde_json::json!({ "problem": problem }).to_string();
                         socket.send(Message::text(said))?;
                     }
                 }
+                budget.spend(units, Instant::now());
             }
             changed = status.changed() => {
                 if changed.is_err() {
@@ -90,7 +135,7 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, station: &Statio
                 if changed.is_err() {
                     return Ok(());
                 }
-                let drives = *driver.borrow_and_update() == id;
+                let drives = *driver.borrow_and_update() == *id;
                 socket.send(Message::text(serde_json::json!({ "drives": drives }).to_string()))?;
             }
             changed = live.changed() => {
@@ -112,5 +157,30 @@ fn next(socket: &mut WebSocket<Pipe>) -> Result<Option<Message>, Error> {
         Ok(message) => Ok(Some(message)),
         Err(Error::Io(error)) if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
         Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The largest number of messages that a page can have taken in, of those that it sends at a rate for a time.
+    fn taken(rate: f64, bytes: f64, secs: f64) -> f64 {
+        let start = Instant::now();
+        let (mut budget, mut count, mut now) = (Budget::new(start), 0.0, start);
+        while (now - start).as_secs_f64() < secs {
+            budget.spend(1.0 + bytes / UNIT_BYTES, now);
+            count += 1.0;
+            now = (now + Duration::from_secs_f64(1.0 / rate)).max(budget.ready_at());
+        }
+        count
+    }
+
+    #[test]
+    fn a_device_is_never_held_up_and_a_flood_is() {
+        assert!(taken(50.0, 120.0, 20.0) >= 999.0, "keys");
+        assert!(taken(120.0, 2000.0, 20.0) >= 2399.0, "a headset");
+        assert!(taken(1e5, 6.0, 10.0) < 10.0 * MAX_RATE + MAX_SAVED + 10.0, "small messages");
+        assert!(taken(1e5, MAX_MESSAGE as f64, 10.0) < 400.0, "large messages");
     }
 }

@@ -75,6 +75,9 @@ struct Inner {
     /// The connection that drives; 0 for none.
     driver: u64,
     connections: u64,
+    /// Pages that are open, and since when there is none.
+    pages: usize,
+    empty_since: Option<Instant>,
     inputs: Inputs,
     newest: Option<(Frame, f64, Instant)>,
     orders: VecDeque<Order>,
@@ -118,6 +121,8 @@ impl Station {
     pub(crate) fn enter(&self) -> u64 {
         let mut inner = self.lock();
         inner.connections += 1;
+        inner.pages += 1;
+        inner.empty_since = None;
         let id = inner.connections;
         self.hand_over(&mut inner, id);
         id
@@ -126,9 +131,18 @@ impl Station {
     /// A page is gone: if it drove, the robot stands.
     pub(crate) fn leave(&self, id: u64) {
         let mut inner = self.lock();
+        inner.pages = inner.pages.saturating_sub(1);
+        if inner.pages == 0 {
+            inner.empty_since = Some(Instant::now());
+        }
         if inner.driver == id {
             self.hand_over(&mut inner, 0);
         }
+    }
+
+    /// Time since the last page was closed; zero while one is open, or none was yet.
+    pub(crate) fn empty_for(&self) -> Duration {
+        self.lock().empty_since.map_or(Duration::ZERO, |since| since.elapsed())
     }
 
     fn hand_over(&self, inner: &mut Inner, id: u64) {
@@ -160,7 +174,7 @@ impl Station {
             }
             let reading = inner.inputs.read(name, &message.data).map_err(|error| {
                 inner.newest = None;
-                error.to_string()
+                fiatlux_cli::in_full(&error)
             })?;
             inner.newest = reading.frame.map(|frame| (frame, message.at, Instant::now()));
             orders.extend(reading.orders);
@@ -227,6 +241,20 @@ mod tests {
         assert!(station.fresh().is_some());
         station.leave(second);
         assert!(station.fresh().is_none());
+    }
+
+    #[test]
+    fn it_is_empty_once_the_last_page_is_closed() {
+        let station = Station::default();
+        assert_eq!(station.empty_for(), Duration::ZERO, "nobody came yet");
+        let [first, second] = [station.enter(), station.enter()];
+        station.leave(first);
+        assert_eq!(station.empty_for(), Duration::ZERO);
+        station.leave(second);
+        std::thread::sleep(Duration::from_millis(2));
+        assert!(station.empty_for() > Duration::ZERO);
+        station.enter();
+        assert_eq!(station.empty_for(), Duration::ZERO);
     }
 
     #[test]

@@ -29,7 +29,7 @@ const ASIDE: &str = "discarded";
 /// Why no takes can be made.
 #[derive(Debug, Error)]
 pub enum TakeError {
-    #[error("cannot use the folder {}: {source}; name another one with --out", path.display())]
+    #[error("cannot use the folder {}; name another one with --out", path.display())]
     Folder { path: PathBuf, source: std::io::Error },
     #[error("cannot draw a key for the recorder")]
     Key(#[from] fiatlux_access::AccessError),

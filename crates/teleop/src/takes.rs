@@ -28,6 +28,8 @@ const LOOK: Duration = Duration::from_millis(20);
 const RETRY: Duration = Duration::from_secs(1);
 /// End of a take whose server was lost.
 const LOST: &str = "lost";
+/// Shown when a page is opened again.
+const ABANDONED: &str = "the take was stopped because no page was open for 10 s: save it or discard it";
 
 /// The robot to drive, and the folder of takes.
 #[derive(Debug, Clone)]
@@ -149,6 +151,7 @@ fn play_in(
         let problem = match (&ended, &closed) {
             (Err(error), _) if !matches!(error, ClientError::Stopped) => in_full(error),
             (Err(_), Err(error)) => in_full(error),
+            _ if operator.is_abandoned() => ABANDONED.into(),
             _ => cut.unwrap_or_default(),
         };
         let bag = studio.bag(&info, episode);

@@ -9,6 +9,7 @@ use fiatlux_world::{EpisodeSpec, Scene};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Serialize;
 
+use crate::measures::Measure;
 use crate::pilot::Driven;
 
 /// First bytes of a state.
@@ -30,6 +31,8 @@ pub struct Document {
     pub eye: Option<Eye>,
     /// Names of the gate's criteria, in the order of their bits.
     pub criteria: Vec<String>,
+    /// The number behind each of them, where there is one.
+    pub measures: Vec<Option<Measure>>,
     pub task: String,
     pub name: String,
     pub instruction: String,
@@ -54,16 +57,20 @@ impl Document {
     pub fn new(scene: &Scene, spec: &EpisodeSpec) -> Self {
         let task: Task = spec.task;
         let robot = &scene.robot;
+        let stage = Stage::new(scene, &Lighting::of(&spec.light()));
+        let criteria: Vec<String> =
+            task.spec().gate.criteria_of(spec.protocol).map(|criterion| criterion.name.to_owned()).collect();
         let eye = robot.camera(EYE).or(robot.cameras().first());
         Self {
-            stage: Stage::new(scene, &Lighting::of(&spec.light())),
             head_bytes: HEAD_BYTES,
             eye: eye.map(|camera| Eye {
                 frame: camera.link,
                 pose: numbers(&camera.link_from_camera),
                 horizontal_fov: camera.horizontal_fov,
             }),
-            criteria: task.spec().gate.criteria_of(spec.protocol).map(|criterion| criterion.name.to_owned()).collect(),
+            measures: criteria.iter().map(|name| Measure::of(name, task, scene, &stage, spec)).collect(),
+            criteria,
+            stage,
             task: task.short_id().into(),
             name: task.name().into(),
             instruction: task.instruction().into(),
@@ -106,7 +113,8 @@ impl View {
     /// force on the left and the right hand (N), the commanded velocity (three numbers) and height, and one that is not used.
     /// Then a pose (f32) for each frame of the stage, and those at which the left and the right hand are wanted.
     ///
-    /// Flags: 1 frozen, 2 and 4 the hands that follow, 8 and 16 the seated bulbs, 32 and 64 the hands with a goal.
+    /// Flags: 1 frozen, 2 and 4 the hands that follow, 8 and 16 the seated bulbs, 32 and 64 the hands with a goal, 128 and 256 the hand
+    /// that keys move, 512 and 1024 the hands that were told to close.
     pub fn state(&mut self, seen: &Observation, driven: &Driven, timing: Timing) -> Option<Vec<u8>> {
         let privileged = seen.privileged.as_ref()?;
         let turned = &seen.proprioception.as_ref()?.joint_position;
@@ -133,6 +141,10 @@ impl View {
             seated(1),
             driven.goals[0].is_some(),
             driven.goals[1].is_some(),
+            driven.chosen == Some(0),
+            driven.chosen == Some(1),
+            driven.closes[0],
+            driven.closes[1],
         ];
         let flags = flags.iter().enumerate().fold(0_u32, |flags, (index, is)| flags | (u32::from(*is) << index));
         // The right hand comes first.

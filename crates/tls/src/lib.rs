@@ -19,16 +19,17 @@ pub use stream::Tls;
 pub type Accept =
     Box<dyn Fn(TcpStream) -> Pin<Box<dyn Future<Output = io::Result<DuplexStream>> + Send>> + Send + Sync>;
 
-/// TLS with the certificate of a folder, made where there is none: the first of its hosts, what accepts connections, and what the
-/// user has to know. Without hosts, they are this machine's.
+/// TLS with the certificate of a folder, made where there is none: this machine's names, those of `hosts` first; the function that
+/// accepts connections; and a text for the user. Without hosts, the first of the machine's own names is used.
 ///
 /// # Errors
 /// [`CertificateError`]: it has expired, is broken, or does not name the hosts.
-pub fn secure(folder: &Path, hosts: &[String]) -> Result<(String, Accept, String), CertificateError> {
+pub fn secure(folder: &Path, hosts: &[String]) -> Result<(Vec<String>, Accept, String), CertificateError> {
     let own = own_hosts();
     // Of its own names, only the one in the page's address must be in the certificate.
     let hosts = if hosts.is_empty() { &own[..1] } else { hosts };
     let certificate = Certificate::open(folder, hosts, &own)?;
+    let names = hosts.iter().chain(&own).cloned().collect();
     let tls = Tls::new(&certificate);
     let accept = Box::new(move |stream| Box::pin(tls.clone().accept(stream)) as Pin<Box<_>>);
     let age = if certificate.is_new() { "made now" } else { "as before" };
@@ -40,5 +41,5 @@ pub fn secure(folder: &Path, hosts: &[String]) -> Result<(String, Accept, String
         folder.display(),
         certificate.fingerprint()
     );
-    Ok((hosts[0].clone(), accept, said))
+    Ok((names, accept, said))
 }

@@ -47,8 +47,8 @@ pub fn teleop(args: &TeleopArgs) -> Result<bool, Failure> {
     let link = args.link.open(Role::Client)?;
     let server = ServerElsewhere::find(link.carrier(), args.server.as_deref(), access, args.episode)?;
     let secure = |folder: &_, hosts: &_| {
-        let (host, secure, said) = fiatlux_tls::secure(folder, hosts)?;
-        Ok::<_, fiatlux_tls::CertificateError>(Secured { host, secure, said })
+        let (names, secure, said) = fiatlux_tls::secure(folder, hosts)?;
+        Ok::<_, fiatlux_tls::CertificateError>(Secured { names, secure, said })
     };
     let robot = args.robot.robot;
     args.page.run(secure, |station, stop| takes::play_elsewhere(server, args.task, robot, args.seed, station, stop))?;

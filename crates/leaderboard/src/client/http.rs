@@ -41,7 +41,9 @@ impl Http {
     pub fn new(url: &str, token: &str) -> Result<Self, SubmitError> {
         let url = url.trim_end_matches('/');
         let host = ["https://", "http://"].iter().find_map(|scheme| url.strip_prefix(scheme));
-        if !host.is_some_and(|host| !host.is_empty() && !host.contains(['/', '?', '#', '@', ' '])) {
+        // A path is that of a proxy, which takes it off.
+        let is_good = |rest: &str| !rest.is_empty() && !rest.starts_with('/') && !rest.contains(['?', '#', '@', ' ']);
+        if !host.is_some_and(is_good) {
             return Err(SubmitError::Url { url: url.into() });
         }
         let config = Agent::config_builder()
@@ -127,5 +129,21 @@ impl<R: Read> Read for ProgressReader<'_, R> {
             return Err(io::Error::new(io::ErrorKind::ConnectionAborted, "stopped"));
         }
         Ok(length)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_of_services_are_told_from_others() {
+        for url in ["http://board:8080", "https://board.example.org/", "https://example.org/board", "http://[::1]:8080"] {
+            assert!(Http::new(url, "t").is_ok(), "{url}");
+        }
+        assert_eq!(Http::new("https://example.org/board/", "t").expect("an address").url, "https://example.org/board");
+        for url in ["", "board", "http://", "http:///board", "ftp://board", "http://a@b", "http://a/?b", "http://a/#b", "http://a b"] {
+            assert!(Http::new(url, "t").is_err(), "{url}");
+        }
     }
 }

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use askama::Template;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::Response;
 use fiatlux_grading::{EpisodeRow, Results};
-use fiatlux_replay::site::{SitePage, for_ever, one, whole_file};
+use fiatlux_replay::site::{SitePage, download, for_ever, one};
 use fiatlux_replay::{Packed, PackedReplay};
 use tokio::fs::File;
 
@@ -172,9 +172,11 @@ async fn names(pages: &Pages, id: &str, key: &str) -> Result<(SubmissionId, Key)
     Ok((pages.open(id).await?.id, key))
 }
 
-/// The bag, byte for byte as it was submitted.
+/// The bag, byte for byte as it was submitted, whole or in part.
 pub(super) async fn bag(
     State(pages): State<Arc<Pages>>,
+    method: Method,
+    asked: HeaderMap,
     Path((id, key)): Path<(String, String)>,
 ) -> Result<Response, Problem> {
     let (id, key) = names(&pages, &id, &key).await?;
@@ -184,12 +186,11 @@ pub(super) async fn bag(
         Problem::Failed
     };
     let file = File::open(&bag).await.map_err(failed)?;
-    let length = file.metadata().await.map_err(failed)?.len();
-    let mut answer = for_an_hour(content(BYTES, whole_file(file)));
-    let headers = answer.headers_mut();
-    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
+    // Its file is named by its digest.
+    let digest = bag.file_name().unwrap_or_default().to_string_lossy();
+    let mut answer = for_an_hour(download(file, &digest, BYTES, &method, &asked).await.map_err(failed)?);
     if let Ok(name) = HeaderValue::try_from(format!("attachment; filename=\"{key}.mcap\"")) {
-        headers.insert(header::CONTENT_DISPOSITION, name);
+        answer.headers_mut().insert(header::CONTENT_DISPOSITION, name);
     }
     Ok(answer)
 }

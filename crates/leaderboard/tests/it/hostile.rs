@@ -303,7 +303,8 @@ fn readers_that_do_not_read_keep_nobody_out() {
         assert!(start.elapsed() < Duration::from_secs(5), "{what}: {:?}", start.elapsed());
     };
     // The service has 64 places: 8 for an address, 32 for what is large.
-    let mut one: Vec<TcpStream> = (0..20).map(|_| reader(&board, &bag, "198.51.100.1")).collect();
+    // Some proxies write ports too.
+    let mut one: Vec<TcpStream> = (0..20).map(|k| reader(&board, &bag, &format!("6.6.6.6, 198.51.100.1:{}", 4000 + k))).collect();
     let statuses: Vec<u16> = one.iter_mut().map(status).collect();
     assert_eq!(statuses.iter().filter(|status| **status == 200).count(), 8, "{statuses:?}");
     assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
@@ -320,6 +321,44 @@ fn readers_that_do_not_read_keep_nobody_out() {
     while status(&mut reader(&board, &bag, "198.51.100.1")) != 200 {
         assert!(start.elapsed() < PATIENCE, "the places are still taken");
     }
+}
+
+/// Guards downloads that go on where they were, and readers that ask for the parts that they need: small parts take no place for large
+/// answers.
+#[test]
+fn a_bag_is_sent_in_parts() {
+    let (board, bag) = with_large_bag("parts", Pace::default());
+    let whole = std::fs::read(board.folder.0.join("S01-s3-e0.mcap")).unwrap();
+    let ask = |method: &str, headers: &str| {
+        let request = format!("{method} {bag} HTTP/1.1\r\nHost: board\r\nConnection: close\r\n{headers}\r\n");
+        let answer = board.raw(request.as_bytes());
+        let end = answer.windows(4).position(|window| window == b"\r\n\r\n").unwrap();
+        let head = String::from_utf8(answer[..end].to_vec()).unwrap().to_ascii_lowercase();
+        (head[9..12].parse::<u16>().unwrap(), head, answer[end + 4..].to_vec())
+    };
+    let (status, head, body) = ask("GET", "");
+    assert!(status == 200 && body == whole, "{head}");
+    assert!(head.contains("accept-ranges: bytes") && head.contains(&format!("content-length: {}", whole.len())), "{head}");
+    let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap().to_owned();
+    assert_eq!(tag.len(), 66, "the digest of the bag: {tag}");
+    let (status, _, rest) = ask("GET", &format!("Range: bytes=1000000-\r\nIf-Range: {tag}\r\n"));
+    assert!(status == 206 && rest == whole[1_000_000..]);
+    let (status, head, tail) = ask("GET", "Range: bytes=-100\r\n");
+    assert!(status == 206 && tail == whole[whole.len() - 100..], "{head}");
+    let (status, _, all) = ask("GET", "Range: bytes=5-\r\nIf-Range: \"other\"\r\n");
+    assert!(status == 200 && all == whole);
+    assert_eq!(ask("GET", &format!("Range: bytes={}-\r\n", whole.len())).0, 416);
+    assert_eq!(ask("GET", &format!("If-None-Match: {tag}\r\n")).0, 304);
+    let (status, head, body) = ask("HEAD", "");
+    assert!(status == 200 && body.is_empty() && head.contains(&format!("content-length: {}", whole.len())), "{head}");
+    let taken: Vec<TcpStream> = (0..32).map(|k| reader(&board, &bag, &format!("203.0.113.{k}"))).collect();
+    let start = Instant::now();
+    while ask("GET", "").0 != 503 {
+        assert!(start.elapsed() < PATIENCE, "there is still a place");
+    }
+    let (status, _, part) = ask("GET", "Range: bytes=4096-8191\r\n");
+    assert!(status == 206 && part == whole[4096..8192]);
+    drop(taken);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use fiatlux_replay::{Bags, Replay, ReplayError, Viewer};
 use fiatlux_rules::Task;
@@ -49,16 +50,6 @@ impl Drop for Serving {
     }
 }
 
-fn joined(mut chunked: &[u8]) -> Vec<u8> {
-    let mut body = Vec::new();
-    while let Some(end) = chunked.windows(2).position(|window| window == b"\r\n") {
-        let length = usize::from_str_radix(std::str::from_utf8(&chunked[..end]).unwrap(), 16).unwrap();
-        body.extend_from_slice(&chunked[end + 2..end + 2 + length]);
-        chunked = &chunked[end + 4 + length..];
-    }
-    body
-}
-
 #[test]
 fn one_bag_is_served_with_all_its_parts() {
     let played = play("served", Task::S05, 8);
@@ -81,7 +72,7 @@ fn one_bag_is_served_with_all_its_parts() {
     let (status, head, bag) = serving.get("/episode/0/bag");
     assert_eq!(status, 200);
     assert!(head.contains("content-disposition: attachment; filename=\"s05.mcap\""), "{head}");
-    assert_eq!(joined(&bag), std::fs::read(&played.bag).unwrap());
+    assert_eq!(bag, std::fs::read(&played.bag).unwrap());
     // Everything that the page links to exists.
     for file in page.split("/page/").skip(1).filter_map(|rest| rest.split('"').next()) {
         assert_eq!(serving.get(&format!("/page/{file}")).0, 200, "{file}");
@@ -137,12 +128,59 @@ fn paths_and_hosts_that_are_not_ours_are_refused() {
         assert!(head.contains("nosniff") && head.contains("content-security-policy: default-src 'none'"), "{head}");
     }
     let port = serving.address.port();
-    for host in ["example.org", &format!("example.org:{port}"), "127.0.0.1", "127.0.0.1:1", ""] {
+    for host in ["example.org", &format!("example.org:{port}"), "localhost.example.org", ""] {
         assert_eq!(serving.ask("GET", "/episode/0/document.json", host).0, 421, "{host}");
     }
-    assert_eq!(serving.ask("GET", "/episode/0", &format!("localhost:{port}")).0, 200);
+    // A tunnel listens on another port.
+    for host in [&format!("localhost:{port}"), "localhost:9000", "127.0.0.1:1", "127.0.0.1", "[::1]:9000"] {
+        assert_eq!(serving.ask("GET", "/episode/0", host).0, 200, "{host}");
+    }
     for method in ["POST", "PUT", "DELETE"] {
         assert_eq!(serving.ask(method, "/episode/0", &serving.address.to_string()).0, 405, "{method}");
+    }
+}
+
+/// Guards downloads that go on, and readers that ask for parts of a bag.
+#[test]
+fn a_bag_is_sent_in_parts() {
+    let played = play("parts", Task::S05, 8);
+    let whole = std::fs::read(&played.bag).unwrap();
+    let serving = Serving::start(Bags::find(&played.bag).unwrap());
+    let ask = |method: &str, headers: &str| {
+        let host = format!("{}\r\n{headers}", serving.address);
+        serving.ask(method, "/episode/0/bag", host.trim_end())
+    };
+    let (status, head, _) = ask("GET", "");
+    assert!(status == 200 && head.contains("accept-ranges: bytes"), "{head}");
+    let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap().to_owned();
+    let (status, head, part) = ask("GET", "Range: bytes=0-99");
+    assert_eq!((status, &part[..]), (206, &whole[..100]));
+    assert!(head.contains(&format!("content-range: bytes 0-99/{}", whole.len())), "{head}");
+    assert!(head.contains("content-length: 100\r\n"), "{head}");
+    // More than fits into a block.
+    let (status, _, rest) = ask("GET", &format!("Range: bytes=1000-\r\nIf-Range: {tag}"));
+    assert!(whole.len() > 1000 + (64 << 10), "the bag is too small for this test: {} bytes", whole.len());
+    assert!(status == 206 && rest == whole[1000..]);
+    let (status, _, all) = ask("GET", "Range: bytes=1000-\r\nIf-Range: \"another\"");
+    assert!(status == 200 && all == whole);
+    let (status, head, _) = ask("GET", &format!("Range: bytes={}-", whole.len()));
+    assert!(status == 416 && head.contains(&format!("content-range: bytes */{}", whole.len())), "{head}");
+    assert_eq!(ask("GET", &format!("If-None-Match: \"x\", W/{tag}")).0, 304);
+    let (status, head, body) = ask("HEAD", "Range: bytes=0-99");
+    assert!(status == 200 && head.contains(&format!("content-length: {}", whole.len())), "{head}");
+    assert!(body.is_empty());
+}
+
+#[test]
+fn silent_connections_end_and_keep_nobody_out() {
+    let played = play("silent", Task::S05, 9);
+    let serving = Serving::start(Bags::find(&played.bag).unwrap());
+    let mut silent: Vec<TcpStream> = (0..300).map(|_| TcpStream::connect(serving.address).unwrap()).collect();
+    assert_eq!(serving.get("/episode/0").0, 200);
+    for stream in &mut silent {
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        assert!(matches!(stream.read(&mut [0]), Ok(0) | Err(_)));
+        assert!(stream.write(&[0]).is_err() || stream.read(&mut [0]).is_ok_and(|length| length == 0), "it is open");
     }
 }
 

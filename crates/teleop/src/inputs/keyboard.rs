@@ -77,7 +77,8 @@ impl Input for Keyboard {
         if linear.iter().chain(&angular).any(|share| *share != 0.0) {
             hands[self.hand].motion = Motion::Rate { linear, angular };
         }
-        let frame = Frame { walk: WALK.map(share), rise: share(RISE), torso: TORSO.map(share), hands, space: 0 };
+        let (walk, torso, chosen) = (WALK.map(share), TORSO.map(share), Some(self.hand));
+        let frame = Frame { walk, rise: share(RISE), torso, hands, chosen, space: 0 };
         Ok(Reading { frame: Some(frame), orders })
     }
 }

@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use fiatlux_teleop::{Cockpit, Station};
 use tungstenite::{Message, WebSocket};
@@ -19,8 +19,14 @@ struct Served {
 
 impl Served {
     fn start() -> Self {
+        Self::called(&[])
+    }
+
+    /// A server that is also called by other names.
+    fn called(names: &[&str]) -> Self {
         let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-        let cockpit = Cockpit::bind(any, Arc::new(Station::default())).expect("a free port");
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        let cockpit = Cockpit::bind(any, &names, Arc::new(Station::default())).expect("a free port");
         let url = cockpit.url();
         let (address, token) = url.strip_prefix("http://").and_then(|url| url.split_once("/?token=")).expect("a url");
         let stop = Arc::new(AtomicBool::new(false));
@@ -32,19 +38,47 @@ impl Served {
 
     /// The status line's code of an answer.
     fn get(&self, path: &str, host: &str) -> u16 {
-        let mut stream = TcpStream::connect(&self.address).expect("it listens");
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").expect("sent");
+        code(&self.ask(path, &format!("{host}\r\nConnection: close")))
+    }
+
+    /// An answer after which the server closes the connection.
+    fn ask(&self, path: &str, host: &str) -> String {
+        let mut stream = self.tcp();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n").expect("sent");
         let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("an answer");
-        answer.split(' ').nth(1).and_then(|code| code.parse().ok()).expect("a code")
+        stream.read_to_string(&mut answer).expect("an answer that ends");
+        answer
+    }
+
+    fn tcp(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.address).expect("it listens");
+        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+        stream
     }
 
     fn socket(&self, query: &str) -> Result<WebSocket<TcpStream>, String> {
-        let stream = TcpStream::connect(&self.address).expect("it listens");
-        stream.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
         let url = format!("ws://{}/drive{query}", self.address);
-        tungstenite::client(url, stream).map(|(socket, _)| socket).map_err(|error| error.to_string())
+        tungstenite::client(url, self.tcp()).map(|(socket, _)| socket).map_err(|error| error.to_string())
     }
+
+    /// The code of the answer to a WebSocket of a page of `origin`, which was asked for as `host`.
+    fn socket_from(&self, host: &str, origin: &str) -> u16 {
+        let path = format!("/drive?token={}", self.token);
+        let mut stream = self.tcp();
+        write!(
+            stream,
+            "GET {path} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        .expect("sent");
+        let mut answer = [0; 12];
+        stream.read_exact(&mut answer).expect("an answer");
+        code(&String::from_utf8_lossy(&answer))
+    }
+}
+
+fn code(answer: &str) -> u16 {
+    answer.split(' ').nth(1).and_then(|code| code.parse().ok()).expect("a code")
 }
 
 impl Drop for Served {
@@ -88,13 +122,79 @@ fn a_stranger_without_the_token_gets_nothing() {
     assert!(served.socket(&format!("?token={token}")).is_ok());
 }
 
-/// A page of another host that resolves to this machine is refused, token or not.
+/// A page of another host that resolves to this machine is refused, token or not. A tunnel listens on another port.
 #[test]
-fn the_server_answers_to_its_own_name_alone() {
-    let served = Served::start();
+fn the_server_answers_to_its_own_names_on_every_port() {
+    let served = Served::called(&["robot.example.org"]);
     let path = format!("/?token={}", served.token);
-    assert_eq!(served.get(&path, "example.org"), 421);
-    assert_eq!(served.get(&path, "127.0.0.1:1"), 421);
+    for host in ["localhost:9000", "127.0.0.1:1", "[::1]:9000", "localhost", "robot.example.org"] {
+        assert_eq!(served.get(&path, host), 200, "{host}");
+    }
+    for host in ["example.org", "localhost.example.org:9000", "evil.robot.example.org", ""] {
+        assert_eq!(served.get(&path, host), 421, "{host}");
+    }
+}
+
+/// Guards that the token alone is not enough for a page of another host.
+#[test]
+fn only_the_servers_own_page_connects() {
+    let served = Served::called(&["robot.example.org"]);
+    let own = served.address.clone();
+    let cases = [
+        (own.as_str(), format!("http://{own}"), 101),
+        ("localhost:9000", "http://localhost:9000".into(), 101),
+        // A tunnel that changes the name, and the page keeps it.
+        (&own, "https://robot.example.org".into(), 101),
+        ("localhost:9000", "http://evil.example:9000".into(), 403),
+        ("localhost:9000", "http://localhost:3000".into(), 403),
+        (&own, "null".into(), 403),
+        (&own, "file://".into(), 403),
+    ];
+    for (host, origin, expected) in cases {
+        assert_eq!(served.socket_from(host, &origin), expected, "{origin} at {host}");
+    }
+}
+
+/// A reloaded page shows no token in its address: it finds the one that its tab keeps, and gets nothing else.
+#[test]
+fn the_page_without_its_token_is_a_door() {
+    let served = Served::start();
+    let answer = served.ask("/", &served.address);
+    assert_eq!(code(&answer), 403);
+    assert!(answer.contains("/page/door.js") && answer.contains("script-src 'self';"), "{answer}");
+    assert!(!answer.contains(&served.token));
+    assert_eq!(served.get("/page/door.js", &served.address), 200);
+    assert_eq!(served.get("/page/token.js", &served.address), 200);
+}
+
+/// Guards that refused requests keep no connection: each of these asks on one that could stay.
+#[test]
+fn a_refused_request_ends_its_connection() {
+    let served = Served::start();
+    for (path, expected) in [("/", 403), ("/drive", 403), ("/document.json?token=1", 403), ("/nothing", 404)] {
+        assert_eq!(code(&served.ask(path, &served.address)), expected, "{path}");
+    }
+    assert_eq!(code(&served.ask("/", "example.org")), 421);
+}
+
+/// Guards the operator against programs of this machine that connect and say nothing, or half a request.
+#[test]
+fn silent_connections_end_and_keep_nobody_out() {
+    let served = Served::start();
+    let mut silent: Vec<TcpStream> = (0..400).map(|_| served.tcp()).collect();
+    for stream in silent.iter_mut().step_by(2) {
+        // Those that were closed already take nothing.
+        drop(stream.write_all(b"GET / HTTP/1.1\r\nHost: loc"));
+    }
+    let asked = Instant::now();
+    assert_eq!(served.get(&format!("/?token={}", served.token), &served.address), 200);
+    assert!(asked.elapsed() < Duration::from_secs(1), "it took {:?}", asked.elapsed());
+    for stream in &mut silent {
+        let mut rest = Vec::new();
+        let closed = stream.read_to_end(&mut rest);
+        let is_closed = closed.is_ok_and(|_| true) || stream.write(&[0]).is_err();
+        assert!(is_closed, "a silent connection is still open");
+    }
 }
 
 #[test]
@@ -134,11 +234,70 @@ fn hostile_pages_break_nothing() {
     assert_eq!(told(&mut socket, "drives"), true);
 }
 
+/// The code with which the server ends the connection of a page.
+fn farewell(socket: &mut WebSocket<TcpStream>) -> u16 {
+    loop {
+        match socket.read() {
+            Ok(Message::Close(frame)) => return frame.expect("a reason").code.into(),
+            Ok(_) => {}
+            Err(error) => panic!("no farewell: {error}"),
+        }
+    }
+}
+
+/// Guards that whoever has the token always gets in: the page that has waited longest without driving makes room.
 #[test]
-fn pages_are_limited() {
+fn the_newest_page_gets_in_and_the_driver_stays() {
     let served = Served::start();
     let query = format!("?token={}", served.token);
-    let open: Vec<_> = (0..16).map(|_| served.socket(&query).expect("admitted")).collect();
-    assert!(served.socket(&query).is_err_and(|error| error.contains("503")));
-    drop(open);
+    let mut open: Vec<_> = (0..16).map(|_| served.socket(&query).expect("admitted")).collect();
+    open[0].send(Message::text(r#"{"drive":true}"#)).expect("sent");
+    while told(&mut open[0], "drives") != true {}
+    let mut newest = served.socket(&query).expect("admitted");
+    assert_eq!(farewell(&mut open[1]), 4000);
+    assert_eq!(told(&mut newest, "status")["phase"], "opening");
+    open[0].send(Message::text(r#"{"drive":true}"#)).expect("sent");
+    while told(&mut open[0], "drives") != true {}
+}
+
+#[test]
+fn pages_are_told_that_the_program_ends() {
+    let served = Served::start();
+    let mut page = served.socket(&format!("?token={}", served.token)).expect("admitted");
+    assert_eq!(told(&mut page, "status")["phase"], "opening");
+    served.stop.store(true, Ordering::Relaxed);
+    assert_eq!(farewell(&mut page), 1001);
+}
+
+/// Guards that pages that send without end take nothing from the operator's.
+#[test]
+fn a_flood_of_messages_waits_at_its_own_end() {
+    let served = Served::start();
+    let query = format!("?token={}", served.token);
+    let stop = AtomicBool::new(false);
+    let mut operator = served.socket(&query).expect("admitted");
+    std::thread::scope(|scope| {
+        for kind in 0..3 {
+            let mut page = served.socket(&query).expect("admitted");
+            let stop = &stop;
+            scope.spawn(move || {
+                page.get_ref().set_write_timeout(Some(Duration::from_millis(50))).expect("set");
+                let text = ["{}".to_owned(), format!("{{\"data\":[{}0]}}", "0,".repeat(15_000)), "[".repeat(4000)];
+                while !stop.load(Ordering::Relaxed) {
+                    // What cannot be sent waits.
+                    drop(page.send(Message::text(text[kind].clone())));
+                }
+            });
+        }
+        std::thread::sleep(Duration::from_millis(500));
+        operator.send(Message::text(r#"{"drive":true}"#)).expect("sent");
+        let began = Instant::now();
+        for _ in 0..50 {
+            operator.send(Message::text(r#"{"input":"none"}"#)).expect("sent");
+            assert!(told(&mut operator, "problem").as_str().is_some_and(|problem| problem.contains("none")));
+        }
+        let took = began.elapsed();
+        stop.store(true, Ordering::Relaxed);
+        assert!(took < Duration::from_secs(1), "50 answers took {took:?}");
+    });
 }

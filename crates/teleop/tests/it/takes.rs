@@ -60,7 +60,7 @@ fn takes_are_kept_whole_whatever_the_page_does() {
     let out = std::env::temp_dir().join(format!("fiatlux-takes-{}", std::process::id()));
     let station = Arc::new(Station::default());
     let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let cockpit = Cockpit::bind(any, Arc::clone(&station)).expect("a free port");
+    let cockpit = Cockpit::bind(any, &[], Arc::clone(&station)).expect("a free port");
     let (url, quit) = (cockpit.url(), Arc::new(AtomicBool::new(false)));
     let options = TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out: out.clone() };
     let kept = std::thread::scope(|scope| {

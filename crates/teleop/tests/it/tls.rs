@@ -48,8 +48,9 @@ impl Served {
         let certificate = open(&folder(name), &["127.0.0.1"]).expect("a certificate");
         let tls = Tls::new(&certificate);
         let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-        let cockpit = Cockpit::bind(any, Arc::new(Station::default())).expect("a free port");
-        let cockpit = cockpit.over_tls("127.0.0.1", Box::new(move |stream| Box::pin(tls.clone().accept(stream))));
+        let cockpit = Cockpit::bind(any, &[], Arc::new(Station::default())).expect("a free port");
+        let names = vec!["127.0.0.1".into(), "lab.local".into()];
+        let cockpit = cockpit.over_tls(names, Box::new(move |stream| Box::pin(tls.clone().accept(stream))));
         let url = cockpit.url();
         let (port, token) =
             url.strip_prefix("https://127.0.0.1:").and_then(|url| url.split_once("/?token=")).expect("a url");
@@ -79,8 +80,12 @@ impl Served {
     }
 
     fn get(&self, path: &str) -> (u16, String) {
+        self.get_as(path, &format!("127.0.0.1:{}", self.port))
+    }
+
+    fn get_as(&self, path: &str, host: &str) -> (u16, String) {
         let mut stream = self.tls();
-        let request = format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nConnection: close\r\n\r\n", self.port);
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
         stream.write_all(request.as_bytes()).expect("sent");
         let mut answer = String::new();
         stream.read_to_string(&mut answer).expect("an answer that ends as TLS does");
@@ -172,24 +177,25 @@ fn half_handshakes_and_idle_connections_end_and_hold_nobody_up() {
     assert!(is_closed(&mut idle.sock), "an idle connection is still open");
 }
 
+/// Guards the network's page against other pages that lead their own name here.
 #[test]
-fn connections_of_one_address_are_limited() {
-    let served = Served::start("many");
-    let mut open: Vec<TcpStream> = (0..24).map(|_| served.tcp()).collect();
-    let mut more = served.tcp();
-    assert!(is_closed(&mut more));
-    let first = open[0].set_read_timeout(Some(Duration::from_millis(10))).map(|()| open[0].read(&mut [0]));
-    assert!(first.is_ok_and(|read| read.is_err()), "the first is still open");
-    drop(open);
-    let until = Instant::now() + Duration::from_secs(10);
-    let is_served = || {
-        let mut stream = served.tls();
-        stream.write_all(b"GET / HTTP/1.1\r\n\r\n").is_ok() && stream.read(&mut [0; 16]).is_ok_and(|length| length > 0)
-    };
-    while !is_served() {
-        assert!(Instant::now() < until, "places are given back");
-        std::thread::sleep(Duration::from_millis(20));
+fn only_own_names_are_answered_on_the_network() {
+    let served = Served::start("names");
+    let path = format!("/?token={}", served.token);
+    for (host, expected) in [("lab.local:8443", 200), ("192.168.1.9", 200), ("localhost:1", 200), ("evil.example", 421)]
+    {
+        assert_eq!(served.get_as(&path, host).0, expected, "{host}");
     }
+}
+
+#[test]
+fn too_many_connections_push_out_the_oldest_and_let_the_newest_in() {
+    let served = Served::start("many");
+    let mut open: Vec<TcpStream> = (0..128).map(|_| served.tcp()).collect();
+    let asked = Instant::now();
+    assert_eq!(served.get(&format!("/?token={}", served.token)).0, 200);
+    assert!(asked.elapsed() < Duration::from_secs(4), "it waits for the others: {:?}", asked.elapsed());
+    assert!(is_closed(&mut open[0]) && asked.elapsed() < Duration::from_secs(4), "the oldest is still open");
 }
 
 #[test]

@@ -1,0 +1,110 @@
+//! Names under which a page of this machine may be asked for.
+//!
+//! A page of another host can lead its own name to this machine (DNS rebinding), and would then read what is served here as its own.
+//! So a request must name this machine by an address in digits, by `localhost`, or by a name that its user gave. The port may be any:
+//! `ssh -L` and `adb reverse` listen on another one.
+
+use std::net::IpAddr;
+
+/// The name in `name:port`, without the brackets of an IPv6 address; `None` if it is not one of that form.
+fn name_of(authority: &str) -> Option<&str> {
+    let is_port = |rest: &str| {
+        rest.is_empty() || rest.strip_prefix(':').is_some_and(|port| port.bytes().all(|byte| byte.is_ascii_digit()))
+    };
+    if let Some(rest) = authority.strip_prefix('[') {
+        let (name, rest) = rest.split_once(']')?;
+        return is_port(rest).then_some(name);
+    }
+    let end = authority.find(':').unwrap_or(authority.len());
+    is_port(&authority[end..]).then_some(authority[..end].trim_end_matches('.'))
+}
+
+/// True if a request with this header `Host` is meant for this machine, which is also called `names`.
+pub fn is_own(host: &str, names: &[String]) -> bool {
+    name_of(host).is_some_and(|name| {
+        name.parse::<IpAddr>().is_ok() || name.eq_ignore_ascii_case("localhost") || is_one_of(name, names)
+    })
+}
+
+/// True if a page with this header `Origin` is one that was asked for as `host`. Tunnels that change `Host` keep `Origin`: then its name
+/// must be one of `names`.
+pub fn is_same_origin(origin: &str, host: &str, names: &[String]) -> bool {
+    let parts = [("http://", ":80"), ("https://", ":443")]
+        .into_iter()
+        .find_map(|(scheme, port)| Some((origin.strip_prefix(scheme)?, port)));
+    let Some((authority, port)) = parts else { return false };
+    let plain = |authority: &str| authority.strip_suffix(port).unwrap_or(authority).to_ascii_lowercase();
+    plain(authority) == plain(host) || name_of(authority).is_some_and(|name| is_one_of(name, names))
+}
+
+fn is_one_of(name: &str, names: &[String]) -> bool {
+    names.iter().any(|own| own.trim_end_matches('.').eq_ignore_ascii_case(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names() -> Vec<String> {
+        vec!["Lab.local".into(), "fe80::1".into()]
+    }
+
+    #[test]
+    fn addresses_and_own_names_are_answered_on_every_port() {
+        let own = [
+            "127.0.0.1:8420",
+            "127.0.0.1",
+            "localhost:9000",
+            "LOCALHOST.:1",
+            "[::1]:80",
+            "[::1]",
+            "192.168.1.7:8443",
+            "lab.local:8443",
+            "lab.local.",
+        ];
+        for host in own {
+            assert!(is_own(host, &names()), "{host}");
+        }
+        let others = [
+            "",
+            "example.org",
+            "evil.example:8420",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example:8420",
+            "user@localhost:8420",
+            "localhost:8420@evil.example",
+            "localhost:8420/",
+            "::1",
+            "[::1",
+            "[localhost]x",
+            "127.1",
+            "0x7f000001",
+            "lab.local.evil",
+        ];
+        for host in others {
+            assert!(!is_own(host, &names()), "{host}");
+        }
+    }
+
+    #[test]
+    fn a_page_connects_to_its_own_server_alone() {
+        let cases = [
+            ("http://localhost:9000", "localhost:9000", true),
+            ("http://LOCALHOST:9000", "localhost:9000", true),
+            ("http://localhost", "localhost:80", true),
+            ("https://192.168.1.7", "192.168.1.7", true),
+            // Behind a tunnel that changes `Host`.
+            ("https://lab.local", "127.0.0.1:8420", true),
+            ("http://evil.example", "localhost:9000", false),
+            ("http://localhost:9000.evil.example", "localhost:9000", false),
+            ("http://localhost:3000", "localhost:9000", false),
+            ("https://localhost", "localhost:80", false),
+            ("null", "null", false),
+            ("", "", false),
+            ("file://", "", false),
+        ];
+        for (origin, host, expected) in cases {
+            assert_eq!(is_same_origin(origin, host, &names()), expected, "{origin} at {host}");
+        }
+    }
+}

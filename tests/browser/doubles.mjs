@@ -1,0 +1,313 @@
+// The pages' use of browsers, headsets and gamepads, each interface with a double: one that is missing, one that is optional, and one
+// that answers otherwise. `docs/browsers.md` has the list. Needs Node 20 alone.
+//
+//   node tests/browser/doubles.mjs
+
+import { existsSync, readFileSync, readdirSync } from "node:fs";
+import { register } from "node:module";
+import { dirname, join } from "node:path";
+import { fileURLToPath, pathToFileURL } from "node:url";
+
+const ROOT = join(dirname(fileURLToPath(import.meta.url)), "../../crates");
+const FOLDERS = ["teleop/page", "replay/page", "leaderboard/style"].map((folder) => join(ROOT, folder)).filter(existsSync);
+const THREE = pathToFileURL(join(ROOT, "replay/vendor/three/three.module.min.js")).href;
+// The server puts both folders behind one address, and an import map names three.js.
+register(
+  `data:text/javascript,${encodeURIComponent(`
+    import { existsSync } from "node:fs";
+    import { pathToFileURL } from "node:url";
+    export function resolve(name, context, next) {
+      if (name === "three") return { url: ${JSON.stringify(THREE)}, shortCircuit: true, format: "module" };
+      const near = ${JSON.stringify(FOLDERS)}.map((folder) => folder + "/" + name.slice(2)).find((file) => name.startsWith("./") && existsSync(file));
+      return near ? { url: pathToFileURL(near).href, shortCircuit: true, format: "module" } : next(name, context);
+    }
+    export async function load(url, context, next) {
+      return next(url, url.includes("/page/") || url.includes("/vendor/") ? { ...context, format: "module" } : context);
+    }
+  `)}`,
+);
+
+let failures = 0;
+function check(holds, what, found = "") {
+  if (!holds) failures += 1;
+  console.log(`${holds ? "ok    " : "FAILED"} ${what}${holds || found === "" ? "" : `: ${found}`}`);
+}
+function throwing() {
+  throw new DOMException("not allowed", "SecurityError");
+}
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+// A small browser.
+const on = {};
+const listen = (kind, act) => (on[kind] ??= []).push(act);
+const fire = (kind, event = {}) => (on[kind] ?? []).forEach((act) => act({ type: kind, preventDefault() {}, ...event }));
+const kept = new Map();
+const pen = () => new Proxy({}, { get: (own, name) => own[name] ?? (name === "roundRect" ? undefined : () => {}), set: (own, name, value) => ((own[name] = value), true) });
+const define = (name, value) => Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
+define("addEventListener", listen);
+define("document", {
+  addEventListener: listen,
+  hasFocus: () => true,
+  visibilityState: "visible",
+  createElement: () => ({ style: {}, getContext: pen, addEventListener() {} }),
+  createElementNS: () => ({ style: {}, addEventListener() {} }),
+});
+define("window", globalThis);
+define("self", globalThis);
+define("navigator", {});
+define("location", { search: "", pathname: "/", host: "localhost:9000", protocol: "http:", replace() {} });
+define("history", { replaceState: (_, __, address) => (globalThis.address = address) });
+define("sessionStorage", { getItem: (name) => kept.get(name) ?? null, setItem: (name, value) => kept.set(name, value) });
+const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).href);
+
+// Keys whose release never comes.
+{
+  const { Keyboard } = await page("keyboard.js");
+  const keyboard = new Keyboard();
+  const target = { closest: () => null };
+  const key = (kind, code, more = {}) => fire(kind, { code, key: more.key ?? code, target, ctrlKey: false, metaKey: false, altKey: false, repeat: false, ...more });
+  const held = () => (keyboard.read(true), keyboard.read(true).keys);
+  const lost = (what, happens) => {
+    key("keydown", "KeyW");
+    check(same(held(), ["KeyW"]), `W is held, before ${what}`, held());
+    happens();
+    check(held().length === 0, `no key stays pressed after ${what}`, held());
+    keyboard.held.clear();
+  };
+  lost("Cmd went down, and W up without an event", () => key("keydown", "MetaLeft", { key: "Meta", metaKey: true }));
+  lost("Cmd went up", () => key("keyup", "MetaRight", { key: "Meta" }));
+  lost("Firefox's older name for it", () => key("keydown", "OSLeft", { key: "OS", metaKey: true }));
+  lost("Control", () => key("keydown", "ControlLeft", { key: "Control", ctrlKey: true }));
+  lost("Alt, which opens a menu", () => key("keydown", "AltLeft", { key: "Alt", altKey: true }));
+  lost("AltGr", () => key("keydown", "AltRight", { key: "AltGraph", altKey: true }));
+  lost("a shortcut", () => key("keydown", "KeyF", { ctrlKey: true }));
+  for (const kind of ["contextmenu", "blur", "visibilitychange", "dragstart", "pagehide", "freeze", "beforeprint", "fullscreenchange", "compositionstart"]) lost(kind, () => fire(kind));
+  key("keydown", "KeyW");
+  key("keyup", "KeyW");
+  check(held().length === 0, "a key goes up");
+  key("keydown", "KeyW");
+  key("keydown", "ShiftLeft", { key: "Shift" });
+  check(same(held(), ["KeyW"]), "Shift takes no key away", held());
+  keyboard.held.clear();
+  // A key that is held down repeats itself: what was taken away stays away until it is pressed again.
+  key("keydown", "KeyW", { repeat: true });
+  check(held().length === 0, "a repetition is no press", held());
+  key("keydown", "", { key: "w" });
+  check(held().length === 0, "a keyboard without codes drives nothing", held());
+  key("keydown", "Enter", { target: { closest: () => ({}) } });
+  check(held().length === 0, "a button keeps its own keys", held());
+  key("keydown", "KeyW", { target: {} });
+  check(same(held(), ["KeyW"]), "a target without `closest`", held());
+  keyboard.held.clear();
+}
+
+// Gamepads.
+{
+  const { Gamepad } = await page("gamepad.js");
+  const gamepad = new Gamepad();
+  const with_ = (pads) => (navigator.getGamepads = pads);
+  const rest = { axes: [], buttons: [], connected: false, running: true };
+  with_(undefined);
+  check(gamepad.pad() === null && same(gamepad.read(true), rest) && !gamepad.isMoved(), "no gamepad interface");
+  with_(throwing);
+  check(gamepad.pad() === null && !gamepad.isMoved(), "a page that may not ask for gamepads");
+  with_(() => null);
+  check(gamepad.pad() === null, "no list of gamepads");
+  with_(() => [null, undefined, { mapping: "", axes: [1], buttons: [{ value: 1 }] }]);
+  check(gamepad.pad() === null && !gamepad.isMoved(), "empty places, and a pad of no standard mapping");
+  with_(() => ({ 0: { mapping: "standard", connected: true, axes: new Float64Array([0.5, NaN, 3]), buttons: [1, { value: 0.25 }, { pressed: true }, {}, null] }, length: 1 }));
+  check(same(gamepad.read(true), { axes: [0.5, 0, 1], buttons: [1, 0.25, 1, 0, 0], connected: true, running: true }), "buttons as numbers, axes that are none", JSON.stringify(gamepad.read(true)));
+  with_(() => [{ mapping: "standard", axes: [0], buttons: [] }]);
+  check(gamepad.read(true).connected, "a pad that does not say that it is connected");
+  with_(() => [{ mapping: "standard", connected: false, axes: [0.5], buttons: [] }]);
+  check(!gamepad.read(true).connected, "a pad that was unplugged");
+}
+
+// The token: the address bar, and what a tab keeps.
+{
+  const { takeToken, rememberedToken } = await page("token.js");
+  location.search = "?token=abc";
+  check(takeToken() === "abc" && globalThis.address === "/" && rememberedToken() === "abc", "the token leaves the address bar");
+  globalThis.address = undefined;
+  const storage = globalThis.sessionStorage;
+  define("sessionStorage", { getItem: throwing, setItem: throwing });
+  check(takeToken() === "abc" && globalThis.address === undefined && rememberedToken() === null, "a tab that may keep nothing keeps its address");
+  define("sessionStorage", { getItem: () => null, setItem: () => {} });
+  check(takeToken() === "abc" && globalThis.address === undefined, "and so does one that forgets");
+  define("sessionStorage", storage);
+  const { history } = globalThis;
+  define("history", { replaceState: throwing });
+  check(takeToken() === "abc", "an address bar that cannot be changed");
+  define("history", history);
+  location.search = "";
+  check(takeToken() === "", "no token");
+}
+
+// The connection.
+{
+  const { Socket } = await page("socket.js");
+  const sockets = [];
+  define("WebSocket", class {
+    static OPEN = 1;
+    constructor(url) {
+      Object.assign(this, { url, readyState: 0, sent: [] });
+      sockets.push(this);
+    }
+    send(text) {
+      this.sent.push(text);
+    }
+  });
+  const waiting = [];
+  const later = globalThis.setTimeout;
+  define("setTimeout", (act) => waiting.push(act));
+  let now = 0;
+  define("performance", { now: () => now });
+  const told = [];
+  const socket = new Socket("a&b", { open: (is, why) => told.push([is, why]), state() {}, status() {}, drives() {}, problem() {} });
+  check(sockets[0].url === "ws://localhost:9000/drive?token=a%26b", "the socket has the page's own host and port", sockets[0].url);
+  socket.input("keyboard", {});
+  check(sockets[0].sent.length === 0, "nothing is sent before it is open");
+  sockets[0].readyState = 1;
+  sockets[0].onopen();
+  Object.assign(sockets[0], { bufferedAmount: 5000 });
+  socket.input("keyboard", {});
+  check(sockets[0].sent.length === 0, "an input that cannot leave at once is dropped");
+  sockets[0].bufferedAmount = 0;
+  socket.input("keyboard", {});
+  check(sockets[0].sent.length === 1, "others are sent");
+  sockets[0].onclose({ code: 1006 });
+  check(same(told.at(-1), [false, "No connection: the robot stands"]), "a broken connection is said", told.at(-1));
+  waiting.pop()();
+  now = 4000;
+  sockets[1].onclose({ code: 1006 });
+  check(same(told.at(-1), [false, "The program has ended"]), "one that does not come back has ended", told.at(-1));
+  waiting.pop()();
+  sockets[2].onopen();
+  sockets[2].onclose({ code: 1001 });
+  check(same(told.at(-1), [false, "The program has ended"]), "a program that says that it ends has ended", told.at(-1));
+  waiting.pop()();
+  sockets[3].onopen();
+  sockets[3].onclose({ code: 4000 });
+  check(told.at(-1)[1].startsWith("Too many pages") && waiting.length === 0, "a page that was one too many does not come back", told.at(-1));
+  define("setTimeout", later);
+}
+
+// The headset.
+{
+  const { Headset } = await page("webxr.js");
+  const { Board } = await page("board.js");
+  const { Hands } = await page("hands.js");
+  for (const [xr, is, what] of [
+    [undefined, false, "no WebXR"],
+    [{}, false, "WebXR of 2018, which asks otherwise"],
+    [{ isSessionSupported: throwing }, false, "a page that may not use headsets"],
+    [{ isSessionSupported: () => Promise.reject(new Error("no")) }, false, "a headset that refuses"],
+    [{ isSessionSupported: async () => undefined }, false, "one that does not say"],
+    [{ isSessionSupported: async () => true }, true, "a headset"],
+  ]) {
+    navigator.xr = xr;
+    check((await Headset.isThere().catch(() => "threw")) === is, what);
+  }
+  const board = new Board();
+  board.write("Ready", [{ text: "near", holds: true }], [{ name: "start", label: "Start" }]);
+  check(board.placed().length === 1, "a canvas that rounds no corners");
+
+  const THREE_ = await import("three");
+  // A session, with what it lacks.
+  const enter = async ({ spaces = ["local-floor", "local"], fails = false }) => {
+    const asked = [];
+    const session = Object.assign(new EventTarget(), {
+      inputSources: [],
+      requestReferenceSpace: async (kind) => (spaces.includes(kind) ? {} : Promise.reject(new DOMException("no", "NotSupportedError"))),
+      end: async () => session.dispatchEvent(new Event("end")),
+    });
+    navigator.xr = { requestSession: async () => session };
+    const xr = {
+      setReferenceSpaceType: (kind) => asked.push(kind),
+      setSession: async () => (fails ? Promise.reject(new Error("no layer")) : undefined),
+      getReferenceSpace: () => ({}),
+    };
+    const stage = {
+      renderer: { xr, setAnimationLoop: (loop) => asked.push(loop ? "loop" : "none") },
+      scene: new THREE_.Scene(),
+      camera: new THREE_.PerspectiveCamera(),
+      controls: {},
+      key: {},
+      following: true,
+    };
+    const headset = new Headset(stage);
+    let ended = 0;
+    const error = await headset.enter(() => {}, () => {}, () => (ended += 1)).then(() => "", ({ message }) => message);
+    return { headset, stage, session, asked, error, ended: () => ended };
+  };
+  const whole = await enter({});
+  check(same(whole.asked, ["local-floor", "loop"]) && whole.headset.session === whole.session, "a headset is entered", JSON.stringify(whole.asked));
+  const seated = await enter({ spaces: ["local"] });
+  check(same(seated.asked, ["local", "loop"]) && seated.error === "", "one that does not know the floor", JSON.stringify(seated.asked));
+  const broken = await enter({ fails: true });
+  check(broken.error === "no layer" && broken.headset.session === null && broken.ended() === 1 && broken.stage.controls.enabled, "one that fails gives the page back", broken.error);
+
+  // What it says of the user's hands.
+  const same16 = Array.from(new THREE_.Matrix4().elements);
+  const pose = { transform: { position: { x: 0, y: 1, z: 0 }, orientation: { x: 0, y: 0, z: 0, w: 1 }, matrix: same16 } };
+  const { headset, session } = whole;
+  const read = (source, frame = { getPose: () => pose }) => {
+    session.inputSources = [{ handedness: "left", targetRayMode: "tracked-pointer", ...source }];
+    return headset.read(frame, true, [false, false]);
+  };
+  check(read({ gripSpace: {}, gamepad: { buttons: [{ value: 0.5 }], axes: [0, 0, 0.1, 0.2] } }).left.buttons[0] === 0.5, "a controller");
+  check(read({ gripSpace: {} }).left.axes.length === 0, "a controller without buttons");
+  check(read({ gripSpace: undefined }).left.pose === null, "a controller without a grip");
+  check(read({ gripSpace: {} }, { getPose: () => null }).left.pose === null, "a controller that is not tracked");
+  check(read({ gripSpace: {} }, { getPose: () => ({ ...pose, emulatedPosition: true }) }).left.pose === null, "a position that is only guessed");
+  check(read({ handedness: "none", gripSpace: {} }).left === null, "a controller of no hand");
+  check(read({ gripSpace: {} }).visible === true, "a session that does not say whether it is seen");
+  session.visibilityState = "visible-blurred";
+  check(read({ gripSpace: {} }).visible === false, "a session behind the headset's menu");
+  session.visibilityState = "visible";
+  const joints = new Map(Array.from({ length: 25 }, (_, joint) => [joint === 0 ? "wrist" : `joint-${joint}`, {}]));
+  const filled = { getPose: () => pose, fillPoses: (_, __, into) => (into.set(Array.from({ length: 25 }, () => same16).flat()), true) };
+  const all = read({ hand: joints }, filled).left;
+  const one = read({ hand: joints }).left;
+  check(all?.hand.places.length === 75 && same(all, one), "joints one by one, where a browser does not give all at once", JSON.stringify(one));
+  check(read({ hand: joints }, { getPose: (joint) => (joint === [...joints.values()][7] ? null : pose) }).left === null, "a joint that is not seen");
+  check(read({ hand: joints }, { ...filled, fillPoses: () => false }).left === null, "joints that are not seen");
+  check(read({ hand: joints }, { ...filled, fillPoses: (_, __, into) => (into.fill(NaN), true) }).left === null, "joints that are no numbers");
+  check(typeof Hands === "function", "tracked hands");
+}
+
+// What the oldest supported browsers lack: Chromium 89, Firefox 108, Safari 16.4.
+{
+  const NEWER = /\.(toSorted|toReversed|toSpliced|with|findLast|findLastIndex|at|groupBy|isWellFormed|withResolvers|hasOwn|checkVisibility|showPopover|getOrInsert)\(|\b(structuredClone|Object\.groupBy|Array\.fromAsync|Float16Array|Iterator\.from|scheduler\.)\b|\bstatic \{|\/[dgimsuy]*v[dgimsuy]*\.(test|exec)/g;
+  const files = FOLDERS.flatMap((folder) => readdirSync(folder).map((file) => join(folder, file)));
+  const found = [];
+  for (const file of files.filter((file) => file.endsWith(".js"))) {
+    readFileSync(file, "utf8").split("\n").forEach((line, index) => {
+      for (const [call] of line.matchAll(NEWER)) found.push(`${file.slice(ROOT.length + 1)}:${index + 1} ${call}`);
+    });
+  }
+  check(found.length === 0, "no call that the oldest supported browsers lack", found.join(", "));
+  check([..."[1].toSorted(); a.at(-1)".matchAll(NEWER)].length === 2, "the search finds such calls");
+  // A rule inside another one is unknown to them, and all in it is lost.
+  const nested = (text) => {
+    let depth = 0;
+    let blocks = [];
+    for (const [mark, kind] of text.replace(/\/\*[\s\S]*?\*\//g, "").matchAll(/(@(?:media|supports|keyframes)[^{]*)\{|\{|\}/g)) {
+      if (mark === "}") depth -= blocks.pop() ?? 0;
+      else blocks.push(kind ? 0 : 1);
+      if (mark !== "}" && !kind && (depth += 1) > 1) return true;
+    }
+    return false;
+  };
+  for (const file of files.filter((file) => file.endsWith(".css"))) check(!nested(readFileSync(file, "utf8")), `${file.slice(ROOT.length + 1)}: no rule inside another one`);
+  check(nested("a { b { c: d } }") && !nested("@media x { a { c: d } } b { c: d }"), "the search finds such rules");
+}
+
+// A state is drawn though a part of the panel fails.
+{
+  const text = readFileSync(join(ROOT, "teleop/page/teleop.js"), "utf8");
+  check(/ask\(\);\s*attempt\(panel\);/.test(text), "the picture does not wait for the panel");
+}
+
+console.log(failures === 0 ? "all checks hold" : `${failures} checks failed`);
+process.exit(failures === 0 ? 0 : 1);
