@@ -110,6 +110,7 @@ case "${ONLY:-all}" in
     leaderboard) leaderboard ;;
     teleop)
         drive walk S07 65 2
+        drive older S07 65 0
         drive headset S08 65 0
         ;;
     grab) drive grab S08 65 1 ;;
@@ -117,6 +118,7 @@ case "${ONLY:-all}" in
         replays
         leaderboard
         drive walk S07 65 2
+        drive older S07 65 0
         drive headset S08 65 0
         ;;
 esac

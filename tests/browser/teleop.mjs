@@ -1,8 +1,8 @@
 // Drives the robot from the page of `fiatlux teleop`, by keys, by a scripted gamepad, and by an emulated headset.
 //
-//   node teleop.mjs walk|headset|grab ADDRESS SCREENSHOTS
+//   node teleop.mjs walk|older|headset|grab ADDRESS SCREENSHOTS
 //
-// ADDRESS is what `fiatlux teleop --no-open` printed: of task S07 for `walk`, of S08 for `headset` and `grab`. Exit code 0 when every
+// ADDRESS is what `fiatlux teleop --no-open` printed: of task S07 for `walk` and `older`, of S08 for `headset` and `grab`. Exit code 0 when every
 // check holds. `grab` steers in real time by what a software renderer shows, so that it depends on the machine: it has some attempts.
 
 import { readFile } from "node:fs/promises";
@@ -183,6 +183,94 @@ async function walk() {
   await telephone.page.screenshot({ path: `${screenshots}/teleop-telephone.png` });
   await fits(telephone);
   await close(telephone);
+}
+
+// Browsers that lack something, each by a script that takes it away: the page drives all the same.
+const LACKING = {
+  "calls of the last years": () => {
+    for (const name of ["toSorted", "toReversed", "toSpliced", "with", "at", "findLast", "findLastIndex"]) delete Array.prototype[name];
+    for (const name of ["structuredClone", "scheduler"]) delete globalThis[name];
+    for (const name of ["groupBy", "hasOwn"]) delete Object[name];
+    delete CanvasRenderingContext2D.prototype.roundRect;
+    delete Element.prototype.checkVisibility;
+  },
+  "gamepads, headsets and a clipboard": () => {
+    for (const name of ["getGamepads", "xr", "clipboard"]) {
+      delete Navigator.prototype[name];
+      delete navigator[name];
+    }
+  },
+  "gamepads that it may not ask for, and a headset that it may not use": () => {
+    const refused = () => {
+      throw new DOMException("not allowed", "SecurityError");
+    };
+    Object.defineProperty(navigator, "getGamepads", { value: refused });
+    Object.defineProperty(navigator, "xr", { value: { isSessionSupported: refused } });
+  },
+  "storage for a tab": () => {
+    Object.defineProperty(globalThis, "sessionStorage", {
+      get() {
+        throw new DOMException("not allowed", "SecurityError");
+      },
+    });
+  },
+  "pictures in 3D": () => {
+    const { getContext } = HTMLCanvasElement.prototype;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+      return kind.startsWith("webgl") ? null : getContext.call(this, kind, ...rest);
+    };
+  },
+};
+
+async function older() {
+  for (const [what, takeAway] of Object.entries(LACKING)) {
+    const { page, context } = await open("older", address, { ...KINDS.desktop, colorScheme: "light" }, origin, true, takeAway);
+    await becomes(page, "ready");
+    await page.waitForFunction(() => globalThis.fiatlux.seen.live?.state && globalThis.fiatlux.seen.drives, null, { timeout: PATIENCE_MS });
+    await page.keyboard.press("Enter");
+    await becomes(page, "running");
+    await page.keyboard.down("KeyS");
+    const walks = () => globalThis.fiatlux.seen.live.state.velocity[0] < -0.2;
+    await page.waitForFunction(walks, null, { timeout: PATIENCE_MS });
+    await page.waitForFunction(() => /-0\.\d/.test(document.getElementById("velocity").textContent), null, { timeout: PATIENCE_MS });
+    check(true, `a browser without ${what} drives, and says how fast`);
+    await page.keyboard.up("KeyS");
+    await page.keyboard.press("Enter");
+    await becomes(page, "ended");
+    await page.keyboard.press("Delete");
+    await becomes(page, "ready");
+    if (what === "storage for a tab") check(page.url().includes("token="), "without storage the address keeps its token", page.url());
+    await context.close();
+  }
+
+  const { page, context } = await open("reloaded", address, { ...KINDS.desktop, colorScheme: "light" }, origin);
+  await becomes(page, "ready");
+  check(page.url() === `${origin}/`, "the token is not in the address bar", page.url());
+  await page.reload();
+  await becomes(page, "ready");
+  check(page.url() === `${origin}/`, "the page can be loaded again", page.url());
+  const hint = page.locator("#hint");
+  check((await hint.textContent()) === "Press Enter to begin", "the picture says how to begin", await hint.textContent());
+  await page.locator("#eye").click();
+  check((await page.evaluate(() => document.activeElement.id)) === "view", "a button gives the focus back");
+  await page.locator("#eye").click();
+  await page.waitForFunction(() => /\d of \d/.test(document.querySelector(".lamp em").textContent), null, { timeout: PATIENCE_MS });
+  check(true, "a condition says how far it is from holding");
+  // Cmd is pressed while the robot walks, and the system keeps the release of W to itself.
+  await page.keyboard.press("Enter");
+  await becomes(page, "running");
+  await page.keyboard.down("KeyW");
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.velocity[0] > 0.1, null, { timeout: PATIENCE_MS });
+  await page.keyboard.down("Meta");
+  await page.waitForFunction(() => globalThis.fiatlux.seen.live.state.velocity.every((part) => part === 0), null, { timeout: PATIENCE_MS });
+  check(true, "Cmd stops the robot: a key that is let go under it would walk on");
+  await page.keyboard.up("Meta");
+  await page.keyboard.up("KeyW");
+  await page.keyboard.press("Enter");
+  await becomes(page, "ended");
+  await page.keyboard.press("KeyP");
+  await becomes(page, "ready");
+  await context.close();
 }
 
 // Installs an emulated headset whose grips are where its controllers are.
@@ -620,7 +708,7 @@ async function grab() {
   await close(opened);
 }
 
-const tests = { walk, headset, grab };
+const tests = { walk, older, headset, grab };
 if (!(what in tests)) throw new Error(`${what} is not a test; use one of ${Object.keys(tests).join(", ")}`);
 await tests[what]();
 await end();

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::sync::watch;
 use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
@@ -99,9 +100,8 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
         let may_read = ready_at <= Instant::now();
         tokio::select! {
             biased;
-            farewell = ended.wait_for(Option::is_some) => {
-                let code = farewell.ok().and_then(|farewell| *farewell).unwrap_or(Farewell::End).code();
-                socket.close(Some(CloseFrame { code: code.into(), reason: "".into() }))?;
+            farewell = farewell(&mut ended) => {
+                socket.close(Some(CloseFrame { code: farewell.code().into(), reason: "".into() }))?;
                 let outgoing = std::mem::take(&mut socket.get_mut().outgoing);
                 stream.write_all(&outgoing).await?;
                 return Ok(stream.shutdown().await?);
@@ -149,6 +149,12 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
             }
         }
     }
+}
+
+/// Waits until the page has to go.
+async fn farewell(ended: &mut watch::Receiver<Option<Farewell>>) -> Farewell {
+    let farewell = ended.wait_for(Option::is_some).await;
+    farewell.ok().and_then(|farewell| *farewell).unwrap_or(Farewell::End)
 }
 
 /// The next message of what has arrived; `None` until more comes.

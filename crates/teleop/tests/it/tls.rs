@@ -75,8 +75,12 @@ impl Served {
     }
 
     fn tls(&self) -> Stream {
+        self.tls_over(self.tcp())
+    }
+
+    fn tls_over(&self, tcp: TcpStream) -> Stream {
         let name = ServerName::try_from("127.0.0.1").expect("a name");
-        StreamOwned::new(ClientConnection::new(Arc::clone(&self.trust), name).expect("a client"), self.tcp())
+        StreamOwned::new(ClientConnection::new(Arc::clone(&self.trust), name).expect("a client"), tcp)
     }
 
     fn get(&self, path: &str) -> (u16, String) {
@@ -196,6 +200,47 @@ fn too_many_connections_push_out_the_oldest_and_let_the_newest_in() {
     assert_eq!(served.get(&format!("/?token={}", served.token)).0, 200);
     assert!(asked.elapsed() < Duration::from_secs(4), "it waits for the others: {:?}", asked.elapsed());
     assert!(is_closed(&mut open[0]) && asked.elapsed() < Duration::from_secs(4), "the oldest is still open");
+}
+
+/// A connection from another address of this machine.
+fn tcp_from(last: u8, port: u16) -> std::io::Result<TcpStream> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let stream = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4()?;
+        socket.bind(SocketAddr::from(([127, 0, 1, last], 0)))?;
+        socket.connect(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await
+    })?;
+    let stream = stream.into_std()?;
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(Duration::from_secs(2)))?;
+    Ok(stream)
+}
+
+/// Guards the operator against a network whose machines ask without the token, over and over.
+#[test]
+fn refused_requests_of_many_addresses_keep_nobody_out() {
+    let served = Served::start("flood");
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for last in 1..=32 {
+            let (served, stop) = (&served, &stop);
+            scope.spawn(move || {
+                while !stop.load(Ordering::Relaxed) {
+                    let Ok(tcp) = tcp_from(last, served.port) else { continue };
+                    let mut stream = served.tls_over(tcp);
+                    drop(stream.write_all(b"GET /?token=0 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"));
+                    drop(stream.read_to_end(&mut Vec::new()));
+                }
+            });
+        }
+        std::thread::sleep(Duration::from_millis(500));
+        let asked = Instant::now();
+        let is_served = (0..5).map(|_| served.get(&format!("/?token={}", served.token)).0).all(|code| code == 200);
+        let took = asked.elapsed();
+        stop.store(true, Ordering::Relaxed);
+        assert!(is_served && took < Duration::from_secs(10), "five pages took {took:?}");
+        println!("five pages took {took:?}");
+    });
 }
 
 #[test]
