@@ -17,13 +17,18 @@ RULES = [
     (r"\$\{[A-Za-z_0-9]+(\[[^]]*\])?(\^|,){1,2}\}|\$\{[A-Za-z_]+@[A-Z]\}", "bash 3.2 lacks it: use tr"),
     (r"&>>|\|&", "bash 3.2 lacks it: use >>FILE 2>&1"),
     (r"\bsed (-[a-z]*i|--in-place)|\bsed -[a-z]*r\b", "BSD's sed takes a suffix after -i, and -E"),
-    (r"\bgrep -[a-zA-Z]*P|\bstat -c|\bdate (-d|--date|\+%s%N)|\bcp -[a-z]*l|\bxargs -[a-z]*r\b|\bbase64 -w|\bln -sr\b", "BSD's lacks the option"),
-    (r"\bfind\b[^|;]*(-printf|-executable)\b|\bsort -V\b|\bhead -n? ?-\d|\btac\b|\bmktemp --|\binstall -D\b|\bsplit -d\b", "BSD's lacks the option"),
+    (
+        r"\bgrep -[a-zA-Z]*P|\bstat -c|\bdate (-d|--date|\+%s%N)|\bcp -[a-z]*l|\bxargs -[a-z]*r\b|\bbase64 -w|\bln -sr\b",
+        "BSD's lacks the option",
+    ),
+    (
+        r"\bfind\b[^|;]*(-printf|-executable)\b|\bsort -V\b|\bhead -n? ?-\d|\btac\b|\bmktemp --|\binstall -D\b|\bsplit -d\b",
+        "BSD's lacks the option",
+    ),
     (r"(^|[;&|(]\s*)(timeout|sha256sum|md5sum|setsid|ionice)\s", "macOS lacks the program"),
 ]
 # An array that may be empty: under `set -u` bash 3.2 takes it for one that is not set.
 EMPTY = re.compile(r"^\s*(?:\w+=\S*\s+)*(\w+)=\(\)")
-USE = r'(?<!\+)"\$\{%s\[@\]\}"'
 
 
 def problems(text):
@@ -35,10 +40,15 @@ def problems(text):
             if found := re.search(pattern, code):
                 yield number, f"{found.group().strip()}: {remedy}"
     for name in {found.group(1) for line in lines for found in [EMPTY.match(line)] if found}:
-        guarded = re.compile(r"\$\{#%s\[@\]\}" % name)
+        guarded = re.compile(rf"\$\{{#{name}\[@\]\}}")
         for number, line in enumerate(lines, 1):
-            if re.search(USE % name, line) and not any(map(guarded.search, lines[max(0, number - 30) : number])):
-                yield number, f"{name} may be empty: write ${{{name}[@]+\"${{{name}[@]}}\"}}, or ask ${{#{name}[@]}} before"
+            if re.search(rf'(?<!\+)"\$\{{{name}\[@\]\}}"', line) and not any(
+                map(guarded.search, lines[max(0, number - 30) : number])
+            ):
+                yield (
+                    number,
+                    f'{name} may be empty: write ${{{name}[@]+"${{{name}[@]}}"}}, or ask ${{#{name}[@]}} before',
+                )
 
 
 def main():
@@ -50,7 +60,7 @@ def main():
     count = failures = 0
     for name in files:
         with open(name, "rb") as file:
-            if not re.match(rb"#!.*\b(ba)?sh\b", file.readline(100)):
+            if not re.match(rb"#!.*\b(?:bash|sh)\b", file.readline(100)):
                 continue
         with open(name, encoding="utf-8") as file:
             text = file.read()

@@ -58,8 +58,20 @@ fn a_headset_gets_an_address_and_the_same_certificate_each_time() {
 
 #[test]
 fn options_of_the_certificate_need_the_network() {
-    let args = ["teleop", "--task", "S07", "--host", "lab.local"];
+    let args = ["teleop", "--task", "S07", "--certificate", "folder"];
     let done = Command::new(env!("CARGO_BIN_EXE_fiatlux")).args(args).output().unwrap();
     assert_eq!(done.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&done.stderr).contains("--lan"));
+}
+
+#[test]
+fn a_port_that_is_taken_is_said_once() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let args = ["teleop", "--task", "S07", "--no-open", "--port", &port];
+    let done = Command::new(env!("CARGO_BIN_EXE_fiatlux")).args(args).current_dir(folder("taken")).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains(&port) && said.contains("--port"), "{said}");
+    assert_eq!(said.matches("in use").count(), 1, "{said}");
 }
