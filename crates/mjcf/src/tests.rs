@@ -35,12 +35,7 @@ fn small_model() -> Model {
     let geometries = [
         (BodyId::WORLD, "floor", Geometry::HalfSpace, material),
         (BodyId::WORLD, "bench", Geometry::Cuboid { half_extents: Vector3::new(0.1, 0.2, 0.3) }, material),
-        (
-            trunk,
-            "ball",
-            Geometry::Sphere { radius: 0.05 },
-            Material { torsion: 1e-4, rolling: 5e-4, ..material },
-        ),
+        (trunk, "ball", Geometry::Sphere { radius: 0.05 }, Material { torsion: 1e-4, rolling: 5e-4, ..material }),
         (hand, "pin", Geometry::Capsule { radius: 0.01, half_length: 0.02 }, Material::new(1.2, 1)),
     ];
     let corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]].map(Vector3::from);
