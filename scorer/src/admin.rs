@@ -20,6 +20,7 @@ use time::format_description::well_known::Rfc3339;
 #[command(after_help = "Examples:
   scorer admin --folder board account lab                 create an account
   scorer admin --folder board token lab --days 90         create a token for it, which is shown only once
+  scorer admin --folder board known takes                 nobody can submit these takes as a policy's episodes
   scorer admin --folder board backup /backups/board       copy the folder, even while the service runs")]
 pub struct AdminArgs {
     /// Folder of the service; required
@@ -78,6 +79,15 @@ enum Command {
     Remove {
         /// Id of the submission
         id: SubmissionId,
+    },
+    /// Note the rows of takes and demonstrations, so that nobody can submit them as those of a policy of his own
+    Known {
+        /// Files and folders of bags, searched to any depth
+        #[arg(required = true)]
+        bags: Vec<PathBuf>,
+        /// What a refusal calls them
+        #[arg(long, value_name = "TEXT", default_value = "a published recording")]
+        name: String,
     },
     /// Show the end of the audit log
     Log {
@@ -169,6 +179,14 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
         Command::Remove { id } => {
             store.remove_submission(*id).await?;
             writeln!(said, "submission {id} is removed")?;
+        }
+        Command::Known { bags, name } => {
+            let found = store.know_bags(name, bags).await?;
+            let (new, bags) = (found.new, found.bags);
+            writeln!(said, "{new} new episodes are known, of {bags} bags")?;
+            for reason in found.unread {
+                writeln!(said, "  {}", plain(&reason))?;
+            }
         }
         Command::Log { last } => {
             for row in store.list_audit(*last).await? {

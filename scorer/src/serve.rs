@@ -30,7 +30,7 @@ const LOOK: Duration = Duration::from_millis(50);
 #[command(after_help = "Examples:
   scorer serve --folder board                                     pages and API on http://127.0.0.1:8080/
   scorer serve --folder board -e tcp/127.0.0.1:7447               and verify on a server on this machine
-  scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers")]
+  scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers --runs runs")]
 pub struct ServeArgs {
     /// Folder of the service, created if it does not exist
     #[arg(long, value_name = "DIR")]
@@ -51,6 +51,13 @@ pub struct ServeArgs {
     /// private networks, such as those of containers; may be repeated. One on this machine needs no option
     #[arg(long, value_name = "ADDRESS")]
     proxy: Vec<Proxies>,
+    /// Folder into which a server of yours records runs (its --record): hosted runs that nobody submits count as failures; may be
+    /// repeated
+    #[arg(long, value_name = "DIR")]
+    runs: Vec<PathBuf>,
+    /// Seconds between two refusals of an episode by servers of its version that count: after three, its submission is refused
+    #[arg(long, value_name = "S", default_value_t = ServiceOptions::default().refusal_pause.as_secs(), value_parser = whole::<u64>(0..=86_400))]
+    refusal_pause: u64,
     /// Threads that grade [default: one for each core]
     #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
     workers: Option<usize>,
@@ -101,6 +108,8 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
         proxies: args.proxy.iter().cloned().collect(),
         grade_workers: args.workers.unwrap_or_default(),
+        runs: args.runs.clone(),
+        refusal_pause: Duration::from_secs(args.refusal_pause),
         ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));

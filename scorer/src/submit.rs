@@ -89,18 +89,29 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
 }
 
 fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
-    let Submitted { id, state, reason, badge, episodes_verified, episodes_to_verify, .. } = submitted;
+    let Submitted { id, state, reason, badge, not_ranked, ranked_tasks, episodes_verified, episodes_to_verify, .. } =
+        submitted;
     let place = format!("{}/runs/{id}", args.to.trim_end_matches('/'));
     if args.json {
         let json = serde_json::json!({
             "id": id, "state": state, "reason": reason, "badge": badge, "url": place,
+            "not_ranked": not_ranked, "ranked_tasks": ranked_tasks,
             "episodes_verified": episodes_verified, "episodes_to_verify": episodes_to_verify,
         });
         return Ok(serde_json::to_string_pretty(&json)? + "\n");
     }
     Ok(match state {
         Stage::Refused => format!("{id} refused: {}\n", plain(reason)),
-        Stage::Verified => format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n"),
+        Stage::Verified => {
+            let ranked = match (not_ranked.is_empty(), ranked_tasks.as_slice()) {
+                (true, _) => "ranked".to_owned(),
+                (false, []) => format!("not ranked: {}", plain(not_ranked)),
+                (false, tasks) => {
+                    format!("ranked in {}, not among all twelve: {}", tasks.join(", "), plain(not_ranked))
+                }
+            };
+            format!("{id} verified, {episodes_verified} of {episodes_to_verify} replayed: {place}\n{ranked}\n")
+        }
         _ => format!("{id} accepted: {place}\n"),
     })
 }

@@ -27,7 +27,8 @@ pub struct BagFiles {
 }
 
 impl BagFiles {
-    /// Looks through files and folders, folders to any depth. Each list is sorted and has each file once.
+    /// Looks through files and folders, folders to any depth. Each list is sorted and has each file once. What file systems and
+    /// file managers leave in folders is ignored: `._NAME` of macOS, recycle bins, and other hidden ones.
     pub fn find(paths: &[PathBuf]) -> Result<Self, FindError> {
         let mut found = Self::default();
         for path in paths {
@@ -51,6 +52,9 @@ impl BagFiles {
         for entry in fs::read_dir(folder).map_err(of(folder))? {
             let entry = entry.map_err(of(folder))?;
             let path = entry.path();
+            if is_leftover(&path) {
+                continue;
+            }
             // A link to a folder above would never end.
             let is_link = entry.file_type().map_err(of(&path))?.is_symlink();
             is_run |= is_journal(&path);
@@ -71,10 +75,62 @@ impl BagFiles {
     }
 }
 
+/// True for a file or folder that nobody put there: hidden ones (`._NAME` of macOS, `.nfs...`, `.Trash-1000`), the recycle bin
+/// of Windows and its entries (`$RECYCLE.BIN`, `$I...`), and the folders of disks and archives.
+pub(crate) fn is_leftover(path: &Path) -> bool {
+    const FOLDERS: [&str; 4] = ["lost+found", "System Volume Information", "__MACOSX", "@eaDir"];
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.starts_with(['.', '$']) || FOLDERS.contains(&&*name)
+}
+
 fn of(path: &Path) -> impl FnOnce(io::Error) -> FindError {
     move |source| FindError { path: path.into(), source }
 }
 
 fn is_unfinished(path: &Path) -> bool {
     path.to_string_lossy().ends_with(".mcap.part")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards that the folder of a run is the same folder after it has been on another computer's disk.
+    #[test]
+    fn leftovers_of_file_systems_are_ignored() {
+        let root = std::env::temp_dir().join(format!("fiatlux-leftovers-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&root);
+        let write = |name: &str| {
+            let path = root.join(name);
+            fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            fs::write(path, "x").expect("written");
+        };
+        ["a.mcap", "lab.run.jsonl", "b.mcap.part"].into_iter().for_each(write);
+        let kept = BagFiles::find(std::slice::from_ref(&root)).expect("found");
+        assert_eq!((kept.bags.len(), kept.unfinished.len(), kept.runs.len()), (1, 1, 1));
+        let leftovers = [
+            "._a.mcap",
+            "._lab.run.jsonl",
+            "._b.mcap.part",
+            ".nfs0001.mcap",
+            ".DS_Store",
+            ".Trash-1000/files/c.mcap",
+            "$RECYCLE.BIN/S-1-5/$R1.mcap",
+            "$I1.mcap",
+            "lost+found/d.mcap",
+            "__MACOSX/._a.mcap",
+            "__MACOSX/e.mcap",
+            "@eaDir/a.mcap/x.mcap",
+            "System Volume Information/f.mcap",
+            "Thumbs.db",
+            "desktop.ini",
+        ];
+        leftovers.into_iter().for_each(write);
+        assert_eq!(BagFiles::find(std::slice::from_ref(&root)).expect("found"), kept);
+        assert_eq!(crate::run::journals(&root).expect("read").len(), 1);
+        // One that is named is meant.
+        let named = BagFiles::find(&[root.join("._a.mcap")]).expect("found");
+        assert_eq!(named.bags.len(), 1);
+        fs::remove_dir_all(root).expect("removed");
+    }
 }

@@ -25,6 +25,7 @@
 //!     spec: RunSpec::default(),
 //!     episodes: vec![PlannedEpisode { task: "S05".into(), seed: 0 }, PlannedEpisode { task: "S05".into(), seed: 1 }],
 //!     unix_ms: 0,
+//!     holder: String::new(),
 //! };
 //! let mut writer = LedgerWriter::create(&folder, registration)?;
 //! writer.append(Event::Opened { episode: 0, attempt: 1, session: "a-1".into(), unix_ms: 1 })?;
@@ -83,6 +84,9 @@ pub struct Registration {
     pub episodes: Vec<PlannedEpisode>,
     /// Time of registration, ms since 1970.
     pub unix_ms: u64,
+    /// The token that registered it, `token ID`; empty on a server without tokens. Hosted runs of one holder are counted.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub holder: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

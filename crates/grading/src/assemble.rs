@@ -225,6 +225,7 @@ fn fault(damage: Option<(Fault, String)>, graded: &GradedEpisode) -> Option<(Fau
         Flaw::Header { .. }
         | Flaw::Identity { .. }
         | Flaw::Request(_)
+        | Flaw::Unplayable(_)
         | Flaw::Signature
         | Flaw::Altered { .. }
         | Flaw::Result(_) => Fault::Altered,
@@ -421,6 +422,7 @@ fn episode_row(entry: TableEntry) -> EpisodeRow {
         steps: summary.steps,
         end: graded.end,
         state_digest: graded.digest,
+        rows_digest: graded.rows_digest,
         bag,
         failure: None,
         episode: header.episode,
@@ -452,6 +454,7 @@ fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
         steps: 0,
         end: failure.cause.clone(),
         state_digest: String::new(),
+        rows_digest: String::new(),
         bag: String::new(),
         failure: Some(failure.cause.clone()),
         episode: 0,

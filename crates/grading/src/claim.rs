@@ -60,7 +60,11 @@ fn comparable(results: &Results, versions_of: &Results) -> Results {
     let subtasks = versions_of.score.subtasks;
     results.score.subtasks = subtasks;
     results.score_strict.iter_mut().for_each(|score| score.subtasks = subtasks);
-    results.episodes.iter_mut().for_each(|row| row.bag.clear());
+    results.episodes.iter_mut().for_each(|row| {
+        row.bag.clear();
+        // Files of older versions lack it, and `state_digest` says the same.
+        row.rows_digest.clear();
+    });
     for excluded in &mut results.excluded {
         excluded.bag.clear();
         // It names the other bag.

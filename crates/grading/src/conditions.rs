@@ -43,6 +43,9 @@ pub struct Conditions {
     pub end_on_overridden: Vec<String>,
     #[serde(default)]
     pub takes: bool,
+    /// `person` where the actions are a person's, of takes too; else `policy`.
+    #[serde(default)]
+    pub source: String,
     #[serde(default)]
     pub ranked: bool,
     pub deviations: Vec<String>,
@@ -57,6 +60,15 @@ pub struct Conditions {
     /// Objects from files in place of the scene's own things, each as its place and digest.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assets: Vec<String>,
+}
+
+/// Beginnings of the deviations that are about what the policy was shown.
+const OF_SENSES: [&str; 3] =
+    ["sensors are exact", "the camera's features are those of an untrained network", "the robot is drawn with"];
+
+/// True for a deviation that changes what the policy was shown, and nothing else.
+pub fn is_of_senses(deviation: &str) -> bool {
+    OF_SENSES.iter().any(|beginning| deviation.starts_with(beginning))
 }
 
 /// Beginning of the deviation of a scene with objects from files; it is followed by [`Conditions::assets`].
@@ -79,6 +91,7 @@ pub(crate) fn compared(header: &v3::EpisodeHeader) -> Vec<(String, String)> {
     let mut fields: Vec<(String, String)> = [
         ("benchmark_version", header.benchmark_version.to_string()),
         ("takes", is_take(header).to_string()),
+        ("source", if is_person(header) { "person" } else { "policy" }.into()),
         ("policy", quoted(&header.policy)),
         ("protocol", protocol(header).into()),
         ("seeds", seeds(header).into()),
@@ -114,6 +127,11 @@ impl Conditions {
         let mut deviations = Vec::new();
         if is_take(header) {
             deviations.push("the episodes are takes, which a person drove".into());
+        } else if is_person(header) {
+            deviations.push("the actions are a person's, whose body the robot followed".into());
+        }
+        if header.request.is_none() {
+            deviations.push("the bags have no request, so their conditions cannot be compared with it".into());
         }
         if header.benchmark_version != BENCHMARK_VERSION {
             let played = header.benchmark_version;
@@ -201,6 +219,7 @@ impl Conditions {
             action_delay_ms: action_delay_ms(header),
             end_on_overridden: if header.end_on_overridden { header.end_on.clone() } else { Vec::new() },
             takes: is_take(header),
+            source: if is_person(header) { "person" } else { "policy" }.into(),
             ranked: deviations.is_empty(),
             deviations,
             thresholds: thresholds.entries().map(|(key, value)| (key.into(), value)).collect(),
@@ -230,6 +249,14 @@ impl Conditions {
 /// True for a take, which a person drove.
 pub(crate) fn is_take(header: &v3::EpisodeHeader) -> bool {
     header.request.as_ref().is_some_and(|request| request.take)
+}
+
+/// The argument by which the shipped client follows a tracked person.
+const STREAM: &str = "stream=";
+
+/// True where the bag says that a person moved the robot: by hand, or through a tracked body.
+pub(crate) fn is_person(header: &v3::EpisodeHeader) -> bool {
+    is_take(header) || header.policy.contains(STREAM)
 }
 
 fn protocol(header: &v3::EpisodeHeader) -> &str {
@@ -394,6 +421,7 @@ mod tests {
 
     fn pinned() -> v3::EpisodeHeader {
         v3::EpisodeHeader {
+            request: Some(v3::OpenRequest::default()),
             benchmark_version: BENCHMARK_VERSION,
             episode_protocol: "strict".into(),
             model_digest: pins::model(ROBOT).unwrap_or_default().into(),
@@ -543,6 +571,24 @@ mod tests {
         };
         assert_ne!(compared(&delayed(20)), compared(&delayed(40)), "the delay");
         assert_eq!(compared(&delayed(0)), compared(&header()));
+    }
+
+    /// Guards that what cannot be compared is not ranked, and that what a person did is not.
+    #[test]
+    fn bags_without_a_request_and_of_persons_are_not_ranked() {
+        let header = || v3::EpisodeHeader { sensors: vec!["proprioception".into()], ..pinned() };
+        assert!(new(header()).ranked);
+        assert!(new(v3::EpisodeHeader { request: None, ..header() }).deviations[0].contains("no request"));
+        let take = v3::OpenRequest { take: true, ..v3::OpenRequest::default() };
+        let persons = [
+            v3::EpisodeHeader { request: Some(take), ..header() },
+            v3::EpisodeHeader { policy: "sonic:models,stream=tcp://192.0.2.1:5555".into(), ..header() },
+        ];
+        for header in persons {
+            assert_ne!(compared(&header), compared(&pinned()));
+            let conditions = new(header);
+            assert!(conditions.source == "person" && !conditions.ranked, "{:?}", conditions.deviations);
+        }
     }
 
     /// Guards that other meshes are other conditions only for a policy that sees pictures of them.

@@ -11,7 +11,7 @@ use thiserror::Error;
 use crate::Series;
 use crate::conditions::is_take;
 use crate::flaw::{Difference, Flaw, RowSums, first_difference};
-use crate::request::contradiction;
+use crate::request::{contradiction, unplayable};
 use crate::series::SeriesBuilder;
 
 #[derive(Debug, Error)]
@@ -47,6 +47,8 @@ pub struct GradedEpisode {
     pub thresholds: Thresholds,
     /// SHA-256 chain over its rows, hexadecimal.
     pub digest: String,
+    /// SHA-256 chain over its rows alone, whatever its header says.
+    pub rows_digest: String,
     /// Number of judged steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
     pub series: Series,
@@ -62,10 +64,13 @@ pub struct Grader {
     judges: Judges,
     rewards: Rewards,
     digest: RowDigest,
+    rows: RowDigest,
     /// A contradiction within the header.
     header_flaw: Option<Flaw>,
     /// A contradiction between its request and the header.
     contradiction: Option<Difference>,
+    /// The reason why no server plays its request.
+    unplayable: Option<String>,
     header_digest: String,
     is_lockstep: bool,
     is_take: bool,
@@ -104,8 +109,10 @@ impl Grader {
             rewards: Rewards::new(judges.in_force(), reward_of(header)?, joint_groups_of(header)?),
             judges,
             digest,
+            rows: crate::rows::chain(),
             header_flaw,
             contradiction: contradiction(header),
+            unplayable: unplayable(header),
             header_digest: header_digest(header),
             is_lockstep: header.mode() == v3::Mode::Lockstep,
             is_take: is_take(header),
@@ -126,6 +133,7 @@ impl Grader {
         }
         self.next_step = row.step.saturating_add(1);
         self.digest.push(row);
+        self.rows.push(row);
         self.sums.push(row);
         if row.step == 0 {
             self.judges.start(row);
@@ -198,6 +206,7 @@ impl Grader {
             end,
             causes,
             digest,
+            rows_digest: self.rows.hex(),
             notes,
             signer: signer.key(),
             flaw,
@@ -219,6 +228,9 @@ impl Grader {
         }
         if !result.header_digest.eq_ignore_ascii_case(&self.header_digest) {
             return Some(Flaw::Header { header: self.header_digest.clone(), result: result.header_digest.clone() });
+        }
+        if let Some(reason) = &self.unplayable {
+            return Some(Flaw::Unplayable(reason.clone()));
         }
         if let Some(difference) = &self.contradiction {
             return Some(Flaw::Request(difference.clone()));

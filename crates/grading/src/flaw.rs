@@ -31,6 +31,8 @@ pub enum Flaw {
     },
     /// The request in the header asks for another episode than the rest of the header describes.
     Request(Difference),
+    /// No server plays its request, for this reason.
+    Unplayable(String),
     /// The signature does not belong to the result.
     Signature,
     Altered {
@@ -84,6 +86,7 @@ impl std::fmt::Display for Flaw {
                 f,
                 "the bag's header contradicts itself: {field} is {found} by the request in it, and {recorded} in the header"
             ),
+            Flaw::Unplayable(reason) => write!(f, "no server plays the request in the header: {reason}"),
             Flaw::Signature => f.write_str(
                 "its signature does not fit its result: one of the two was changed, or the signature is of another bag",
             ),

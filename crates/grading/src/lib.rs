@@ -44,6 +44,7 @@ mod options;
 pub mod report;
 mod request;
 mod results;
+mod rows;
 mod run;
 mod series;
 pub mod tables;
@@ -51,7 +52,7 @@ pub mod tables;
 pub use bag::check_bag;
 pub use claim::false_claim;
 pub use compare::{CompareError, ComparedRun, Comparison, Pairs, compare, compare_results};
-pub use conditions::{Conditions, OBJECTS};
+pub use conditions::{Conditions, OBJECTS, is_of_senses};
 pub use episode::{GradedEpisode, Grader, HeaderError};
 pub use error::ScoreError;
 pub use find::find_bags;
@@ -62,4 +63,5 @@ pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,
 };
+pub use rows::{BagRows, rows_of};
 pub use series::{CriterionHeld, MAX_BUCKETS, Series};

@@ -1,7 +1,9 @@
 //! Checks, without a simulation, that the request in a header fits the rest of it.
 
+use fiatlux_proto::plain;
 use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale, Range};
 use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
+use fiatlux_wire::{COMMAND_TIMEOUT_MS, IMAGE_SIDE, check_request};
 
 use crate::conditions::ROBOT;
 use crate::flaw::{Difference, first_difference};
@@ -9,13 +11,18 @@ use crate::flaw::{Difference, first_difference};
 /// Value in a header for gains that a request leaves out.
 const GAINS: &str = "fiatlux";
 const REWARD: &str = "benchmark";
-const IMAGE_SIDE: u32 = 256;
 
 /// The first field of a header that differs from its request, by the request and in the header; `None` if all agree, or
 /// if the header has no request.
 pub(crate) fn contradiction(header: &EpisodeHeader) -> Option<Difference> {
     let request = header.request.as_ref()?;
     first_difference(&asked(request, header), header)
+}
+
+/// The reason why no server plays the request in a header; `None` if one may, or if the header has no request.
+pub(crate) fn unplayable(header: &EpisodeHeader) -> Option<String> {
+    let refusal = check_request(header.request.as_ref()?).err()?;
+    Some(format!("{}: {}", refusal.field, plain(&refusal.message)))
 }
 
 /// A header with the fields that its request asks for; the rest is as recorded, as are the delay of actions and the
@@ -44,6 +51,7 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
         reward: or(&request.reward, REWARD),
         randomization: Some(randomization),
         thresholds,
+        command_timeout_s: command_timeout_s(request, header),
         image_width: side(request.image_width),
         image_height: side(request.image_height),
         end_on_overridden: !request.end_on.is_empty(),
@@ -74,6 +82,15 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
         asked.sensors.extend(request.sensors.iter().filter(|sensor| !known.contains(&sensor.name)).cloned());
     }
     asked
+}
+
+/// Time after which commands expire, s. In lockstep none does, and bags of before protocol 3.7 do not say.
+fn command_timeout_s(request: &OpenRequest, header: &EpisodeHeader) -> f64 {
+    match request.command_timeout_ms {
+        _ if header.mode() != Mode::RealTime || header.command_timeout_s == 0.0 => 0.0,
+        0 => f64::from(COMMAND_TIMEOUT_MS) / 1e3,
+        ms => f64::from(ms) / 1e3,
+    }
 }
 
 /// Sizes, from a request in which 0 means 1.
@@ -130,6 +147,39 @@ mod tests {
             seed: 7,
             sensors: vec![sensor("camera", 10.0), sensor("last_action", 0.0)],
             ..OpenRequest::default()
+        }
+    }
+
+    /// Guards that a bag is not scored whose request no server would have played.
+    #[test]
+    fn what_no_server_plays_is_named() {
+        let said = |request: OpenRequest| unplayable(&header(request)).unwrap_or_default();
+        assert_eq!(said(request()), "");
+        assert_eq!(unplayable(&EpisodeHeader { request: None, ..header(request()) }), None);
+        let cases = [
+            (OpenRequest { image_width: 7, ..request() }, "image_width: image_width is 7 pixels"),
+            (OpenRequest { action_delay_ms: 7, ..request() }, "action_delay_ms: "),
+            (
+                OpenRequest { mode: Mode::RealTime.into(), command_timeout_ms: 7, ..request() },
+                "command_timeout_ms: commands would expire after 7 ms",
+            ),
+            (OpenRequest { mode: 9, ..request() }, "mode: "),
+            (OpenRequest { task: "no task".into(), ..request() }, "task: "),
+            (OpenRequest { policy: "a\u{1b}[2K".into(), ..request() }, "policy: "),
+            (OpenRequest { policy: "p".repeat(129), ..request() }, "policy: "),
+            (OpenRequest { take: true, ..request() }, "end_on: "),
+            (OpenRequest { end_on: vec!["rain".into()], ..request() }, "end_on: "),
+            (OpenRequest { reward: "mine".into(), ..request() }, "reward: "),
+            (OpenRequest { episode_protocol: "mine".into(), ..request() }, "episode_protocol: "),
+            (OpenRequest { weights: "mine".into(), ..request() }, "weights: "),
+            (OpenRequest { thresholds: [("nothing".into(), 30.0)].into(), ..request() }, "thresholds: "),
+            (OpenRequest { sensors: vec![sensor("camera", 7.7)], ..request() }, "sensors: "),
+            (OpenRequest { sensors: vec![sensor("camera", 1.0), sensor("camera", 2.0)], ..request() }, "sensors: "),
+            (OpenRequest { image_height: 100, sensors: vec![sensor("features", 1.0)], ..request() }, "image_height: "),
+        ];
+        for (request, beginning) in cases {
+            let reason = said(request.clone());
+            assert!(reason.starts_with(beginning), "'{reason}' instead of {beginning}: {request:?}");
         }
     }
 

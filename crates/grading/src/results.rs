@@ -162,6 +162,8 @@ pub struct EpisodeRow {
     pub steps: u64,
     pub end: String,
     pub state_digest: String,
+    #[serde(default)]
+    pub rows_digest: String,
     pub bag: String,
     #[serde(default)]
     pub failure: Option<String>,

@@ -146,6 +146,12 @@ pub struct Submitted {
     /// The reason of a refusal; else empty.
     pub reason: String,
     pub badge: crate::Badge,
+    /// Why it is not ranked among all twelve subtasks; empty if it is.
+    #[serde(default)]
+    pub not_ranked: String,
+    /// Subtasks in which it is ranked.
+    #[serde(default)]
+    pub ranked_tasks: Vec<String>,
     pub episodes_verified: u64,
     /// Total; 0 until the submission is graded.
     pub episodes_to_verify: u64,

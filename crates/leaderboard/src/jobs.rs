@@ -1,4 +1,5 @@
-//! The work on submissions: each is graded, then its episodes are verified, then it gets its badge and its pictures.
+//! The work on submissions: each is graded, then its episodes are verified, then it gets its pictures. What it proves by
+//! then, [`crate::claims`] decides.
 //!
 //! The state of the store ([`crate::store`]) determines what there is to do, and each step is one transaction. A service
 //! that is killed in the middle of a step repeats it after the next start, with the same result: grading depends on the
@@ -6,6 +7,7 @@
 
 mod draw;
 mod grade;
+mod runs;
 mod verify;
 
 use std::sync::Arc;
@@ -59,8 +61,9 @@ impl Jobs {
         let grader = tokio::spawn(grade_all(Arc::clone(service), Arc::clone(&stop)));
         let drawer = tokio::spawn(draw_all(Arc::clone(service), Arc::clone(&stop)));
         let sweeper = tokio::spawn(sweep(Arc::clone(service)));
+        let runs = tokio::spawn(runs::follow(Arc::clone(service)));
         let verifiers = Verifiers::start(service, verifiers, access, parallel, &stop)?;
-        Ok(Self { stop, tasks: vec![grader, drawer, sweeper], verifiers })
+        Ok(Self { stop, tasks: vec![grader, drawer, sweeper, runs], verifiers })
     }
 
     /// Stops, and blocks until the running simulations have ended. The next service repeats unfinished work.
@@ -88,6 +91,11 @@ async fn grade_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
 }
 
 async fn grade_next(service: &Arc<Service>) -> Result<bool, StoreError> {
+    // Whose rows are whose is known before a new submission is compared with them.
+    if let Some(id) = service.store.next_unindexed().await? {
+        grade::index_one(service, id).await?;
+        return Ok(true);
+    }
     let Some(id) = service.store.next_received().await? else { return Ok(false) };
     grade::grade_one(service, id).await?;
     service.metrics.graded.fetch_add(1, Ordering::Relaxed);

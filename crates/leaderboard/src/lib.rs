@@ -12,6 +12,7 @@
 
 mod accounts;
 mod api;
+mod claims;
 mod client;
 mod counts;
 mod error;
@@ -30,6 +31,7 @@ mod submission;
 mod visitors;
 
 pub use accounts::{AccountError, MAX_DAYS, Quota};
+pub use claims::{Claim, Claims, Proof};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use forwarded::{Proxies, ProxyError};
@@ -37,7 +39,7 @@ pub use jobs::{Jobs, Verifier};
 pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
-pub use store::{Account, AuditRow, Store, TokenRow};
+pub use store::{Account, AuditRow, KnownBags, Store, TokenRow};
 pub use submission::{
-    Badge, Division, Entry, Limits, Manifest, ManifestError, Observations, Stage, SubmissionId, Time, WordError,
+    Badge, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Stage, SubmissionId, Time, WordError,
 };

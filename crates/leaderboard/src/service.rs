@@ -1,6 +1,7 @@
 //! The running service: the state that its handlers and its jobs share.
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -48,10 +49,14 @@ pub struct ServiceOptions {
     pub proxies: Proxies,
     /// Threads that grade; 0 means one per core.
     pub grade_workers: usize,
+    /// Folders into which the operator's own servers record runs: every hosted run that was registered counts.
+    pub runs: Vec<PathBuf>,
+    /// Time between two refusals of an episode by servers that count.
+    pub refusal_pause: Duration,
 }
 
 impl Default for ServiceOptions {
-    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, no proxies, all cores.
+    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, no proxies, all cores, no folders, 3 minutes.
     fn default() -> Self {
         Self {
             limits: Limits::default(),
@@ -60,6 +65,8 @@ impl Default for ServiceOptions {
             signers: KnownServers::default(),
             proxies: Proxies::default(),
             grade_workers: 0,
+            runs: Vec::new(),
+            refusal_pause: Duration::from_secs(180),
         }
     }
 }

@@ -1,18 +1,17 @@
-//! Entries and their results as tables: one for each division, in order of strict clean success. No I/O.
+//! Entries and their results as tables: one for each division, in order of what strict clean success proves. No I/O.
 //!
-//! A place in a table requires all twelve subtasks in the same rooms: a success rate over chosen tasks, or over more
-//! episodes of the easy ones, could not be compared with any other.
+//! Which division an entry has, if any, [`crate::claims`] decides.
 
 mod played;
 mod subtasks;
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_results};
-use fiatlux_rules::{SeedOwner, Task};
+use fiatlux_rules::{Rate, Task};
 
-use crate::{Badge, Division, Entry, SubmissionId};
+use crate::{Division, Entry, SubmissionId};
 
 pub(crate) use played::PlayedEpisodes;
 pub(crate) use subtasks::{RankedTask, SubtaskResults, TaskTable, by_task};
@@ -26,6 +25,8 @@ pub(crate) struct Standing {
     /// One cell for each of the twelve subtasks, S01 first.
     pub cells: Vec<Cell>,
     pub episodes: u64,
+    /// Episodes of hosted runs that were not submitted, which count as failures.
+    pub failed_tries: u64,
     pub rooms: Rooms,
 }
 
@@ -68,29 +69,17 @@ pub(crate) struct Cell {
     pub published_clean: f64,
 }
 
-/// The reason why a submission has no place in a table, as text for the page.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Obstacle(pub String);
-
 impl Standing {
-    /// The row of a submission with this badge, or the reason why its results have no place in a table.
-    pub fn of(results: &Results, badge: Badge) -> Result<Self, Obstacle> {
+    /// The row of results with all twelve subtasks, by the strict judge; `None` for others.
+    pub fn of(results: &Results) -> Option<Self> {
         let found = |task: Task| results.subtasks.iter().find(|found| found.id == task.short_id());
-        let lacking: Vec<_> = Task::SUBTASKS.into_iter().filter(|task| found(*task).is_none()).collect();
-        if !lacking.is_empty() {
-            let names: Vec<_> = lacking.iter().map(|task| task.short_id()).collect();
-            return Err(Obstacle(format!("no episode of {}", names.join(", "))));
-        }
-        if Division::of(results).is_none() {
-            return Err(Obstacle(Division::obstacle(results)));
-        }
-        same_rooms(results)?;
-        is_fair(results, badge)?;
         let overall = &results.overall;
-        let strict = overall.strict_clean_success.as_ref().zip(results.score_strict.as_ref());
-        let (Some((strict_clean, strict_score)), Some(published)) = (strict, results.score.mean) else {
-            return Err(Obstacle("no strict score".into()));
-        };
+        let cells: Vec<Cell> =
+            Task::SUBTASKS.into_iter().filter_map(|task| Some(Cell::of(task, found(task)?))).collect();
+        if cells.len() < Task::SUBTASKS.len() {
+            return None;
+        }
+        let (strict_clean, strict_score) = (overall.strict_clean_success.as_ref()?, results.score_strict.as_ref()?);
         let scores = |rate: &RateRow, score: f64, std| Scores {
             clean: rate.rate.unwrap_or_default(),
             interval: rate.interval.unwrap_or([0.0, 1.0]),
@@ -98,52 +87,58 @@ impl Standing {
             score,
             std,
         };
-        Ok(Self {
+        Some(Self {
             version: results.conditions.benchmark_version,
             strict: scores(strict_clean, strict_score.mean.unwrap_or_default(), strict_score.std),
-            published: scores(&overall.clean_success, published, results.score.std),
-            cells: Task::SUBTASKS.into_iter().filter_map(|task| Some(Cell::of(task, found(task)?))).collect(),
+            published: scores(&overall.clean_success, results.score.mean?, results.score.std),
+            cells,
             episodes: overall.episodes,
+            failed_tries: 0,
             rooms: Rooms::of(results, results.seeds.clone()),
         })
+    }
+
+    /// The same row, in which these episodes by subtask count as failures, too.
+    pub fn with_failures(&self, failed: &BTreeMap<String, u64>) -> Self {
+        let more: u64 = failed.values().sum();
+        if more == 0 {
+            return self.clone();
+        }
+        let trials = self.episodes + more;
+        let share = self.episodes as f64 / trials as f64;
+        let scores = |scores: &Scores| {
+            let rate = Rate { hits: scores.hits, trials };
+            Scores {
+                clean: rate.value().unwrap_or_default(),
+                interval: rate.interval().unwrap_or([0.0, 1.0]),
+                hits: scores.hits,
+                score: scores.score * share,
+                std: None,
+            }
+        };
+        Self {
+            strict: scores(&self.strict),
+            published: scores(&self.published),
+            cells: self.cells.iter().map(|cell| cell.with_failures(failed)).collect(),
+            failed_tries: more,
+            ..self.clone()
+        }
     }
 
     /// True without a success and a score by the strict judge, and so without a rank.
     fn is_zero(&self) -> bool {
         self.strict.hits == 0 && self.strict.score <= 0.0
     }
+
+    /// The order of the ranking: the lower bound of the rate of strict clean success, then strict S.
+    fn merit(&self) -> (f64, f64) {
+        (lower_bound(self.strict.clean, self.strict.interval), self.strict.score)
+    }
 }
 
-/// Checks that no episode may have been left out, and that nobody could train in the rooms.
-fn is_fair(results: &Results, badge: Badge) -> Result<(), Obstacle> {
-    if !results.without_journal.is_empty() {
-        return Err(Obstacle("its journal is missing: episodes may have been left out".into()));
-    }
-    // Seeds that servers draw are far above these, and nobody could train in their rooms.
-    if badge != Badge::Hosted && results.seeds.iter().any(|seed| SeedOwner::of(*seed) == SeedOwner::Training) {
-        let first = SeedOwner::Training.seeds();
-        return Err(Obstacle(match results.conditions.seeds.as_str() {
-            "hosted" => "its hosted rooms are not signed by a server of this site".into(),
-            _ => format!("seeds from {} on are for training", first.start()),
-        }));
-    }
-    Ok(())
-}
-
-/// Checks that every subtask has the same seeds and indices.
-fn same_rooms(results: &Results) -> Result<(), Obstacle> {
-    let mut rooms: BTreeMap<&str, BTreeSet<(u64, u64)>> = BTreeMap::new();
-    for row in results.episodes.iter().filter(|row| Task::SUBTASKS.iter().any(|task| task.short_id() == row.task)) {
-        rooms.entry(&row.task).or_default().insert((row.seed, row.episode));
-    }
-    let mut all = rooms.iter();
-    let Some((first, expected)) = all.next() else { return Err(Obstacle("no episodes".into())) };
-    match all.find(|(_, found)| *found != expected) {
-        Some((other, _)) => Err(Obstacle(format!(
-            "{first} and {other} were not played in the same rooms; play all subtasks in all seeds"
-        ))),
-        None => Ok(()),
-    }
+/// Lower bound of a rate, exactly 0 for a rate of 0.
+fn lower_bound(rate: f64, interval: [f64; 2]) -> f64 {
+    if rate > 0.0 { interval[0] } else { 0.0 }
 }
 
 impl Cell {
@@ -157,6 +152,22 @@ impl Cell {
             strict_clean: result.strict_clean_success_rate.unwrap_or_default(),
             strict_interval: result.strict_clean_success_interval.unwrap_or([0.0, 1.0]),
             published_clean: result.clean_success_rate,
+        }
+    }
+
+    /// The same cell, in which the episodes of this subtask count as failures, too.
+    fn with_failures(&self, failed: &BTreeMap<String, u64>) -> Self {
+        let Some(more) = failed.get(self.id).filter(|more| **more > 0) else { return self.clone() };
+        let trials = self.episodes + more;
+        let share = self.episodes as f64 / trials as f64;
+        let rate = Rate { hits: (self.strict_clean * self.episodes as f64).round() as u64, trials };
+        Self {
+            strict: self.strict * share,
+            published: self.published * share,
+            strict_clean: rate.value().unwrap_or_default(),
+            strict_interval: rate.interval().unwrap_or([0.0, 1.0]),
+            published_clean: self.published_clean * share,
+            ..self.clone()
         }
     }
 }
@@ -180,7 +191,7 @@ pub(crate) struct Table {
 /// A version of the benchmark, the latest one first, and a division.
 type Group = (Reverse<u32>, Division);
 
-/// Tables of all divisions, those of the latest version of the benchmark first.
+/// Tables of all divisions, those of the latest version of the benchmark first, and of these the hosted ones.
 pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
     let mut groups: BTreeMap<Group, Vec<(Entry, Standing)>> = BTreeMap::new();
     for (entry, standing) in ranked {
@@ -190,14 +201,15 @@ pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
     }
     let table = |((version, division), mut rows): (Group, Vec<(Entry, Standing)>)| {
         rows.sort_by(|(entry_a, a), (entry_b, b)| {
-            let by_score = b.strict.clean.total_cmp(&a.strict.clean).then(b.strict.score.total_cmp(&a.strict.score));
-            by_score.then(entry_a.received.cmp(&entry_b.received)).then(entry_a.id.cmp(&entry_b.id))
+            let ((lower_a, score_a), (lower_b, score_b)) = (a.merit(), b.merit());
+            let by_merit = lower_b.total_cmp(&lower_a).then(score_b.total_cmp(&score_a));
+            by_merit.then(entry_a.received.cmp(&entry_b.received)).then(entry_a.id.cmp(&entry_b.id))
         });
         let mut places: Vec<RankedEntry> = Vec::with_capacity(rows.len());
         for (entry, standing) in rows {
             let rank = match places.last() {
                 _ if standing.is_zero() => None,
-                Some(last) if is_equal(&last.standing, &standing) => last.rank,
+                Some(last) if last.standing.merit() == standing.merit() => last.rank,
                 _ => Some(places.len() + 1),
             };
             places.push(RankedEntry { rank, entry, standing });
@@ -205,10 +217,6 @@ pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
         Table { version: version.0, division, places }
     };
     groups.into_iter().map(table).collect()
-}
-
-fn is_equal(a: &Standing, b: &Standing) -> bool {
-    (a.strict.clean, a.strict.score) == (b.strict.clean, b.strict.score)
 }
 
 /// The result of a paired test on two neighbours in a table.
@@ -245,30 +253,34 @@ impl Neighbours {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use fiatlux_grading::{OBJECTS, RESULTS_VERSION};
+    use fiatlux_grading::RESULTS_VERSION;
     use serde_json::{Value, json};
     use time::OffsetDateTime;
 
     use super::*;
+    use crate::claims::{Facts, Progress, decide};
     use crate::{Manifest, Stage};
 
-    /// Results of all subtasks in seeds 64 and 65, each a strict success in the first `passed` subtasks.
+    /// Results of all subtasks in rooms 0 to 3, each a strict success in the first `passed` subtasks.
     pub fn results(passed: usize) -> Results {
-        let rate = |hits: usize| json!({ "hits": hits, "rate": hits as f64 / 24.0, "interval": [0.1, 0.9] });
+        let rate = |hits: usize| {
+            let rate = Rate { hits: hits as u64, trials: 48 };
+            json!({ "hits": hits, "rate": rate.value(), "interval": rate.interval() })
+        };
         let tasks: Vec<Value> =
             Task::SUBTASKS.iter().enumerate().map(|(i, task)| task_result(*task, i < passed)).collect();
         let rows = Task::SUBTASKS
             .iter()
             .enumerate()
-            .flat_map(|(i, task)| [64, 65].map(|seed| episode(task.short_id(), seed, i < passed)));
+            .flat_map(|(i, task)| [0, 1, 2, 3].map(|seed| episode(task.short_id(), seed, i < passed)));
         let score = |mean: f64| json!({ "mean": mean, "std": 0.0, "per_seed": [] });
         let mean = passed as f64 / 12.0;
         let whole = json!({
-            "policy": "someone", "seeds": [64, 65], "score": score(mean), "score_strict": score(mean), "subtasks": tasks,
+            "policy": "someone", "seeds": [0, 1, 2, 3], "score": score(mean), "score_strict": score(mean), "subtasks": tasks,
             "missing": [], "episodes": rows.collect::<Vec<_>>(), "extra_tasks": [], "excluded": [], "run": null,
             "overall": {
-                "episodes": 24, "clean_success": rate(2 * passed), "success": rate(2 * passed), "broken": rate(0),
-                "strict_success": rate(2 * passed), "strict_clean_success": rate(2 * passed), "dropped": rate(0),
+                "episodes": 48, "clean_success": rate(4 * passed), "success": rate(4 * passed), "broken": rate(0),
+                "strict_success": rate(4 * passed), "strict_clean_success": rate(4 * passed), "dropped": rate(0),
             },
             "conditions": {
                 "benchmark_version": 4, "protocol": "strict", "seeds": "public", "observations": "standard",
@@ -283,12 +295,28 @@ pub(crate) mod tests {
         serde_json::from_value(whole).expect("results")
     }
 
+    /// The same of a hosted run, in four rooms that a server drew.
+    pub fn hosted(passed: usize) -> Results {
+        let mut hosted = results(passed);
+        let drawn = |seed: u64| (1 << 40) + 7 * seed;
+        hosted.conditions.seeds = "hosted".into();
+        hosted.seeds.iter_mut().for_each(|seed| *seed = drawn(*seed));
+        hosted.episodes.iter_mut().for_each(|row| row.seed = drawn(row.seed));
+        let run = json!({
+            "name": "first", "folder": ".", "policy_version": "1", "policy_link": "", "servers": ["lab"], "finished": true,
+            "hosted": true, "registered": 48, "played": 48, "failed": {}, "repeated": 0, "begun_again": 0, "failures": [],
+            "notes": [],
+        });
+        hosted.run = serde_json::from_value(run).expect("a run");
+        hosted
+    }
+
     fn task_result(task: Task, passed: bool) -> Value {
         let one = f64::from(u8::from(passed));
         json!({
             "id": task.short_id(), "name": task.name(), "weight": task.weight(), "score_mean": one, "score_std": 0.0,
             "success_rate": one, "clean_success_rate": one, "gate_progress": one, "broken_rate": 0.0, "dropped_rate": 0.0,
-            "peak_hand_force_n": 0.0, "control_effort": 0.0, "mean_steps": 10.0, "episodes": 2, "episode_score": one,
+            "peak_hand_force_n": 0.0, "control_effort": 0.0, "mean_steps": 10.0, "episodes": 4, "episode_score": one,
             "success_interval": [0.0, 1.0], "clean_success_interval": [0.0, 1.0], "broken_interval": [0.0, 1.0],
             "dropped_interval": [0.0, 1.0], "ends": {}, "strict_score_mean": one, "strict_score_std": 0.0,
             "strict_success_rate": one, "strict_clean_success_rate": one, "strict_progress": one,
@@ -307,23 +335,31 @@ pub(crate) mod tests {
         })
     }
 
-    /// An entry with this id; a larger id was received later.
+    /// A verified entry with this id; a larger id was received later.
     pub fn entry(id: u64, policy: &str, results: &Results) -> Entry {
+        let facts = Facts::of(results, results.conditions.seeds == "hosted");
+        let progress = Progress { episodes: 48, equal: 48, refused: 0 };
+        let decided = decide(&facts, Stage::Verified, "", progress, None);
         Entry {
             id: SubmissionId(id),
             manifest: Manifest { policy: policy.into(), ..Manifest::default() },
             account: "lab".into(),
-            division: Division::of(results),
-            badge: Badge::Replayed,
+            division: decided.division,
+            badge: decided.badge,
+            claims: decided.claims,
+            senses: facts.senses(),
+            obstacle: decided.obstacle,
+            tasks: facts.tasks,
+            failed_tries: BTreeMap::new(),
             state: Stage::Verified,
             reason: String::new(),
             received: OffsetDateTime::UNIX_EPOCH + time::Duration::seconds(id as i64),
-            progress: (24, 24),
+            progress: (48, 48),
         }
     }
 
     fn placed(id: u64, results: &Results) -> (Entry, Standing) {
-        (entry(id, &format!("p{id}"), results), Standing::of(results, Badge::Replayed).expect("a place"))
+        (entry(id, &format!("p{id}"), results), Standing::of(results).expect("a row"))
     }
 
     fn order(table: &Table) -> Vec<(usize, u64)> {
@@ -343,76 +379,68 @@ pub(crate) mod tests {
         assert_eq!(order(&tables(vec![placed(1, &results(0)), placed(2, &results(1))])[0]), [(1, 2), (0, 1)]);
     }
 
+    /// Guards that few episodes without a failure do not lead many with one.
     #[test]
-    fn divisions_and_versions_stand_apart() {
-        let change = |change: &dyn Fn(&mut Results)| {
-            let mut changed = results(4);
+    fn what_a_rate_proves_counts() {
+        let with = |hits: u64, trials: u64| {
+            let mut changed = results(12);
+            let rate = Rate { hits, trials };
+            changed.overall.strict_clean_success =
+                Some(RateRow { hits, rate: rate.value(), interval: rate.interval() });
+            changed
+        };
+        assert_eq!(order(&tables(vec![placed(1, &with(12, 12)), placed(2, &with(47, 48))])[0]), [(1, 2), (2, 1)]);
+    }
+
+    /// Guards that what is claimed divides nobody, and that what is proven does.
+    #[test]
+    fn only_proven_conditions_stand_apart() {
+        let change = |results: &Results, change: &dyn Fn(&mut Results)| {
+            let mut changed = results.clone();
             change(&mut changed);
             changed
         };
-        let all = [
-            results(4),
-            change(&|r| r.conditions.time = "real time".into()),
-            change(&|r| r.conditions.observations = "privileged".into()),
-            change(&|r| {
-                r.conditions.assets = vec!["crate abc".into()];
-                r.conditions.deviations = vec![format!("{OBJECTS}crate abc")];
-            }),
-            change(&|r| r.conditions.benchmark_version = 3),
-        ];
-        let tables = tables(all.iter().zip(1..).map(|(results, id)| placed(id, results)).collect());
-        assert_eq!(tables.iter().map(|table| table.places.len()).collect::<Vec<_>>(), [1; 5]);
-        assert_eq!(tables.last().map(|table| table.version), Some(3));
-    }
-
-    /// Guards that a rate over chosen tasks or rooms is not ranked: it would be above an honest one.
-    #[test]
-    fn chosen_tasks_and_rooms_have_no_place() {
-        let refused = |change: &dyn Fn(&mut Results)| {
-            let mut changed = results(4);
-            change(&mut changed);
-            Standing::of(&changed, Badge::Replayed).expect_err("no place").0
+        let (replayed, hosted) = (results(4), hosted(4));
+        let real_time = |r: &mut Results| r.conditions.time = "real time".into();
+        let privileged = |r: &mut Results| r.conditions.observations = "privileged".into();
+        let count = |results: &Results| {
+            [&real_time as &dyn Fn(&mut Results), &privileged].map(|label| {
+                let other = change(results, label);
+                tables(vec![placed(1, results), placed(2, &other)]).len()
+            })
         };
-        assert!(refused(&|r| r.subtasks.truncate(11)).contains("S12"));
-        let without = |r: &mut Results| r.episodes.retain(|row| (row.task.as_str(), row.seed) != ("S09", 65));
-        assert!(refused(&without).contains("S01 and S09 were not played in the same rooms"));
-        assert!(refused(&|r| r.conditions.deviations.push("actions are delayed by 20 ms".into())).contains("delayed"));
-        assert!(refused(&|r| r.conditions.protocol = "published".into()).contains("strict"));
+        assert_eq!(count(&replayed), [1, 1]);
+        assert_eq!(count(&hosted), [2, 2]);
+        let object = change(&replayed, &|r| {
+            r.conditions.assets = vec!["crate abc".into()];
+            r.conditions.deviations = vec![format!("{}crate abc", fiatlux_grading::OBJECTS)];
+        });
+        let old = change(&replayed, &|r| r.conditions.benchmark_version = 3);
+        let all = tables(vec![placed(1, &replayed), placed(2, &hosted), placed(3, &object), placed(4, &old)]);
+        assert_eq!(all.iter().map(|table| table.places[0].entry.id.0).collect::<Vec<_>>(), [2, 1, 3, 4]);
     }
 
-    /// Guards that bags of a run need its journal: without it, bad episodes may be left out.
+    /// Guards the count of tries: hosted episodes that nobody submitted are failures in every figure.
     #[test]
-    fn bags_of_a_run_need_its_journal() {
-        let mut loose = results(4);
-        loose.without_journal = vec!["first".into()];
-        let refused = Standing::of(&loose, Badge::Replayed).expect_err("no place");
-        assert_eq!(refused.0, "its journal is missing: episodes may have been left out");
+    fn runs_that_were_not_submitted_count() {
+        let best = hosted(12);
+        let row = Standing::of(&best).expect("a row");
+        let failed = Task::SUBTASKS.iter().map(|task| (task.short_id().to_owned(), 8)).collect();
+        let counted = row.with_failures(&failed);
+        assert_eq!((row.strict.clean, counted.strict.clean, counted.failed_tries), (1.0, 1.0 / 3.0, 96));
+        assert!((counted.strict.score - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!(Some(counted.strict.interval), Rate { hits: 48, trials: 144 }.interval());
+        assert!(counted.cells.iter().all(|cell| cell.strict_clean == 1.0 / 3.0 && cell.strict_interval[0] < 0.2));
+        assert_eq!(row.with_failures(&BTreeMap::new()), row);
     }
 
-    /// Guards that rooms for training, from seed 1000 on, are not ranked, except those that a trusted server drew.
-    #[test]
-    fn rooms_for_training_have_no_place() {
-        let with_seed = |seed: u64, badge| {
-            let mut changed = results(4);
-            changed.seeds = vec![64, seed];
-            changed.episodes.iter_mut().filter(|row| row.seed == 65).for_each(|row| row.seed = seed);
-            Standing::of(&changed, badge).map(drop).map_err(|obstacle| obstacle.0)
-        };
-        assert_eq!(with_seed(999, Badge::SelfReported), Ok(()));
-        for badge in [Badge::SelfReported, Badge::Replayed] {
-            for seed in [1000, 1 << 32] {
-                assert_eq!(with_seed(seed, badge), Err("seeds from 1000 on are for training".into()));
-            }
-        }
-        assert_eq!(with_seed(1 << 32, Badge::Hosted), Ok(()));
-    }
-
-    /// Guards the test: in 10 of 24 pairs only one succeeds, so p = 2 / 2^10. Different conditions are not compared.
+    /// Guards the test: in 20 of 48 pairs only one succeeds, so p = 2 / 2^20. Different conditions are not compared.
     #[test]
     fn neighbours_are_tested_on_what_they_share() {
         let (a, b) = (results(9), results(4));
         let ids = (SubmissionId(1), SubmissionId(2));
-        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &b)), Neighbours::Tested { pairs: 24, p: 2.0 / 1024.0 });
+        let tested = Neighbours::Tested { pairs: 48, p: 2.0 / f64::from(1 << 20) };
+        assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &b)), tested);
         let mut hosted = b.clone();
         hosted.conditions.seeds = "hosted".into();
         assert_eq!(Neighbours::of((ids.0, &a), (ids.1, &hosted)), Neighbours::Untested("seeds differs".into()));

@@ -1,7 +1,9 @@
 //! The service's store: submissions, their results and bags, accounts, jobs.
 
 mod accounts;
+mod adopt;
 mod blobs;
+mod known;
 mod pictures;
 mod queue;
 mod schema;
@@ -21,8 +23,10 @@ use time::OffsetDateTime;
 use crate::{Entry, StoreError, SubmissionId};
 pub use accounts::{Account, AuditRow, TokenRow};
 pub(crate) use blobs::{Blobs, Digest};
+pub use known::KnownBags;
+pub(crate) use known::{EpisodeRows, RunsInputs};
 pub(crate) use pictures::{Picture, Pictures};
-pub(crate) use queue::{EpisodeJob, EpisodePlan, Verdict};
+pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, Verdict};
 pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
 
@@ -68,7 +72,9 @@ impl Store {
         schema::migrate(&writer).await?;
         let pool = open(READERS, options).await.map_err(StoreError::database("be opened"))?;
         let blobs = Blobs::open(&folder.join(BLOBS))?;
-        Ok(Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() })
+        let store = Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() };
+        store.adopt().await?;
+        Ok(store)
     }
 
     /// Opens the folder of a service, but creates none.

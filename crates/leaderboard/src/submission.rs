@@ -1,17 +1,17 @@
 //! A submission: its manifest and files, its division, its state and its badge.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use fiatlux_grading::{Conditions, OBJECTS, Results};
 use fiatlux_proto::is_unseen;
-use fiatlux_rules::pins;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 use time::OffsetDateTime;
 
+use crate::claims::Claims;
 use crate::store::Digest;
 
 /// Id of a submission: 16 hexadecimal digits, computed from its content and its account.
@@ -143,11 +143,25 @@ pub enum Observations {
     Privileged,
 }
 
-/// The conditions that a ranking never mixes.
+/// The two tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Runs on the board's own servers.
+    Hosted,
+    /// Anybody's bags, simulated again.
+    Replayed,
+}
+
+/// What a ranking never mixes: conditions that are proven of its entries. A hosted entry has all of them; of a replayed one
+/// time and observations are claims, so its table has none.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Division {
-    pub time: Time,
-    pub observations: Observations,
+    pub table: Kind,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<Time>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub observations: Option<Observations>,
     /// The robot, one of `fiatlux_rules::pins::RANKED_ROBOTS`.
     pub robot: String,
     /// Objects from files in place of the scene's own things, each as its place and digest.
@@ -155,67 +169,16 @@ pub struct Division {
     pub assets: Vec<String>,
 }
 
-impl Division {
-    /// The division of results; `None` if they are not ranked, for the reason that [`Division::obstacle`] gives.
-    pub fn of(results: &Results) -> Option<Self> {
-        if !results.missing.is_empty() || results.episodes.is_empty() {
-            return None;
-        }
-        Self::of_conditions(&results.conditions)
-    }
-
-    /// The division of these conditions, for any episodes; `None` if they are not ranked.
-    pub(crate) fn of_conditions(conditions: &Conditions) -> Option<Self> {
-        let time = match conditions.time.as_str() {
-            "lockstep" => Time::Lockstep,
-            "real time" => Time::RealTime,
-            _ => return None,
-        };
-        let observations = match conditions.observations.as_str() {
-            "standard" => Observations::Standard,
-            "privileged" => Observations::Privileged,
-            _ => return None,
-        };
-        // Another robot is a division of its own, not a deviation, and so are other objects.
-        let is_division =
-            |deviation: &String| deviation.starts_with("the robot is '") || deviation.starts_with(OBJECTS);
-        let ranked = conditions.deviations.iter().all(is_division) && conditions.protocol == "strict";
-        let is_known = pins::RANKED_ROBOTS.contains(&conditions.robot.as_str());
-        (ranked && is_known).then(|| {
-            let (robot, assets) = (conditions.robot.clone(), conditions.assets.clone());
-            Self { time, observations, robot, assets }
-        })
-    }
-
-    /// The reason why results are not ranked, as text for the page; empty if they are.
-    pub fn obstacle(results: &Results) -> String {
-        if Self::of(results).is_some() {
-            return String::new();
-        }
-        let conditions = &results.conditions;
-        let mut reasons = conditions.deviations.clone();
-        if !results.missing.is_empty() {
-            reasons.push(format!("some of the seeds have no episode of {}", results.missing.join(", ")));
-        }
-        if conditions.protocol != "strict" {
-            reasons.push("the episodes were not played by protocol strict".into());
-        }
-        if reasons.is_empty() {
-            reasons.push(format!("observations are '{}', the robot '{}'", conditions.observations, conditions.robot));
-        }
-        reasons.join("; ")
-    }
-}
-
 /// The degree to which a submission is confirmed, in ascending order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Badge {
-    /// Its bags are consistent; nothing else was checked.
+    /// Its bags are consistent; nothing else was checked. Never ranked.
     SelfReported,
-    /// Every bag was simulated again, with results equal to the last bit.
+    /// Every bag was simulated again, with results equal to the last bit: this motion happened in this room.
     Replayed,
-    /// Seeds were drawn after registration, and every bag is signed by one of the operator's servers.
+    /// Seeds were drawn after registration, and every bag and journal is signed by one of the operator's servers: it also
+    /// proves what the policy was shown.
     Hosted,
 }
 
@@ -241,9 +204,19 @@ pub struct Entry {
     pub manifest: Manifest,
     /// Name of the account that submitted it, which is public.
     pub account: String,
-    /// `None` if it is not ranked or not graded yet.
+    /// Where it is ranked, among all twelve subtasks or in some of them; `None` if nowhere.
     pub division: Option<Division>,
     pub badge: Badge,
+    /// What it claims, and what is proven of that.
+    pub claims: Claims,
+    /// The senses that it claims, in words; empty until it is graded.
+    pub senses: String,
+    /// Why it is not ranked among all twelve subtasks; empty if it is.
+    pub obstacle: String,
+    /// Subtasks in which it is ranked, such as `S05`.
+    pub tasks: Vec<String>,
+    /// Episodes by subtask of hosted runs that were registered and not submitted: they count as failures.
+    pub failed_tries: BTreeMap<String, u64>,
     pub state: Stage,
     /// The reason of a refusal; else empty.
     pub reason: String,
@@ -254,6 +227,7 @@ pub struct Entry {
 }
 
 /// The word for a value in JSON and in the database.
+#[cfg(test)]
 pub(crate) fn word_to(value: impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,

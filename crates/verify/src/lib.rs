@@ -396,17 +396,23 @@ impl SecondRun<'_> {
     }
 }
 
-/// Actions can be held or late only in real time.
+/// Actions can be held or late only in real time, and there every action takes a time.
 fn check_mode(bag: &Bag, wrong: &dyn Fn(String) -> VerifyError) -> Result<(), VerifyError> {
-    if bag.header().mode() == Mode::RealTime {
-        return Ok(());
-    }
+    let is_real_time = bag.header().mode() == Mode::RealTime;
+    let mut is_timed = false;
     for (step, action) in (1..).zip(bag.actions()) {
         let action: fiatlux_proto::v3::ActionRecord = action?;
         if action.held || action.lateness_s != 0.0 {
+            is_timed = true;
+            if is_real_time {
+                continue;
+            }
             let step: u64 = step;
             return Err(wrong(format!("its header says lockstep, but the action of step {step} is one of real time")));
         }
+    }
+    if is_real_time && !is_timed {
+        return Err(wrong("its header says real time, but no action took a time or was held, as in lockstep".into()));
     }
     Ok(())
 }

@@ -24,6 +24,7 @@ mod error;
 mod geometry;
 mod header;
 mod pose;
+mod request;
 mod row;
 
 #[cfg(feature = "world")]
@@ -44,6 +45,10 @@ pub use header::{
     drive_message, header_digest, joint_groups_message, joint_groups_of, layout_of, read_identity, reward_of,
 };
 pub use pose::{pose_message, read_pose};
+pub use request::{
+    COMMAND_TIMEOUT_MS, FEATURE_SIDE_STEP, IMAGE_SIDE, MAX_NAME, RequestedSession, SENSORS_WITH_FEATURES, SensorUse,
+    check_request, check_text, reward_name, sensor_use,
+};
 pub use row::{contact_messages, read_row, state_message};
 
 #[cfg(feature = "world")]

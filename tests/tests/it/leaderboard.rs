@@ -4,6 +4,7 @@ mod forged;
 mod kills;
 mod lab;
 mod restored;
+mod trust;
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -19,8 +20,8 @@ use serde_json::Value;
 #[test]
 fn runs_get_the_badges_that_they_earn() {
     let lab = lab::Lab::start("board-badges");
-    let public = played_run(&lab, "public", &["--seeds", "0"]);
-    let hosted = played_run(&lab, "hosted", &["--hosted", "1"]);
+    let public = played_run(&lab, "public", &["--seeds", "0..3"]);
+    let hosted = played_run(&lab, "hosted", &["--hosted", "4"]);
     let known = lab.known_servers();
     let board = Board::start(&lab, &["--signers", &known.display().to_string()]);
     let (code, first) = board.submit(&public, &[]);
@@ -29,19 +30,32 @@ fn runs_get_the_badges_that_they_earn() {
         (0, Some("verified"), Some("replayed")),
         "{first}"
     );
-    assert_eq!((&first["episodes_verified"], &first["episodes_to_verify"]), (&12.into(), &12.into()));
+    assert_eq!((&first["episodes_verified"], &first["episodes_to_verify"]), (&48.into(), &48.into()));
     let (code, second) = board.submit(&hosted, &[]);
     assert_eq!((code, second["badge"].as_str()), (0, Some("hosted")), "{second}");
     let listed = board.get("/api/v1/submissions");
     let divisions: Vec<&Value> =
         listed["submissions"].as_array().unwrap().iter().map(|entry| &entry["division"]).collect();
-    let division = serde_json::json!({ "time": "lockstep", "observations": "standard", "robot": "g1_inspire" });
-    assert_eq!(divisions, [&division, &division], "{listed}");
+    let [of_public, of_hosted] = [
+        serde_json::json!({ "table": "replayed", "robot": "g1_inspire" }),
+        serde_json::json!({ "table": "hosted", "time": "lockstep", "observations": "standard", "robot": "g1_inspire" }),
+    ];
+    assert_eq!(divisions, [&of_public, &of_hosted], "{listed}");
+    let proofs = |entry: &Value| ["rows", "senses", "tries"].map(|claim| entry["claims"][claim]["proof"].clone());
+    let listed = listed["submissions"].as_array().unwrap();
+    assert_eq!(proofs(&listed[0]), ["proven", "claimed", "claimed"], "{}", listed[0]);
+    // This board does not read its servers' journals, so it cannot count other runs.
+    assert_eq!(proofs(&listed[1]), ["proven", "proven", "claimed"], "{}", listed[1]);
 
-    // Bags whose journal is left out are loose ones: replayed at most.
+    // Bags whose journal is left out are loose ones: replayed at most, and in no fixed rooms.
     let loose = lab.copy(&hosted, "loose", |name| name.ends_with(".mcap"));
     let (_, third) = board.submit(&loose, &[]);
     assert_eq!(third["badge"], "replayed", "{third}");
+    let third = board.get(&format!("/api/v1/submissions/{}", third["id"].as_str().unwrap()));
+    assert_eq!(
+        (&third["division"], &third["not_ranked"]),
+        (&Value::Null, &"its journal is missing: episodes may have been left out".into())
+    );
     // One bag less is a run whose bag is lost.
     let lost = lab.copy(&hosted, "lost", |name| !name.contains("-S05-"));
     let (code, fourth) = board.submit(&lost, &[]);
@@ -88,6 +102,8 @@ fn a_hosted_run_is_hosted_as_a_whole() {
         let (folder, _) = forge(name, change, signer);
         let (code, entry) = board.submit(&folder, &["--note", name]);
         assert_eq!((code, entry["badge"].as_str()), (0, Some("replayed")), "{name}: {entry}");
+        // The next one has some of its episodes.
+        board.remove(&entry);
     }
     // The server's own signature under other lines.
     let seal = std::fs::read_to_string(&journal).unwrap().lines().last().unwrap().to_owned();

@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
 use super::LedgerError;
+use crate::find::is_leftover;
 
 /// End of a journal's file name, after the server's name.
 const ENDING: &str = ".run.jsonl";
@@ -35,7 +36,7 @@ pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed())? {
         let entry = entry.map_err(failed())?;
-        if is_journal(&entry.path()) {
+        if is_journal(&entry.path()) && !is_leftover(&entry.path()) {
             found.push(entry.path());
         }
     }

@@ -22,6 +22,7 @@ fn registration() -> Registration {
         spec: RunSpec { policy: "say \"yes\"\n".into(), session: Some(session), ..RunSpec::default() },
         episodes: ["S01", "S02", "S03"].map(|task| PlannedEpisode { task: task.into(), seed: (1 << 53) - 1 }).into(),
         unix_ms: 1,
+        holder: String::new(),
     }
 }
 

@@ -47,6 +47,7 @@ impl RunFolder {
             },
             episodes: episodes.to_vec(),
             unix_ms: 0,
+            holder: String::new(),
         };
         let folder = folder.0.join("first");
         let writer = LedgerWriter::create(&folder, registration).expect("a journal");

@@ -15,7 +15,7 @@ use time::format_description::well_known::Rfc3339;
 use super::answer::{Problem, account_of, json_of};
 use crate::store::{Account, BeginOutcome, Digest, Draft, FileRow};
 use crate::submission::{BAG, FileSpec, JOURNAL, Limits, MAX_NAME, id_of, is_file_name};
-use crate::{Badge, Division, Entry, Manifest, Service, Stage, SubmissionId};
+use crate::{Badge, Claims, Division, Entry, Manifest, Service, Stage, SubmissionId};
 
 /// Maximum size of the body of a request that begins a submission, bytes: about 250 for each file.
 const MAX_BODY: usize = 8 << 20;
@@ -44,7 +44,13 @@ struct EntryJson {
     state: Stage,
     reason: String,
     badge: Badge,
+    claims: Claims,
+    /// Only where it is ranked.
     division: Option<Division>,
+    /// Subtasks in which it is ranked.
+    ranked_tasks: Vec<String>,
+    /// Why it is not ranked among all twelve; empty if it is.
+    not_ranked: String,
     received: String,
     episodes_verified: u64,
     episodes_to_verify: u64,
@@ -83,7 +89,10 @@ impl From<Entry> for EntryJson {
             state: entry.state,
             reason: entry.reason,
             badge: entry.badge,
+            claims: entry.claims,
             division: entry.division,
+            ranked_tasks: entry.tasks,
+            not_ranked: entry.obstacle,
             received: entry.received.format(&Rfc3339).unwrap_or_default(),
             episodes_verified: entry.progress.0,
             episodes_to_verify: entry.progress.1,

@@ -1,4 +1,4 @@
-//! Grades a submission: its results, its division, and the episodes to verify.
+//! Grades a submission: its results, the facts in them, whose rows they are, and the episodes to verify.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -7,10 +7,13 @@ use std::time::Duration;
 
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_cli::in_full;
-use fiatlux_grading::{ExcludedBag, Fault, GradeOptions, Results, grade};
+use fiatlux_grading::{
+    BagRows, Conditions, EpisodeRow, ExcludedBag, Fault, GradeOptions, Results, grade, patience, rows_of,
+};
 
-use crate::store::{EpisodePlan, FileRow, now_ms};
-use crate::{Badge, Division, Manifest, Service, StoreError, SubmissionId};
+use crate::claims::{Facts, Label, Origin, origin};
+use crate::store::{EpisodePlan, EpisodeRows, FileRow, Graded, now_ms};
+use crate::{Manifest, Service, Store, StoreError, SubmissionId};
 
 /// Time limit for reading one bag. A bag of the largest size takes some seconds.
 const MAX_TIME: Duration = Duration::from_secs(60);
@@ -29,42 +32,109 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
         ..GradeOptions::default()
     };
     let path = folder.0.clone();
-    let graded = tokio::task::spawn_blocking(move || grade(&[path], &options, &|_| {})).await;
+    let graded = tokio::task::spawn_blocking(move || {
+        let graded = grade(std::slice::from_ref(&path), &options, &|_| {});
+        let persons = graded.as_ref().map(|results| persons_rows(&path, &results.excluded)).unwrap_or_default();
+        (graded, persons)
+    })
+    .await;
     // Files that crashed the grader once would do so again.
-    let graded = match graded {
-        Ok(graded) => graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")),
-        Err(_) => Err("the grader failed on these files; please report them".into()),
+    let (graded, persons) = match graded {
+        Ok((graded, persons)) => (graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")), persons),
+        Err(_) => (Err("the grader failed on these files; please report them".into()), Vec::new()),
     };
     drop(folder);
+    for bag in persons {
+        // A take is refused, but nobody may send its rows under another label.
+        let rows = EpisodeRows { task: bag.task, seed: bag.seed, digest: bag.digest };
+        store.know_persons(&id.to_string(), &entry.account, &bag.policy, &[rows]).await?;
+    }
     let outcome = graded.and_then(|results| outcome(results, &entry.manifest, &files, &service.options.signers));
     // Submissions are graded in the order in which they were received: a graded one was received earlier.
-    let outcome = match store.first_with_files_of(id).await? {
-        Some((first, account)) => Err(format!(
-            "these episodes were already submitted as {first} by {account}; the first submission keeps its place"
-        )),
-        None => outcome,
+    let outcome = match outcome {
+        Ok(outcome) => match origin_of(store, &entry.account, &outcome.label, &outcome.rows).await? {
+            Origin::Own { replaces } => Ok((outcome, replaces)),
+            Origin::Refused(reason) => Err(reason),
+        },
+        Err(reason) => Err(reason),
     };
     match outcome {
         Err(reason) => {
             tracing::info!(submission = %id, reason, "refused");
             store.refuse(id, "service", &reason).await
         }
-        Ok(GradeOutcome { results, badge, division, episodes }) => {
+        Ok((GradeOutcome { results, facts, episodes, label, rows }, replaces)) => {
             let json = results.to_json().map_err(|error| StoreError::corrupt("new results", error))?;
-            let digest = store.blobs.put(json.into_bytes()).await?;
-            store.set_graded(id, &digest, badge, division.as_ref(), &episodes).await?;
-            let to_verify = episodes.iter().filter(|episode| episode.verify).count();
-            tracing::info!(submission = %id, ?badge, to_verify, ms = now_ms() - start, "graded");
+            let results = store.blobs.put(json.into_bytes()).await?;
+            let account = &entry.account;
+            let graded = Graded { account, results, facts, episodes, label, rows, replaces };
+            if graded.facts.person {
+                store.know_persons(&id.to_string(), account, &graded.label.policy, &graded.rows).await?;
+            }
+            store.set_graded(id, &graded).await?;
+            let to_verify = graded.episodes.len();
+            tracing::info!(submission = %id, hosted = graded.facts.hosted, to_verify, ms = now_ms() - start, "graded");
             Ok(())
         }
     }
 }
 
+/// Notes the rows of a submission that an older version of the service graded, or refuses it, as one of today.
+pub(super) async fn index_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
+    let store = &service.store;
+    let Some(entry) = store.entry(id).await? else { return Ok(()) };
+    let Some(results) = store.results(id).await? else { return Ok(()) };
+    let paths: Vec<PathBuf> = store.bags(id).await?.iter().map(|digest| store.blobs.local(digest)).collect();
+    let read = tokio::task::spawn_blocking(move || {
+        let read = |path: &PathBuf| match rows_of(path, Some(patience(MAX_TIME))) {
+            Ok(bag) => Some(EpisodeRows { task: bag.task, seed: bag.seed, digest: bag.digest }),
+            Err(reason) => {
+                // Such as a bag of an older layout, whose rows no new bag can have.
+                tracing::warn!(bag = %path.display(), reason, "the rows of a bag are not known");
+                None
+            }
+        };
+        paths.iter().filter_map(read).collect::<Vec<_>>()
+    });
+    let rows = read.await.map_err(|_| StoreError::corrupt("the bags of a submission", "a thread ended early"))?;
+    let rows = once(rows);
+    let label = label(&results);
+    match origin_of(store, &entry.account, &label, &rows).await? {
+        Origin::Refused(reason) => store.refuse(id, "service", &reason).await,
+        Origin::Own { replaces } => store.set_indexed(id, &entry.account, &label, &replaces, &rows).await,
+    }
+}
+
+async fn origin_of(store: &Store, account: &str, label: &Label, rows: &[EpisodeRows]) -> Result<Origin, StoreError> {
+    let (known, count) = store.known_rows(rows).await?;
+    Ok(origin(account, label, &known, &count))
+}
+
+/// The rows of bags that were refused because a person drove.
+fn persons_rows(folder: &Path, excluded: &[ExcludedBag]) -> Vec<BagRows> {
+    let takes = excluded.iter().filter(|bag| bag.reason == Fault::Kind);
+    takes.filter_map(|bag| rows_of(&folder.join(&bag.bag), Some(patience(MAX_TIME))).ok()).collect()
+}
+
 struct GradeOutcome {
     results: Results,
-    badge: Badge,
-    division: Option<Division>,
+    facts: Facts,
     episodes: Vec<EpisodePlan>,
+    label: Label,
+    rows: Vec<EpisodeRows>,
+}
+
+fn label(results: &Results) -> Label {
+    let Conditions { sensors, time, weights, meshes, .. } = &results.conditions;
+    let mut senses = vec![time.clone()];
+    senses.extend(sensors.iter().chain([weights, meshes]).filter(|text| !text.is_empty()).cloned());
+    Label { policy: results.policy.clone(), senses: senses.join(", ") }
+}
+
+/// Each digest once.
+fn once(rows: Vec<EpisodeRows>) -> Vec<EpisodeRows> {
+    let by_digest: BTreeMap<String, EpisodeRows> = rows.into_iter().map(|rows| (rows.digest.clone(), rows)).collect();
+    by_digest.into_values().collect()
 }
 
 /// The outcome of graded files, or the reason for which they are refused.
@@ -81,12 +151,10 @@ fn outcome(
         let (said, played) = (&manifest.policy, &results.policy);
         return Err(format!("policy is '{said}' in the manifest and '{played}' in the bags; use the name in the bags"));
     }
-    let division = Division::of(&results);
-    let badge = if is_hosted(&results, signers) { Badge::Hosted } else { Badge::SelfReported };
-    // An episode in real time does not repeat exactly.
-    let verify = results.conditions.time == "lockstep";
+    let facts = Facts::of(&results, is_hosted(&results, signers));
     let places: BTreeMap<&str, i64> = files.iter().map(|file| (file.name.as_str(), file.place)).collect();
     let (mut episodes, mut seen) = (Vec::new(), BTreeSet::new());
+    let mut with_rows: BTreeMap<&str, &EpisodeRow> = BTreeMap::new();
     for row in results.episodes.iter().filter(|row| row.failure.is_none()) {
         let place = places.get(row.bag.as_str()).copied();
         let place = place.ok_or_else(|| format!("{}: the bag is not among the files", row.bag))?;
@@ -96,12 +164,27 @@ fn outcome(
                 row.bag, row.task, row.seed, row.episode
             ));
         }
-        episodes.push(EpisodePlan { task: row.task.clone(), seed: row.seed, episode: row.episode, place, verify });
+        // Where the room and the start are fixed, two seeds may be one episode.
+        if let Some(first) = with_rows.insert(&row.rows_digest, row)
+            && facts.deviation.is_empty()
+        {
+            let ((bag, other), seed) = ((&row.bag, &first.bag), first.seed);
+            return Err(format!(
+                "{bag}: its rows are those of {other}, which is of seed {seed}; two rooms are never equal"
+            ));
+        }
+        episodes.push(EpisodePlan { task: row.task.clone(), seed: row.seed, episode: row.episode, place });
     }
     if episodes.is_empty() {
         return Err("no episode was played to its end".into());
     }
-    Ok(GradeOutcome { badge, division, episodes, results })
+    let rows = with_rows.into_values().map(|row| EpisodeRows {
+        task: row.task.clone(),
+        seed: row.seed,
+        digest: row.rows_digest.clone(),
+    });
+    let rows = rows.collect();
+    Ok(GradeOutcome { label: label(&results), facts, episodes, rows, results })
 }
 
 /// Names the bags that cannot be scored, with the reason; ignores second copies of scored ones.

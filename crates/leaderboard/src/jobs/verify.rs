@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use fiatlux_bag::Bag;
 use fiatlux_cli::in_full;
-use fiatlux_client::{Access, ClientError};
+use fiatlux_client::{Access, ClientError, describe_servers};
 use fiatlux_grading::Difference;
-use fiatlux_link::Role;
+use fiatlux_link::{Link, Role};
 use fiatlux_rules::{BENCHMARK_VERSION, pins};
 use fiatlux_verify::{Verification, VerifyError, verify};
 use sha2::{Digest as _, Sha256};
@@ -28,8 +28,11 @@ const LOOK: Duration = Duration::from_millis(250);
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 /// Pause of an episode after a verification that failed without a verdict.
 const LATER: Duration = Duration::from_secs(10);
-/// After this many refusals by servers, an episode counts as one that cannot be replayed.
-const MAX_REFUSALS: u32 = 4;
+/// Pause of an episode of another version than the server's.
+const OTHER_VERSION: Duration = Duration::from_secs(600);
+/// After this many refusals by servers of the bag's own version, a pause between them, an episode cannot be replayed. Before
+/// that an operator may be in the middle of an upgrade.
+const MAX_REFUSALS: u32 = 3;
 
 /// The worker threads, `parallel` for each server.
 #[derive(Debug)]
@@ -57,6 +60,8 @@ enum VerifyOutcome {
     Decided(Verdict, String),
     /// The server or its connection failed, so there is no verdict: try again.
     Again(String),
+    /// The server is of another version than the bag, so its word means nothing.
+    OtherVersion(String),
     NotTaken(String),
     Stopped,
 }
@@ -170,6 +175,16 @@ impl Worker {
         let metrics = &self.service.metrics;
         metrics.verifying_ms.fetch_add(start.elapsed().as_millis() as u64, Ordering::Relaxed);
         metrics.verified_steps.fetch_add(steps, Ordering::Relaxed);
+        // Servers of another version may play otherwise, or refuse what was played.
+        let is_equal = done.as_ref().is_ok_and(Verification::is_equal);
+        let is_of_server =
+            done.as_ref().is_err_and(|error| error.is_of_server() || matches!(error, VerifyError::Lost { .. }));
+        if !is_equal
+            && !is_of_server
+            && let Some(reason) = self.other_version(&link, &path)
+        {
+            return VerifyOutcome::OtherVersion(reason);
+        }
         match done {
             Ok(verification) if !verification.is_equal() && has_objects(&path) => {
                 // Only a server with the same files can tell.
@@ -207,6 +222,16 @@ impl Worker {
         }
     }
 
+    /// Why the server cannot judge this bag: it is of another version, or does not say which.
+    fn other_version(&self, link: &Link, path: &Path) -> Option<String> {
+        let bag = Bag::open(path).ok()?;
+        let recorded = &bag.header().version;
+        let servers = describe_servers(&link.carrier()).unwrap_or_default();
+        let wanted = self.verifier.server.as_deref();
+        let info = servers.iter().find(|info| wanted.is_none_or(|wanted| info.server == wanted));
+        unfit(recorded, info.map(|info| info.version.as_str()))
+    }
+
     fn take_in(&self, job: &EpisodeJob, outcome: VerifyOutcome) -> Result<(), StoreError> {
         let metrics = &self.service.metrics;
         let decide = |verdict, detail: &str| {
@@ -228,6 +253,12 @@ impl Worker {
                 self.claims().later.insert(job.clone(), Instant::now() + LATER);
                 Ok(())
             }
+            VerifyOutcome::OtherVersion(reason) => {
+                metrics.retries.fetch_add(1, Ordering::Relaxed);
+                tracing::warn!(episode = %job, server = self.name, reason, "could not be verified; trying again later");
+                self.claims().later.insert(job.clone(), Instant::now() + OTHER_VERSION);
+                Ok(())
+            }
             VerifyOutcome::NotTaken(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "the server refuses to play it");
@@ -235,13 +266,25 @@ impl Worker {
                 let times = claims.refusals.entry(job.clone()).or_default();
                 *times += 1;
                 if *times < MAX_REFUSALS {
+                    claims.later.insert(job.clone(), Instant::now() + self.service.options.refusal_pause);
                     return Ok(());
                 }
                 claims.refusals.remove(job);
                 drop(claims);
-                decide(Verdict::Refused, &reason)
+                decide(Verdict::Refused, &format!("no server plays it again: {reason}"))
             }
         }
+    }
+}
+
+/// Why a server of this version, if it says which, cannot judge a bag of the other one.
+fn unfit(recorded: &str, server: Option<&str>) -> Option<String> {
+    match server {
+        Some(version) if version == recorded => None,
+        Some(version) => Some(format!(
+            "the bag was recorded by version {recorded}, the server is version {version}; start one of the bag's version"
+        )),
+        None => Some("the server does not say which version it is".into()),
     }
 }
 
@@ -293,5 +336,18 @@ fn digest_of(path: &Path) -> Option<Digest> {
             0 => return Some(Digest::from(sum)),
             read => sum.update(&block[..read]),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards that refusals and differences of servers of another set-up cost a good run nothing during an upgrade.
+    #[test]
+    fn only_servers_of_the_bags_version_decide() {
+        assert_eq!(unfit("0.7.0", Some("0.7.0")), None);
+        assert!(unfit("0.7.0", Some("0.8.0")).is_some_and(|why| why.contains("start one of the bag's version")));
+        assert!(unfit("0.7.0", None).is_some());
     }
 }

@@ -10,10 +10,10 @@ use super::answer::{Problem, page};
 use super::show;
 use super::state::{Board, Pages};
 use super::tasks::{Card, cards};
-use crate::Entry;
+use crate::claims::{FIXED_ROOMS, GRACE_DAYS, MIN_ROOMS};
 use crate::paper::{PAPER, PaperRow};
-use crate::standings::{Cell, Neighbours, Obstacle, RankedEntry, SIGNIFICANT, Table};
-use crate::submission::{Division, Observations, Time};
+use crate::standings::{Cell, Neighbours, RankedEntry, SIGNIFICANT, Table};
+use crate::{Entry, Kind};
 
 const ROWS: usize = 50;
 const UNRANKED: usize = 50;
@@ -37,22 +37,31 @@ struct Row<'a> {
     has_partners: bool,
 }
 
+/// A table on the page, or a part of it.
+struct Section<'a> {
+    table: &'a Table,
+    slug: String,
+    rows: Vec<Row<'a>>,
+    page: usize,
+    pages: usize,
+}
+
 #[derive(Template)]
 #[template(path = "board.html")]
 struct BoardPage<'a> {
-    choices: Vec<DivisionChoice>,
-    table: Option<&'a Table>,
-    rows: Vec<Row<'a>>,
+    /// The tables of each kind, hosted ones first.
+    choices: Vec<(Kind, Vec<DivisionChoice>)>,
+    sections: Vec<Section<'a>>,
     /// Cells show scores; otherwise clean success rates.
     by_score: bool,
-    slug: String,
-    page: usize,
-    pages: usize,
-    /// Results of the paper, under its own conditions; empty in other divisions.
+    /// The query that chose the table; empty for the first tables.
+    chosen: String,
     paper: &'static [PaperRow],
     cards: Vec<Card<'a>>,
-    unranked: &'a [(Entry, Obstacle)],
+    unranked: &'a [Entry],
     more_unranked: usize,
+    min_rooms: usize,
+    fixed_rooms: &'static str,
 }
 
 impl BoardPage<'_> {
@@ -62,46 +71,69 @@ impl BoardPage<'_> {
     }
 }
 
-/// The ranking of a division: `?division=` chooses it, `cells=clean` shows clean success rates instead of scores.
+/// The rankings: the first hosted table and the first replayed one, or the one that `?division=` chooses; `cells=clean` shows clean
+/// success rates instead of scores.
 pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let board = pages.board().await?;
     let query = query.as_deref();
-    let slug_of = |table: &Table| show::slug(table.version, &table.division);
-    let table = match show::asked(query, "division").next() {
-        Some(asked) => Some(board.tables.iter().find(|table| slug_of(table) == asked).ok_or(Problem::Nothing)?),
-        None => board.tables.first(),
+    let asked = show::asked(query, "division").next();
+    let tables = match asked {
+        Some(asked) => {
+            let chosen = board.tables.iter().find(|table| show::slug(table.version, &table.division) == asked);
+            vec![chosen.ok_or(Problem::Nothing)?]
+        }
+        None => first_tables(&board),
     };
-    let choices = board.tables.iter().map(|table| DivisionChoice {
-        slug: slug_of(table),
-        text: show::division(&table.division),
-        version: table.version,
-        count: table.places.len(),
-        is_shown: false,
-    });
-    let slug = table.map(slug_of).unwrap_or_default();
-    let choices = choices.map(|choice| DivisionChoice { is_shown: choice.slug == slug, ..choice }).collect();
-    let is_papers = |division: &Division| {
-        (division.time, division.observations, division.robot.as_str())
-            == (Time::Lockstep, Observations::Standard, fiatlux_rules::pins::RANKED_ROBOTS[0])
-            && division.assets.is_empty()
-    };
-    let has_paper = table.is_none_or(|table| is_papers(&table.division));
-    let part = show::part(table.map_or(&[][..], |table| &table.places), ROWS, query);
-    let first = (part.page - 1) * ROWS;
-    let rows = (first..first + part.shown.len()).filter_map(|index| Some(row(&board, table?, index))).collect();
+    let sections: Vec<Section<'_>> = tables.into_iter().map(|table| section(&board, table, query)).collect();
     Ok(page(&BoardPage {
-        choices,
-        table,
-        rows,
+        choices: choices(&board, &sections),
+        sections,
         by_score: show::asked(query, "cells").next() != Some("clean"),
-        slug,
-        page: part.page,
-        pages: part.pages,
-        paper: if has_paper { &PAPER } else { &[] },
+        chosen: asked.map(|asked| format!("division={asked}&")).unwrap_or_default(),
+        paper: &PAPER,
         cards: cards(&board),
         unranked: &board.unranked[..board.unranked.len().min(UNRANKED)],
         more_unranked: board.unranked.len().saturating_sub(UNRANKED),
+        min_rooms: MIN_ROOMS,
+        fixed_rooms: FIXED_ROOMS,
     }))
+}
+
+/// The first table of each kind in the latest version of the benchmark.
+fn first_tables(board: &Board) -> Vec<&Table> {
+    let Some(latest) = board.tables.first().map(|table| table.version) else { return Vec::new() };
+    let first = |kind: Kind| board.tables.iter().find(|table| table.version == latest && table.division.table == kind);
+    [Kind::Hosted, Kind::Replayed].into_iter().filter_map(first).collect()
+}
+
+fn choices(board: &Board, sections: &[Section<'_>]) -> Vec<(Kind, Vec<DivisionChoice>)> {
+    let choice = |table: &Table| {
+        let slug = show::slug(table.version, &table.division);
+        DivisionChoice {
+            is_shown: sections.iter().any(|section| section.slug == slug),
+            slug,
+            text: show::conditions(&table.division),
+            version: table.version,
+            count: table.places.len(),
+        }
+    };
+    let of = |kind: Kind| {
+        let tables = board.tables.iter().filter(|table| table.division.table == kind);
+        (kind, tables.map(choice).collect::<Vec<_>>())
+    };
+    [Kind::Hosted, Kind::Replayed].map(of).into_iter().filter(|(_, choices)| !choices.is_empty()).collect()
+}
+
+fn section<'a>(board: &Board, table: &'a Table, query: Option<&str>) -> Section<'a> {
+    let part = show::part(&table.places, ROWS, query);
+    let first = (part.page - 1) * ROWS;
+    Section {
+        table,
+        slug: show::slug(table.version, &table.division),
+        rows: (first..first + part.shown.len()).map(|index| row(board, table, index)).collect(),
+        page: part.page,
+        pages: part.pages,
+    }
 }
 
 fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
@@ -127,41 +159,47 @@ fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
 struct AboutPage {
     /// Robots with divisions of their own.
     robots: [&'static str; fiatlux_rules::pins::RANKED_ROBOTS.len()],
+    min_rooms: usize,
+    fixed_rooms: &'static str,
+    grace_days: i64,
 }
 
 /// The page that explains numbers, badges and divisions, and how to submit.
 pub(super) async fn about() -> Response {
-    page(&AboutPage { robots: fiatlux_rules::pins::RANKED_ROBOTS })
+    page(&AboutPage {
+        robots: fiatlux_rules::pins::RANKED_ROBOTS,
+        min_rooms: MIN_ROOMS,
+        fixed_rooms: FIXED_ROOMS,
+        grace_days: GRACE_DAYS,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Badge;
     use crate::standings::Standing;
     use crate::standings::tables;
-    use crate::standings::tests::{entry, results};
+    use crate::standings::tests::{entry, hosted, results};
 
     /// The page of some policies, each with the number of subtasks it passes.
     fn shown(policies: &[(&str, usize)]) -> String {
         let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
             let results = results(*passed);
-            (entry(id, name, &results), Standing::of(&results, Badge::Replayed).expect("a place"))
+            (entry(id, name, &results), Standing::of(&results).expect("a row"))
         });
         let board = Board { tables: tables(rows.collect()), ..Board::default() };
-        let table = &board.tables[0];
+        let sections: Vec<_> = first_tables(&board).into_iter().map(|table| section(&board, table, None)).collect();
         let page = BoardPage {
-            choices: Vec::new(),
-            table: Some(table),
-            rows: (0..table.places.len()).map(|index| row(&board, table, index)).collect(),
+            choices: choices(&board, &sections),
+            sections,
             by_score: true,
-            slug: show::slug(table.version, &table.division),
-            page: 1,
-            pages: 1,
+            chosen: String::new(),
             paper: &PAPER,
             cards: Vec::new(),
             unranked: &[],
             more_unranked: 0,
+            min_rooms: MIN_ROOMS,
+            fixed_rooms: FIXED_ROOMS,
         };
         page.render().expect("rendered")
     }
@@ -184,24 +222,40 @@ mod tests {
         assert!(page.contains("h10") && page.contains("h0"), "both ends of the colours");
     }
 
+    /// Guards that the page says of each badge what it proves and what it does not.
+    #[test]
+    fn the_page_explains_its_badges() {
+        let page = shown(&[("a", 12)]);
+        for badge in show::BADGES {
+            assert!(page.contains(&show::badge_text(&badge).replace('\'', "&#39;")), "{badge:?}");
+        }
+        assert!(page.contains("claimed"), "the senses of a replayed entry are a claim");
+    }
+
     /// Guards that a server's seeds, of 16 digits and more, do not widen the table.
     #[test]
     fn hosted_rooms_are_counted() {
-        let mut hosted = results(1);
-        hosted.conditions.seeds = "hosted".into();
-        hosted.seeds = vec![1 << 60, (1 << 60) + 7];
-        hosted.episodes.iter_mut().for_each(|row| row.seed = (1 << 60) + 7 * (row.seed - 64));
-        let standing = Standing::of(&hosted, Badge::Hosted).expect("a place");
-        assert_eq!(show::rooms(&standing.rooms), "2 hosted rooms");
-        assert_eq!(show::rooms(&Standing::of(&results(1), Badge::Hosted).expect("a place").rooms), "seeds 64, 65");
+        let standing = Standing::of(&hosted(1)).expect("a row");
+        assert_eq!(show::rooms(&standing.rooms), "4 hosted rooms");
+        assert_eq!(show::rooms(&Standing::of(&results(1)).expect("a row").rooms), "seeds 0..3");
     }
 
     #[test]
     fn divisions_have_one_address_each() {
-        let results = results(1);
-        let table =
-            &tables(vec![(entry(1, "a", &results), Standing::of(&results, Badge::Replayed).expect("a place"))])[0];
-        assert_eq!(show::slug(table.version, &table.division), "4-lockstep-standard-g1_inspire");
-        assert_eq!(show::division(&table.division), "Lockstep, standard observations, G1 with Inspire hands");
+        let text = |results: &fiatlux_grading::Results| {
+            let tables = tables(vec![(entry(1, "a", results), Standing::of(results).expect("a row"))]);
+            (show::slug(tables[0].version, &tables[0].division), show::division(&tables[0].division))
+        };
+        assert_eq!(
+            text(&results(1)),
+            ("4-replayed-g1_inspire".into(), "Replayed: G1 with Inspire hands, whatever it senses".into())
+        );
+        assert_eq!(
+            text(&hosted(1)),
+            (
+                "4-hosted-lockstep-standard-g1_inspire".into(),
+                "Hosted: lockstep, standard observations, G1 with Inspire hands".into()
+            )
+        );
     }
 }

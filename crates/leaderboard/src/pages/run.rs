@@ -40,8 +40,6 @@ struct RunPage<'a> {
     report: SiteReport,
     /// Rank, number of rows of the table, and the table's address; `None` if the run is not ranked.
     place: Option<(Option<usize>, usize, String)>,
-    /// The reason why it is not ranked; may be empty.
-    obstacle: &'a str,
     /// Runs that share episodes with it, and the number of those.
     others: Vec<(&'a Entry, usize)>,
     /// Subtasks with pictures of a success: the subtask, and the episode.
@@ -65,11 +63,10 @@ pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>)
         Some((task, Key { task, seed: picture.seed, episode: picture.episode }))
     };
     let pictures = Task::SUBTASKS.into_iter().filter_map(picture).collect();
-    let obstacle = board.unranked.iter().find(|(other, _)| other.id == entry.id).map_or("", |(_, why)| &why.0);
     let lines = results.episodes.chunk_by(|a, b| a.task == b.task).filter_map(line).collect();
     let example = results.episodes.iter().find(|row| row.failure.is_none()).and_then(Key::of);
     let report = in_addresses(entry.id, FEW, |site| report::site(&results, site));
-    Ok(page(&RunPage { entry: &entry, results: &results, report, place, obstacle, others, pictures, lines, example }))
+    Ok(page(&RunPage { entry: &entry, results: &results, report, place, others, pictures, lines, example }))
 }
 
 fn line(rows: &[EpisodeRow]) -> Option<TaskLine<'_>> {

@@ -4,7 +4,7 @@ use fiatlux_grading::EpisodeRow;
 use fiatlux_rules::pins;
 
 use crate::standings::Rooms;
-use crate::{Badge, Division, Entry, Observations, Time};
+use crate::{Badge, Division, Entry, Kind, Observations, Proof, Time};
 
 /// A rate from 0 to 1 with two decimals, such as `0.42`. All shares and scores of the pages have this one scale.
 pub(super) fn rate(share: &f64) -> String {
@@ -77,17 +77,40 @@ pub(super) fn badge(badge: &Badge) -> &'static str {
     }
 }
 
-/// The meaning of a badge, in a sentence.
+/// All badges, the one that proves most first.
+pub(super) const BADGES: [Badge; 3] = [Badge::Hosted, Badge::Replayed, Badge::SelfReported];
+
+/// What a badge proves and what it does not, in a sentence.
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
-        Badge::SelfReported => "The bags are consistent; nobody else has simulated them yet.",
-        Badge::Replayed => {
-            "Every bag was simulated again here: every number of every row's state, the header's conditions and the result were \
-             identical to the last bit. What the policy saw (observations, pictures) is not compared."
-        }
         Badge::Hosted => {
-            "Seeds were drawn after registration, and this site's own servers recorded and signed every bag."
+            "This site's own server drew the rooms after the run was registered, sent the policy the named sensors and nothing \
+             else, and signed every recording; it does not prove who made the policy, or how."
         }
+        Badge::Replayed => {
+            "Every episode was simulated again here, equal to the last bit, so this motion did happen in this room; it does not \
+             prove what the policy saw, whose it is, or how often it was tried."
+        }
+        Badge::SelfReported => {
+            "The recordings agree with themselves, and nobody else has simulated them; that proves nothing, so it has no rank."
+        }
+    }
+}
+
+/// One word for what became of a claim; also its CSS class.
+pub(super) fn proof(proof: &Proof) -> &'static str {
+    match proof {
+        Proof::Proven => "proven",
+        Proof::Claimed => "claimed",
+        Proof::Refused => "refused",
+    }
+}
+
+/// The name of a kind of table.
+pub(super) fn kind(kind: &Kind) -> &'static str {
+    match kind {
+        Kind::Hosted => "Hosted",
+        Kind::Replayed => "Replayed",
     }
 }
 
@@ -117,12 +140,18 @@ pub(super) fn robot(name: &str) -> String {
     }
 }
 
-/// A division in words, such as `Lockstep, standard observations, ` and the robot.
+/// A division in words, such as `Hosted: lockstep, standard observations, ` and the robot.
 pub(super) fn division(division: &Division) -> String {
-    let mut time = time(division.time).to_owned();
-    time[..1].make_ascii_uppercase();
-    let observations = observations(division.observations);
-    format!("{time}, {observations} observations, {}{}", robot(&division.robot), objects(division, ", with ", " "))
+    let senses = if division.table == Kind::Replayed { ", whatever it senses" } else { "" };
+    format!("{}: {}{senses}", kind(&division.table), conditions(division))
+}
+
+/// The conditions of a division in words, such as `lockstep, standard observations, ` and the robot.
+pub(super) fn conditions(division: &Division) -> String {
+    let words = division.time.map(|is| time(is).to_owned()).into_iter();
+    let words = words.chain(division.observations.map(|of| format!("{} observations", observations(of))));
+    let words: Vec<String> = words.chain([robot(&division.robot)]).collect();
+    words.join(", ") + &objects(division, ", with ", " ")
 }
 
 /// The objects from files of a division, each by its place and the begin of its digest.
@@ -134,23 +163,24 @@ fn objects(division: &Division, before: &str, between: &str) -> String {
     division.assets.iter().map(short).collect()
 }
 
-/// A division in a few words, such as `privileged`: only its uncommon parts.
+/// A division in a few words, such as `hosted, privileged`: only its uncommon parts.
 pub(super) fn brief(division: &Division) -> String {
-    let mut words = vec![observations(division.observations).to_owned()];
-    if division.time != Time::Lockstep {
-        words.push(time(division.time).to_owned());
-    }
+    let mut words = vec![kind(&division.table).to_ascii_lowercase()];
+    words.extend(division.observations.map(|of| observations(of).to_owned()));
+    words.extend(division.time.filter(|is| *is != Time::Lockstep).map(|is| time(is).to_owned()));
     if division.robot != pins::RANKED_ROBOTS[0] {
         words.push(robot(&division.robot));
     }
     words.join(", ") + &objects(division, ", with ", " ")
 }
 
-/// A division in an address, such as `7-lockstep-standard-g1_bare`; the number is the benchmark's version.
+/// A division in an address, such as `7-hosted-lockstep-standard-g1_bare`; the number is the benchmark's version.
 pub(super) fn slug(version: u32, division: &Division) -> String {
-    let time = time(division.time).replace(' ', "-");
-    let objects = objects(division, "-", "-");
-    format!("{version}-{time}-{}-{}{objects}", observations(division.observations), division.robot)
+    let mut words = vec![version.to_string(), kind(&division.table).to_ascii_lowercase()];
+    words.extend(division.time.map(|is| time(is).replace(' ', "-")));
+    words.extend(division.observations.map(|of| observations(of).to_owned()));
+    words.push(division.robot.clone());
+    words.join("-") + &objects(division, "-", "-")
 }
 
 /// The day an entry was received, UTC, such as `2026-11-23`.

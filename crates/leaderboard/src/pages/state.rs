@@ -13,9 +13,7 @@ use tokio::sync::OwnedMutexGuard;
 use super::answer::Problem;
 use super::heavy::Heavy;
 use super::key::Key;
-use crate::standings::{
-    Neighbours, Obstacle, PlayedEpisodes, Standing, SubtaskResults, Table, TaskTable, by_task, tables,
-};
+use crate::standings::{Neighbours, PlayedEpisodes, Standing, SubtaskResults, Table, TaskTable, by_task, tables};
 use crate::store::{Picture, Pictures};
 use crate::{Entry, Service, Stage, SubmissionId};
 
@@ -38,7 +36,7 @@ pub(super) struct Pages {
     kept: Arc<tokio::sync::Mutex<BoardInputs>>,
 }
 
-/// The inputs of the tables. Results of an entry do not change.
+/// The inputs of the tables. Results of an entry do not change; what follows from its claims is not in them.
 #[derive(Debug, Default)]
 struct BoardInputs {
     runs: BTreeMap<SubmissionId, RunInputs>,
@@ -48,8 +46,8 @@ struct BoardInputs {
 /// Cached values of a submission's results.
 #[derive(Debug)]
 struct RunInputs {
-    standing: Result<Standing, Obstacle>,
-    tried: Option<SubtaskResults>,
+    standing: Option<Standing>,
+    tried: SubtaskResults,
     played: Arc<PlayedEpisodes>,
 }
 
@@ -61,8 +59,8 @@ pub(super) struct Board {
     pub tables: Vec<Table>,
     /// Test results of neighbours in a table; the better one is first in the key.
     pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
-    /// Entries that are not ranked, latest first, with the reason.
-    pub unranked: Vec<(Entry, Obstacle)>,
+    /// Entries that are not ranked among all twelve subtasks, latest first.
+    pub unranked: Vec<Entry>,
     pub tasks: Vec<TaskTable>,
     pub pictures: Pictures,
     pub played: BTreeMap<SubmissionId, Arc<PlayedEpisodes>>,
@@ -194,19 +192,19 @@ impl Pages {
             if let Slot::Vacant(slot) = kept.runs.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
                 slot.insert(RunInputs {
-                    standing: Standing::of(&results, entry.badge),
-                    tried: SubtaskResults::of(&results, entry.badge),
+                    standing: Standing::of(&results),
+                    tried: SubtaskResults::of(&results),
                     played: Arc::new(PlayedEpisodes::of(&results)),
                 });
             }
             let Some(run) = kept.runs.get(&entry.id) else { continue };
             board.played.insert(entry.id, Arc::clone(&run.played));
-            match &run.standing {
-                Ok(standing) => ranked.push((entry.clone(), standing.clone())),
-                Err(obstacle) => board.unranked.push((entry.clone(), obstacle.clone())),
+            match run.standing.as_ref().filter(|_| entry.division.is_some() && entry.obstacle.is_empty()) {
+                Some(standing) => ranked.push((entry.clone(), standing.with_failures(&entry.failed_tries))),
+                None => board.unranked.push(entry.clone()),
             }
         }
-        let tried = entries.iter().filter_map(|entry| Some((entry, kept.runs.get(&entry.id)?.tried.as_ref()?)));
+        let tried = entries.iter().filter_map(|entry| Some((entry, &kept.runs.get(&entry.id)?.tried)));
         board.tasks = by_task(&tried.collect::<Vec<_>>());
         board.unranked.reverse();
         board.tables = tables(ranked);

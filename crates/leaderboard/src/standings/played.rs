@@ -63,10 +63,10 @@ mod tests {
     #[test]
     fn what_two_share() {
         let (a, mut other) = (results(1), results(2));
-        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 24);
-        assert!(PlayedEpisodes::of(&a).has("S12", 65, 0) && !PlayedEpisodes::of(&a).has("S12", 66, 0));
+        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 48);
+        assert!(PlayedEpisodes::of(&a).has("S12", 3, 0) && !PlayedEpisodes::of(&a).has("S12", 4, 0));
         other.episodes.iter_mut().filter(|row| row.task == "S01").for_each(|row| row.seed += 100);
-        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 22);
+        assert_eq!(PlayedEpisodes::of(&a).shared(&PlayedEpisodes::of(&other)), 44);
         let mut elsewhere = results(2);
         elsewhere.episodes.iter_mut().for_each(|row| row.seed += 200);
         let all = [&a, &elsewhere, &other].map(PlayedEpisodes::of);

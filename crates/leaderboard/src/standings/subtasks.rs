@@ -1,4 +1,4 @@
-//! Rankings of single subtasks. They are open to every submission that played the subtask.
+//! Rankings of single subtasks. They are open to every ranked submission that played the subtask in enough rooms.
 //!
 //! Their order is by the lower end of the 95 % interval of strict clean success: a rate of 1 over one episode says less than one
 //! of 0.98 over 64. Submissions without a success are listed and have no rank.
@@ -8,33 +8,29 @@ use std::collections::{BTreeMap, BTreeSet};
 use fiatlux_grading::Results;
 use fiatlux_rules::Task;
 
-use super::{Cell, Rooms, is_fair};
-use crate::{Badge, Division, Entry};
+use super::{Cell, Rooms, lower_bound};
+use crate::{Division, Entry};
 
 /// The results of a submission in the subtasks that it played.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SubtaskResults {
     version: u32,
-    division: Division,
     cells: Vec<(Task, Cell, Rooms)>,
 }
 
 impl SubtaskResults {
-    /// The subtasks of a submission with this badge; `None` if its conditions are not ranked, or its rooms or episodes
-    /// are chosen in a way that no ranking allows.
-    pub fn of(results: &Results, badge: Badge) -> Option<Self> {
-        is_fair(results, badge).ok()?;
+    /// The subtasks in results.
+    pub fn of(results: &Results) -> Self {
         let cell = |task: Task| {
             let result = results.subtasks.iter().find(|found| found.id == task.short_id())?;
             let played = results.episodes.iter().filter(|row| row.task == task.short_id());
             let seeds: BTreeSet<u64> = played.map(|row| row.seed).collect();
             Some((task, Cell::of(task, result), Rooms::of(results, seeds.into_iter().collect())))
         };
-        Some(Self {
+        Self {
             version: results.conditions.benchmark_version,
-            division: Division::of_conditions(&results.conditions)?,
             cells: Task::SUBTASKS.into_iter().filter_map(cell).collect(),
-        })
+        }
     }
 }
 
@@ -51,8 +47,7 @@ pub(crate) struct RankedTask {
 impl RankedTask {
     /// The order of the ranking: the lower bound of the success rate, then the score s.
     fn merit(&self) -> (f64, f64) {
-        let lower = if self.cell.strict_clean > 0.0 { self.cell.strict_interval[0] } else { 0.0 };
-        (lower, self.cell.strict)
+        (lower_bound(self.cell.strict_clean, self.cell.strict_interval), self.cell.strict)
     }
 }
 
@@ -74,13 +69,18 @@ impl TaskTable {
 
 /// Rankings of all twelve subtasks, S01 first.
 pub(crate) fn by_task(tried: &[(&Entry, &SubtaskResults)]) -> Vec<TaskTable> {
-    let latest = tried.iter().map(|(_, tried)| tried.version).max();
+    let latest = tried.iter().filter(|(entry, _)| entry.division.is_some()).map(|(_, tried)| tried.version).max();
     let table = |task: Task| {
         let mut divisions: BTreeMap<Division, Vec<RankedTask>> = BTreeMap::new();
         for (entry, tried) in tried.iter().filter(|(_, tried)| Some(tried.version) == latest) {
             let Some((_, cell, rooms)) = tried.cells.iter().find(|(found, ..)| *found == task) else { continue };
-            let place = RankedTask { rank: None, entry: (*entry).clone(), cell: cell.clone(), rooms: rooms.clone() };
-            divisions.entry(tried.division.clone()).or_default().push(place);
+            let Some(division) = &entry.division else { continue };
+            if !entry.tasks.iter().any(|ranked| ranked == task.short_id()) {
+                continue;
+            }
+            let cell = cell.with_failures(&entry.failed_tries);
+            let place = RankedTask { rank: None, entry: (*entry).clone(), cell, rooms: rooms.clone() };
+            divisions.entry(division.clone()).or_default().push(place);
         }
         divisions.values_mut().for_each(|places| rank(places));
         TaskTable { task, divisions }
@@ -107,16 +107,26 @@ fn rank(places: &mut [RankedTask]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{entry, results};
+    use super::super::tests::{entry, hosted, results};
     use super::*;
 
-    /// Results in which S01 has this strict clean rate and interval.
+    /// Results in which S01, and no other subtask, has this strict clean rate and interval.
     fn with(rate: f64, interval: [f64; 2]) -> Results {
-        let mut changed = results(0);
+        only_first(results(0), rate, interval)
+    }
+
+    fn only_first(mut changed: Results, rate: f64, interval: [f64; 2]) -> Results {
         changed.subtasks.truncate(1);
+        changed.episodes.retain(|row| row.task == "S01");
         changed.subtasks[0].strict_clean_success_rate = Some(rate);
         changed.subtasks[0].strict_clean_success_interval = Some(interval);
         changed
+    }
+
+    fn tables_of(all: &[Results]) -> Vec<TaskTable> {
+        let tried: Vec<_> =
+            all.iter().zip(1..).map(|(results, id)| (entry(id, "p", results), SubtaskResults::of(results))).collect();
+        by_task(&tried.iter().map(|(entry, tried)| (entry, tried)).collect::<Vec<_>>())
     }
 
     /// Guards the order by the lower bound of a rate, that nobody leads without a success, and that one subtask is
@@ -124,15 +134,7 @@ mod tests {
     #[test]
     fn a_subtask_is_ranked_by_what_its_rate_proves() {
         let all = [with(1.0, [0.21, 1.0]), with(0.98, [0.92, 1.0]), with(0.0, [0.0, 0.8]), with(1.0, [0.21, 1.0])];
-        let tried: Vec<_> = all
-            .iter()
-            .zip(1..)
-            .map(|(results, id)| {
-                (entry(id, "p", results), SubtaskResults::of(results, Badge::Replayed).expect("ranked"))
-            })
-            .collect();
-        let pairs: Vec<_> = tried.iter().map(|(entry, tried)| (entry, tried)).collect();
-        let tables = by_task(&pairs);
+        let tables = tables_of(&all);
         assert_eq!(tables.len(), 12);
         let places = tables[0].divisions.values().next().expect("a division");
         let order: Vec<_> = places.iter().map(|place| (place.rank, place.entry.id.0)).collect();
@@ -141,22 +143,17 @@ mod tests {
         assert!(tables[1].divisions.is_empty() && tables[1].best().next().is_none());
     }
 
-    /// Guards that divisions are ranked separately, and that rooms for training are not ranked here either.
+    /// Guards that divisions are ranked separately, and that chosen rooms are not ranked here either.
     #[test]
     fn a_subtask_has_the_rules_of_the_tables() {
-        let mut privileged = with(1.0, [0.8, 1.0]);
-        privileged.conditions.observations = "privileged".into();
-        let standard = with(0.5, [0.3, 0.7]);
-        let of = |results: &Results| SubtaskResults::of(results, Badge::Replayed).expect("ranked");
-        let entries = [entry(1, "a", &privileged), entry(2, "b", &standard)];
-        let tried = [of(&privileged), of(&standard)];
-        let tables = by_task(&[(&entries[0], &tried[0]), (&entries[1], &tried[1])]);
+        let tables = tables_of(&[with(1.0, [0.8, 1.0]), only_first(hosted(0), 0.5, [0.3, 0.7])]);
         assert_eq!(tables[0].best().map(|(_, place)| place.entry.id.0).collect::<Vec<_>>(), [2, 1]);
-        let mut trained = with(1.0, [0.8, 1.0]);
-        trained.seeds = vec![1000];
-        assert_eq!(SubtaskResults::of(&trained, Badge::Replayed), None);
+        let mut chosen = with(1.0, [0.8, 1.0]);
+        chosen.episodes.iter_mut().for_each(|row| row.seed += 1000);
         let mut loose = with(1.0, [0.8, 1.0]);
         loose.without_journal = vec!["run".into()];
-        assert_eq!(SubtaskResults::of(&loose, Badge::Replayed), None);
+        let mut lucky = with(1.0, [0.8, 1.0]);
+        lucky.episodes.truncate(1);
+        assert!(tables_of(&[chosen, loose, lucky])[0].divisions.is_empty());
     }
 }

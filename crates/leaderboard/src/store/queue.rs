@@ -1,13 +1,17 @@
 //! The queue of jobs. There is no separate list: every submission in the state `received` waits to be graded, and every
 //! episode with the verdict `waiting` waits to be verified. So no accepted submission can be lost, and nothing is decided twice.
 
+use std::collections::BTreeSet;
+
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
 use super::accounts::audit;
-use super::submissions::{badge_text, counts, digest_of, division_text, id_of, refuse};
+use super::known::{EpisodeRows, facts_in, facts_text, own};
+use super::submissions::{counts, digest_of, id_of, refuse};
 use super::{Count, Digest, Store};
-use crate::{Badge, Division, StoreError, SubmissionId};
+use crate::claims::{Consequence, Facts, Label, consequence};
+use crate::{StoreError, SubmissionId};
 
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
@@ -18,7 +22,7 @@ pub(crate) enum Verdict {
     Equal,
     /// The second run differed, which refuses the whole submission.
     Differs,
-    /// The servers refuse to play it, so it cannot be verified.
+    /// The servers refuse to play it, which refuses the whole submission unless its own server saw it.
     Refused,
 }
 
@@ -39,8 +43,20 @@ pub(crate) struct EpisodePlan {
     pub episode: u64,
     /// Index of its bag in the submission's files.
     pub place: i64,
-    /// It can be verified by simulating it again.
-    pub verify: bool,
+}
+
+/// The outcome of grading.
+#[derive(Debug)]
+pub(crate) struct Graded<'a> {
+    pub account: &'a str,
+    /// Digest of its results.
+    pub results: Digest,
+    pub facts: Facts,
+    pub episodes: Vec<EpisodePlan>,
+    pub label: Label,
+    pub rows: Vec<EpisodeRows>,
+    /// Submissions of the same account with the same episodes, which it replaces.
+    pub replaces: BTreeSet<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -69,47 +85,56 @@ impl Store {
     }
 
     /// Stores the outcome of grading. Does nothing if the submission is graded already.
-    pub(crate) async fn set_graded(
-        &self,
-        id: SubmissionId,
-        results: &Digest,
-        badge: Badge,
-        division: Option<&Division>,
-        episodes: &[EpisodePlan],
-    ) -> Result<(), StoreError> {
+    pub(crate) async fn set_graded(&self, id: SubmissionId, graded: &Graded<'_>) -> Result<(), StoreError> {
         let failed = |error| StoreError::database(CHANGE)(error);
-        let waits = episodes.iter().any(|episode| episode.verify);
+        let Graded { account, results, facts, episodes, label, rows, replaces } = graded;
         let mut tx = self.write().await?;
         let done = sqlx::query(
-            "UPDATE submissions SET state = $2, results = $3, badge = $4, division = $5 \
-             WHERE id = $1 AND state = 'received'",
+            "UPDATE submissions SET state = 'graded', results = $2, facts = $3 WHERE id = $1 AND state = 'received'",
         )
         .bind(id.to_string())
-        .bind(if waits { "graded" } else { "verified" })
         .bind(results.as_str())
-        .bind(badge_text(badge))
-        .bind(division.map(division_text).transpose()?)
+        .bind(facts_text(facts)?)
         .execute(&mut *tx)
         .await
         .map_err(failed)?;
         if done.rows_affected() == 0 {
             return Ok(());
         }
+        own(&mut tx, id, account, label, replaces, rows).await?;
         for episode in episodes {
             sqlx::query(
                 "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail) \
-                 VALUES ($1, $2, $3, $4, $5, $6, '', '')",
+                 VALUES ($1, $2, $3, $4, $5, 'waiting', '', '')",
             )
             .bind(id.to_string())
             .bind(&episode.task)
             .bind(episode.seed.to_string())
             .bind(episode.episode.to_string())
             .bind(episode.place)
-            .bind(if episode.verify { "waiting" } else { "none" })
             .execute(&mut *tx)
             .await
             .map_err(failed)?;
         }
+        // The same bytes have the same verdict, such as in a submission that this one replaces.
+        sqlx::query(
+            "UPDATE episodes SET verdict = 'equal' WHERE submission = $1 AND EXISTS \
+             (SELECT 1 FROM files f JOIN files o ON o.sha256 = f.sha256 \
+             JOIN episodes e ON e.submission = o.submission AND e.place = o.place \
+             WHERE f.submission = episodes.submission AND f.place = episodes.place AND e.verdict = 'equal')",
+        )
+        .bind(id.to_string())
+        .execute(&mut *tx)
+        .await
+        .map_err(failed)?;
+        sqlx::query(
+            "UPDATE submissions SET state = 'verified' WHERE id = $1 AND NOT EXISTS \
+             (SELECT 1 FROM episodes e WHERE e.submission = $1 AND e.verdict = 'waiting')",
+        )
+        .bind(id.to_string())
+        .execute(&mut *tx)
+        .await
+        .map_err(failed)?;
         let detail = format!("{} episodes with bags", episodes.len());
         audit(&mut tx, "service", "submission graded", &id.to_string(), &detail).await?;
         tx.commit().await.map_err(failed)
@@ -141,7 +166,7 @@ impl Store {
         rows.iter().map(job_of).collect()
     }
 
-    /// Stores the verdict on an episode. The last one of a submission sets its badge; one that differs refuses the submission.
+    /// Stores the verdict on an episode, with its consequence for the submission.
     pub(crate) async fn set_verdict(
         &self,
         job: &EpisodeJob,
@@ -169,34 +194,25 @@ impl Store {
         if done.rows_affected() == 0 {
             return Ok(());
         }
-        if verdict == Verdict::Differs {
-            refuse(&mut tx, job.submission, "service", &format!("{job}: {detail}")).await?;
-            return tx.commit().await.map_err(failed);
-        }
         let row = sqlx::query(
-            "SELECT (SELECT COUNT(*) FROM episodes WHERE submission = $1 AND verdict = 'waiting') AS waiting, \
-             (SELECT COUNT(*) FROM episodes WHERE submission = $1 AND verdict = 'refused') AS refused",
+            "SELECT s.facts, (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict = 'waiting') AS waiting \
+             FROM submissions s WHERE s.id = $1",
         )
         .bind(&id)
         .fetch_one(&mut *tx)
         .await
         .map_err(failed)?;
-        let count = |column| row.try_get::<i64, _>(column).map_err(failed);
-        if count("waiting")? == 0 {
-            let badge = if count("refused")? == 0 { Badge::Replayed } else { Badge::SelfReported };
-            let hosted = badge_text(Badge::Hosted);
-            sqlx::query(
-                "UPDATE submissions SET state = 'verified', badge = CASE WHEN badge = $2 THEN badge ELSE $3 END \
-                 WHERE id = $1 AND state = 'graded'",
-            )
-            .bind(&id)
-            .bind(hosted)
-            .bind(badge_text(badge))
-            .execute(&mut *tx)
-            .await
-            .map_err(failed)?;
-            audit(&mut tx, "service", "submission verified", &id, &format!("{} not replayed", count("refused")?))
-                .await?;
+        let waiting = row.try_get::<i64, _>("waiting").map_err(failed)? as u64;
+        let facts = row.try_get::<Option<String>, _>("facts").map_err(failed)?;
+        let hosted = facts.map(|text| facts_in(&text)).transpose()?.is_some_and(|facts| facts.hosted);
+        match consequence(hosted, verdict == Verdict::Differs, verdict == Verdict::Refused, waiting) {
+            Consequence::Refused => refuse(&mut tx, job.submission, "service", &format!("{job}: {detail}")).await?,
+            Consequence::Verified => {
+                let state = "UPDATE submissions SET state = 'verified' WHERE id = $1 AND state = 'graded'";
+                sqlx::query(state).bind(&id).execute(&mut *tx).await.map_err(failed)?;
+                audit(&mut tx, "service", "submission verified", &id, "").await?;
+            }
+            Consequence::Waits => {}
         }
         tx.commit().await.map_err(failed)
     }

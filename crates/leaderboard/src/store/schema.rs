@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 use crate::StoreError;
 
 /// The statements of each version, from version 1 on.
-const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES];
+const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE accounts (
@@ -86,6 +86,32 @@ const PICTURES: &[&str] = &[
         PRIMARY KEY (submission, task)
     )",
     "ALTER TABLE submissions ADD COLUMN drawn BIGINT",
+];
+
+/// `facts` are what grading established; badges, divisions and ranks follow from them when they are read. The columns `badge` and
+/// `division` of before are no longer used. `indexed` is the time at which the rows of a submission were noted in `known_rows`, which
+/// has each episode's rows once, by who had them first. `hosted_runs` has the registrations in the journals of the board's servers.
+const CLAIMS: &[&str] = &[
+    "ALTER TABLE submissions ADD COLUMN facts TEXT",
+    "ALTER TABLE submissions ADD COLUMN indexed BIGINT",
+    "CREATE TABLE known_rows (
+        rows TEXT PRIMARY KEY,
+        task TEXT NOT NULL,
+        seed TEXT NOT NULL,
+        submission TEXT NOT NULL,
+        account TEXT NOT NULL,
+        policy TEXT NOT NULL,
+        senses TEXT NOT NULL,
+        person BIGINT NOT NULL,
+        at BIGINT NOT NULL
+    )",
+    "CREATE INDEX known_rows_by_submission ON known_rows (submission)",
+    "CREATE TABLE hosted_runs (
+        server TEXT NOT NULL,
+        run TEXT NOT NULL,
+        registration TEXT NOT NULL,
+        PRIMARY KEY (server, run)
+    )",
 ];
 
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {

@@ -4,9 +4,11 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
-use super::{Account, Digest, Store, moment, now_ms};
-use crate::submission::{BAG, FileSpec, word_of, word_to};
-use crate::{Badge, Division, Entry, Manifest, Stage, StoreError, SubmissionId};
+use super::known::{facts_in, forget_rows};
+use super::{Account, Digest, RunsInputs, Store, moment, now_ms};
+use crate::claims::{Facts, Progress, decide, tries_of};
+use crate::submission::{FileSpec, word_of};
+use crate::{Entry, Manifest, Stage, StoreError, SubmissionId};
 
 /// Maximum number of submissions of an account that may wait for files at once.
 const MAX_OPEN: i64 = 8;
@@ -70,7 +72,8 @@ macro_rules! entries {
         concat!(
             "SELECT s.*, \
              (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict = 'equal') AS done, \
-             (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict <> 'none') AS whole \
+             (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict = 'refused') AS refused, \
+             (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id) AS whole \
              FROM submissions s ",
             $rest
         )
@@ -82,7 +85,8 @@ impl Store {
         let rows = sqlx::query(entries!("WHERE s.state IN ('graded', 'verified') ORDER BY s.received, s.id"))
             .fetch_all(&self.pool)
             .await;
-        rows.map_err(StoreError::database(ASK))?.iter().map(entry_of).collect()
+        let runs = self.runs().await?;
+        rows.map_err(StoreError::database(ASK))?.iter().map(|row| entry_of(row, &runs)).collect()
     }
 
     /// Every submission of an account, or of all, in any state, oldest first.
@@ -91,12 +95,14 @@ impl Store {
             .bind(account)
             .fetch_all(&self.pool)
             .await;
-        rows.map_err(StoreError::database(ASK))?.iter().map(entry_of).collect()
+        let runs = self.runs().await?;
+        rows.map_err(StoreError::database(ASK))?.iter().map(|row| entry_of(row, &runs)).collect()
     }
 
     pub(super) async fn one(&self, id: SubmissionId) -> Result<Option<Entry>, StoreError> {
         let row = sqlx::query(entries!("WHERE s.id = $1")).bind(id.to_string()).fetch_optional(&self.pool).await;
-        row.map_err(StoreError::database(ASK))?.map(|row| entry_of(&row)).transpose()
+        let runs = self.runs().await?;
+        row.map_err(StoreError::database(ASK))?.map(|row| entry_of(&row, &runs)).transpose()
     }
 
     pub(super) async fn results_digest(&self, id: SubmissionId) -> Result<Option<Digest>, StoreError> {
@@ -216,27 +222,6 @@ impl Store {
         rows.iter().map(row_of).collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// The first graded submission of another account that has a bag of this one, and its account. Bags are compared byte
-    /// by byte: two runs of a deterministic policy have the same rows, but not the same session in their headers.
-    pub(crate) async fn first_with_files_of(
-        &self,
-        id: SubmissionId,
-    ) -> Result<Option<(SubmissionId, String)>, StoreError> {
-        let failed = |error| StoreError::database(ASK)(error);
-        let row = sqlx::query(
-            "SELECT s.id, s.account FROM files f JOIN files o ON o.sha256 = f.sha256 \
-             JOIN submissions s ON s.id = o.submission JOIN submissions own ON own.id = f.submission \
-             WHERE f.submission = $1 AND f.name LIKE $2 AND s.account <> own.account \
-             AND s.state IN ('graded', 'verified') ORDER BY s.received, s.id LIMIT 1",
-        )
-        .bind(id.to_string())
-        .bind(format!("%{BAG}"))
-        .fetch_optional(&self.pool)
-        .await
-        .map_err(failed)?;
-        row.map(|row| Ok((id_of(&row, "id")?, row.try_get("account").map_err(failed)?))).transpose()
-    }
-
     pub(crate) async fn file(&self, id: SubmissionId, place: u32) -> Result<Option<StoredFile>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let row = sqlx::query("SELECT bytes, sha256, stored FROM files WHERE submission = $1 AND place = $2")
@@ -336,6 +321,7 @@ impl Store {
                 return Ok(false);
             }
         }
+        forget_rows(&mut tx, &id.to_string()).await?;
         audit(&mut tx, who, "submission removed", &id.to_string(), "").await?;
         // Files are removed last, before the commit, so that nobody can begin a submission that needs them: an extra
         // file does no harm, a missing one does.
@@ -408,6 +394,7 @@ pub(super) async fn refuse(
             .await
             .map_err(StoreError::database(CHANGE))?;
     if done.rows_affected() == 1 {
+        forget_rows(tx, &id.to_string()).await?;
         audit(tx, who, "submission refused", &id.to_string(), reason).await?;
     }
     Ok(())
@@ -429,33 +416,33 @@ pub(super) fn digest_of(text: &str) -> Result<Digest, StoreError> {
         .ok_or_else(|| StoreError::corrupt(format!("the digest '{text}'"), "it is not 64 hexadecimal digits"))
 }
 
-fn entry_of(row: &SqliteRow) -> Result<Entry, StoreError> {
+fn entry_of(row: &SqliteRow, runs: &RunsInputs) -> Result<Entry, StoreError> {
     let id = id_of(row, "id")?;
     let corrupt = |error: serde_json::Error| StoreError::corrupt(format!("submission {id}"), error);
     let text = |column: &str| row.try_get::<String, _>(column).map_err(StoreError::database(ASK));
     let number = |column: &str| row.try_get::<i64, _>(column).map_err(StoreError::database(ASK));
-    let maybe = |column: &str| row.try_get::<Option<String>, _>(column).map_err(StoreError::database(ASK));
+    let facts = row.try_get::<Option<String>, _>("facts").map_err(StoreError::database(ASK))?;
+    let facts = facts.map_or(Ok(Facts::default()), |text| facts_in(&text))?;
     let received = row.try_get::<Option<i64>, _>("received").map_err(StoreError::database(ASK))?;
-    let division = maybe("division")?.map(|text| serde_json::from_str::<Division>(&text)).transpose();
+    let (state, reason) = (word_of::<Stage>(&text("state")?).map_err(corrupt)?, text("reason")?);
+    let [equal, refused, episodes] = ["done", "refused", "whole"].map(number);
+    let progress = Progress { episodes: episodes? as u64, equal: equal? as u64, refused: refused? as u64 };
+    let tries = tries_of(&facts.runs, &facts.servers, &runs.runs, &runs.shown, now_ms()).filter(|_| facts.hosted);
+    let decided = decide(&facts, state, &reason, progress, tries.as_ref());
     Ok(Entry {
         id,
         manifest: serde_json::from_str(&text("manifest")?).map_err(corrupt)?,
         account: text("account")?,
-        division: division.map_err(corrupt)?,
-        badge: word_of::<Badge>(&text("badge")?).map_err(corrupt)?,
-        state: word_of::<Stage>(&text("state")?).map_err(corrupt)?,
-        reason: text("reason")?,
+        tasks: if decided.division.is_some() { facts.tasks.clone() } else { Vec::new() },
+        division: decided.division,
+        badge: decided.badge,
+        claims: decided.claims,
+        senses: if facts.time.is_empty() { String::new() } else { facts.senses() },
+        obstacle: decided.obstacle,
+        failed_tries: tries.map(|tries| tries.failed).unwrap_or_default(),
+        state,
+        reason,
         received: moment(received.map_or_else(|| number("begun"), Ok)?),
-        progress: (number("done")? as u64, number("whole")? as u64),
+        progress: (progress.equal, progress.episodes),
     })
-}
-
-/// A division as the database stores it.
-pub(super) fn division_text(division: &Division) -> Result<String, StoreError> {
-    serde_json::to_string(division).map_err(|error| StoreError::corrupt("a division", error))
-}
-
-/// A badge as the database stores it.
-pub(super) fn badge_text(badge: Badge) -> String {
-    word_to(badge)
 }

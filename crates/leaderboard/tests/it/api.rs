@@ -124,13 +124,20 @@ fn bags_of_another_account_are_refused() {
     std::fs::copy(&files[1], &copy).unwrap();
     let copied = board.submit(&other, &manifest(), &[bag(&board.folder.0, 5), copy.clone()]);
     let entry = board.decided(&copied, &other);
-    let reason =
-        format!("these episodes were already submitted as {first} by owner; the first submission keeps its place");
+    let reason = format!(
+        "S01, seed 4: these rows were already submitted as {first} by owner, policy 'zero'; the first submission keeps its \
+         place"
+    );
     assert_eq!((&entry["state"], &entry["reason"]), (&json!("refused"), &json!(reason)));
+    assert_eq!((&entry["claims"]["rows"]["proof"], &entry["division"]), (&json!("refused"), &Value::Null), "{entry}");
     let (status, page) = board.ask("GET", &format!("/runs/{copied}"), None, b"");
     assert!(status == 404 && page.contains("This submission was refused") && !page.contains(&first), "{page}");
     let again = board.submit(&owner, &json!({ "policy": "zero", "note": "again" }), &files);
     assert_eq!(board.decided(&again, &owner)["state"], "graded");
+    // One's own later submission of the same episodes takes the place of the earlier one.
+    let replaced = board.decided(&first, &owner);
+    let reason = format!("replaced by {again}, a later submission of the same episodes");
+    assert_eq!((&replaced["state"], &replaced["reason"]), (&json!("refused"), &json!(reason)));
     // A removed submission no longer counts.
     board.runtime.block_on(async {
         for id in [&first, &again] {

@@ -4,6 +4,8 @@
 mod api;
 mod common;
 mod hostile;
+mod migrated;
 mod mutated;
 mod openapi;
 mod pages;
+mod trust;

@@ -3,33 +3,21 @@
 mod sensors;
 
 use fiatlux_cli::in_full;
-use fiatlux_features::SIDE_STEP;
-#[cfg(test)]
-use fiatlux_proto::decode;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
-use fiatlux_proto::{PROTOCOL, is_compatible, is_unseen, limits};
-use fiatlux_render::HEAD_PIXELS;
+use fiatlux_proto::{PROTOCOL, is_compatible};
+#[cfg(test)]
+use fiatlux_proto::{decode, limits};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
+use fiatlux_rules::{Causes, Protocol, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeRanges, EpisodeSpec, PropScale, Randomization, RangeError, Scene};
 
-use fiatlux_sensing::{Sensor, Sensors, Setup};
+use fiatlux_sensing::{Sensor, Setup};
 use fiatlux_wire as wire;
 pub(super) use sensors::SensorPlan;
 
-/// Default side of the camera's image, pixels.
-const IMAGE_SIDE: u32 = HEAD_PIXELS as u32;
-
-/// Longest delay of actions that a session may request, ms.
-const MAX_ACTION_DELAY_MS: u32 = 100;
-
-/// Longest name or version of a policy, bytes.
-pub(super) const MAX_NAME: usize = 128;
-/// Time for which a whole-body command stays in force without a new action, ms: by default, and at most.
-const COMMAND_TIMEOUT_MS: u32 = 500;
-const MAX_COMMAND_TIMEOUT_MS: u32 = 10_000;
+pub(super) use fiatlux_wire::{MAX_NAME, check_text};
 
 /// A session as it was requested.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,7 +94,7 @@ impl Plan {
     }
 
     pub fn reward_name(&self) -> &'static str {
-        reward_name(self.reward)
+        wire::reward_name(self.reward)
     }
 }
 
@@ -119,28 +107,17 @@ pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
 
 pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     check_version(request.protocol.as_ref())?;
-    check_text("policy", &request.policy, 0, MAX_NAME)?;
-    let unknown = |field: &str, error: String| Refusal::new(Code::Unknown, field, error);
-    let real_time = match Mode::try_from(request.mode) {
-        Ok(Mode::Unspecified | Mode::Lockstep) => false,
-        Ok(Mode::RealTime) => true,
-        Err(_) => {
-            let message = format!("mode {} does not exist; use MODE_LOCKSTEP or MODE_REAL_TIME", request.mode);
-            return Err(unknown("mode", message));
-        }
-    };
-    let randomize = wire::randomization(&request.randomization.unwrap_or_default());
-    let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
+    let task = request.task.parse::<Task>().map_err(|error| Refusal::new(Code::Unknown, "task", error.to_string()))?;
     let sensors = sensors::read(request, task)?;
-    check_weights(request, &sensors)?;
-    let end_on = end_on(&request.end_on)?;
-    check_take(request, end_on)?;
+    // A grader makes the same checks: what is refused here is scored nowhere.
+    let asked = wire::check_request(request)?;
+    let randomize = wire::randomization(&request.randomization.unwrap_or_default());
     Ok(Plan {
         request: request.clone(),
         task,
         seed: request.seed,
-        real_time,
-        image_size: image_size(request, &sensors)?,
+        real_time: asked.real_time,
+        image_size: asked.image_size,
         sensors,
         gains: gains(&request.gains)?,
         robot: robot(&request.robot)?,
@@ -148,23 +125,14 @@ pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
         scale: prop_scale(request, &randomize)?,
         ranges: ranges(request, &randomize)?,
         recorded: request.recorded,
-        protocol: protocol(&request.episode_protocol)?,
-        end_on,
-        thresholds: thresholds(request)?,
-        reward: reward(&request.reward)?,
-        action_delay: action_delay(request.action_delay_ms)?,
-        command_timeout_s: if real_time { command_timeout_s(request.command_timeout_ms)? } else { 0.0 },
+        protocol: asked.protocol,
+        end_on: asked.end_on,
+        thresholds: asked.thresholds,
+        reward: asked.reward,
+        action_delay: asked.action_delay,
+        command_timeout_s: asked.command_timeout_s,
         ticket: None,
     })
-}
-
-/// Refuses a text that others will read, where it is too short, too long, or could change how their screens show it.
-pub(super) fn check_text(field: &str, text: &str, least: usize, most: usize) -> Result<(), Refusal> {
-    if (least..=most).contains(&text.len()) && !text.contains(is_unseen) {
-        return Ok(());
-    }
-    let message = format!("write {least} to {most} bytes of plain text, in one line and without control characters");
-    Err(Refusal::new(Code::Value, field, message))
 }
 
 /// Refuses a client of another major version.
@@ -212,79 +180,6 @@ fn ranges(request: &OpenRequest, randomize: &Randomization) -> Result<EpisodeRan
     }
 }
 
-fn reward_name(reward: Variant) -> &'static str {
-    match reward {
-        Variant::Benchmark => "benchmark",
-        Variant::Training => "training",
-    }
-}
-
-fn reward(name: &str) -> Result<Variant, Refusal> {
-    let known = [Variant::Benchmark, Variant::Training];
-    let found = known.into_iter().find(|reward| name == reward_name(*reward) || name.is_empty());
-    found.ok_or_else(|| {
-        let message = format!("'{name}' is not a known reward; use one of {}", known.map(reward_name).join(", "));
-        Refusal::new(Code::Unknown, "reward", message)
-    })
-}
-
-/// Length of a control step, ms.
-fn step_ms() -> u32 {
-    (CONTROL_DT * 1e3).round() as u32
-}
-
-fn command_timeout_s(ms: u32) -> Result<f64, Refusal> {
-    let ms = if ms == 0 { COMMAND_TIMEOUT_MS } else { ms };
-    if ms > MAX_COMMAND_TIMEOUT_MS || !ms.is_multiple_of(step_ms()) {
-        let message = format!(
-            "commands would expire after {ms} ms; it must be a multiple of {} ms, the length of a control step, and at most \
-             {MAX_COMMAND_TIMEOUT_MS} ms",
-            step_ms()
-        );
-        return Err(Refusal::new(Code::Value, "command_timeout_ms", message));
-    }
-    Ok(f64::from(ms) / 1e3)
-}
-
-/// Converts a delay in ms to control steps.
-fn action_delay(ms: u32) -> Result<usize, Refusal> {
-    let step_ms = step_ms();
-    if ms > MAX_ACTION_DELAY_MS || !ms.is_multiple_of(step_ms) {
-        let message = format!(
-            "a delay of {ms} ms; it must be a multiple of {step_ms} ms, the length of a control step, and at most \
-             {MAX_ACTION_DELAY_MS} ms"
-        );
-        return Err(Refusal::new(Code::Value, "action_delay_ms", message));
-    }
-    Ok((ms / step_ms) as usize)
-}
-
-fn image_size(request: &OpenRequest, sensors: &SensorPlan) -> Result<[usize; 2], Refusal> {
-    let [least, most] = limits::IMAGE_SIDES;
-    let with_features = sensors.all().meets(Sensors::WITH_FEATURES);
-    let side = |field: &str, side: u32| {
-        let side = if side == 0 { IMAGE_SIDE } else { side };
-        if !(least..=most).contains(&side) {
-            let message = format!("{field} is {side} pixels; it must be from {least} to {most}");
-            return Err(Refusal::new(Code::Value, field, message));
-        }
-        if with_features && !(side as usize).is_multiple_of(SIDE_STEP) {
-            let message = format!("{field} is {side} pixels; features need a multiple of {SIDE_STEP}");
-            return Err(Refusal::new(Code::Value, field, message));
-        }
-        Ok(side as usize)
-    };
-    Ok([side("image_width", request.image_width)?, side("image_height", request.image_height)?])
-}
-
-fn check_weights(request: &OpenRequest, sensors: &SensorPlan) -> Result<(), Refusal> {
-    if !request.weights.is_empty() && !sensors.all().meets(Sensors::WITH_FEATURES) {
-        let message = "weights are named, but no sensor needs them; ask for features or flat, or leave them out";
-        return Err(Refusal::new(Code::Value, "weights", message));
-    }
-    Ok(())
-}
-
 fn gains(name: &str) -> Result<GainSet, Refusal> {
     if name.is_empty() {
         return Ok(GainSet::default());
@@ -301,56 +196,14 @@ fn robot(name: &str) -> Result<&'static str, Refusal> {
     Robot::known(name).map_err(|error| Refusal::new(Code::Unknown, "robot", error.to_string()))
 }
 
-fn protocol(name: &str) -> Result<Protocol, Refusal> {
-    if name.is_empty() {
-        return Ok(Protocol::default());
-    }
-    name.parse().map_err(|error| {
-        let error: fiatlux_rules::UnknownProtocol = error;
-        Refusal::new(Code::Unknown, "episode_protocol", error.to_string())
-    })
-}
-
-fn end_on(names: &[String]) -> Result<Option<Causes>, Refusal> {
-    if names.is_empty() {
-        return Ok(None);
-    }
-    let parsed: Result<Causes, _> = names.iter().map(|name| name.parse::<Cause>()).collect();
-    parsed.map(Some).map_err(|error| Refusal::new(Code::Unknown, "end_on", error.to_string()))
-}
-
-/// Refuses a take that something besides success would end.
-fn check_take(request: &OpenRequest, end_on: Option<Causes>) -> Result<(), Refusal> {
-    // What is no longer physical ends every episode, and stands in headers too.
-    let ends = end_on.map(|causes| causes.without(Cause::Diverged));
-    if request.take && ends != Some(Causes::of(&[Cause::Success])) {
-        let message = "a take goes on past mistakes and time-out: set end_on to success alone";
-        return Err(Refusal::new(Code::Value, "end_on", message));
-    }
-    Ok(())
-}
-
-fn thresholds(request: &OpenRequest) -> Result<Thresholds, Refusal> {
-    let mut thresholds = Thresholds::default();
-    for (key, value) in &request.thresholds {
-        thresholds.set(&format!("{key}={value}")).map_err(|error| {
-            let code = match error {
-                fiatlux_rules::ThresholdError::Key { .. } => Code::Unknown,
-                _ => Code::Value,
-            };
-            Refusal::new(code, "thresholds", error.to_string())
-        })?;
-    }
-    Ok(thresholds)
-}
-
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::Message;
     use fiatlux_proto::v3;
+    use fiatlux_rules::Cause;
+    use fiatlux_sensing::{Sensor, Sensors};
 
     use super::*;
-    use fiatlux_sensing::Sensor;
 
     fn named(names: &[&str]) -> Vec<v3::Sensor> {
         names.iter().map(|name| v3::Sensor { name: (*name).into(), ..v3::Sensor::default() }).collect()
@@ -398,6 +251,17 @@ mod tests {
         assert_eq!((plan.action_delay, plan.command_timeout_s), (3, 1.0));
         assert_eq!(plan.end_on, Some(Causes::of(&[Cause::Fall, Cause::TimeOut])));
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
+    }
+
+    /// Guards that the checks which graders share know the sensors and the images that a server computes features from.
+    #[test]
+    fn shared_checks_know_the_features() {
+        let with_features: Vec<&str> = Sensors::WITH_FEATURES.iter().map(Sensor::name).collect();
+        let mut shared = wire::SENSORS_WITH_FEATURES.to_vec();
+        shared.sort_by_key(|name| Sensor::by_name(name).map(|sensor| sensor as u16));
+        assert_eq!(with_features, shared);
+        assert_eq!(wire::FEATURE_SIDE_STEP as usize, fiatlux_features::SIDE_STEP);
+        assert_eq!(wire::IMAGE_SIDE as usize, fiatlux_render::HEAD_PIXELS);
     }
 
     /// Guards that a take can be opened again from its header, which names what ends every episode.

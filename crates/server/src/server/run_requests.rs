@@ -69,7 +69,11 @@ impl ServerState {
             return Err(Refusal::new(Code::Denied, "key", message));
         }
         let run = match &request.ask {
-            Some(Ask::Register(spec)) => runs.register(&request.run, &request.key, spec.clone())?,
+            Some(Ask::Register(spec)) => {
+                // Without tokens clients name themselves, which identifies nobody.
+                let holder = if client.limit.is_some() { client.peer.as_str() } else { "" };
+                runs.register(&request.run, &request.key, spec.clone(), holder)?
+            }
             Some(Ask::Status(RunStatus {})) => runs.find(&request.run, &request.key)?,
             Some(Ask::Open(_) | Ask::Finish(_)) => return Err(no_link()),
             None => return Err(asks_nothing()),

@@ -147,7 +147,8 @@ impl Runs {
         })
     }
 
-    pub fn register(&self, name: &str, key: &str, spec: RunSpec) -> Result<Arc<Run>, Refusal> {
+    /// Registers a run, for the `holder` of a token; empty without tokens.
+    pub fn register(&self, name: &str, key: &str, spec: RunSpec, holder: &str) -> Result<Arc<Run>, Refusal> {
         if !is_name(name) {
             let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");
             return Err(Refusal::new(Code::Value, "run", message));
@@ -179,6 +180,7 @@ impl Runs {
             spec,
             episodes,
             unix_ms: unix_ms(),
+            holder: holder.into(),
         };
         let writer = LedgerWriter::create(&folder, registration).map_err(|error| match error {
             LedgerError::Event { reason, .. } => Refusal::new(Code::Value, "register", reason),

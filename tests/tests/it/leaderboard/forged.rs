@@ -26,7 +26,7 @@ const FORGED: [(&str, bool, Change, &str); 16] = [
     ),
     ("seed", false, |parts, _| parts.header.seed += 1, "header was changed"),
     ("seed-sealed", true, |parts, _| parts.header.seed += 1, "seed is 0 by the request in it, and 1 in the header"),
-    ("seed-requested-sealed", true, request_other_seed, " in the second run"),
+    ("seed-requested-sealed", true, request_other_seed, "this one says that they are of S01, seed 1"),
     ("rows", true, |parts, other| parts.states.clone_from(&other.states), "rows"),
     (
         "signature",

@@ -56,11 +56,16 @@ impl Lab {
     }
 }
 
-/// A whole run of policy `random`: twelve falls and drops. Its folder.
+/// A whole run of policy `random`: falls and drops in twelve subtasks. Its folder.
 pub fn played_run(lab: &Lab, name: &str, seeds: &[&str]) -> PathBuf {
+    played_by(lab, "random", name, seeds)
+}
+
+/// A run of this policy. Its folder.
+pub fn played_by(lab: &Lab, policy: &str, name: &str, seeds: &[&str]) -> PathBuf {
     let file = lab.folder().path().join(format!("{name}.toml")).display().to_string();
     let link = endpoint(lab.port());
-    let mut args = vec!["evaluate", "--policy", "random", "-e", &link, "--run-file", &file, "--json"];
+    let mut args = vec!["evaluate", "--policy", policy, "-e", &link, "--run-file", &file, "--json"];
     args.extend(seeds);
     let mut client = Running::start("policy-client", &args, lab.folder());
     let (status, text) = client.finish(PATIENCE);
@@ -139,7 +144,11 @@ impl<'a> Board<'a> {
     }
 
     fn submit_with(&self, folder: &Path, args: &[&str]) -> (i32, Value) {
-        let [folder, token] = [folder, &self.token()].map(|path| path.display().to_string());
+        self.submit_by(&self.token(), folder, args)
+    }
+
+    fn submit_by(&self, token: &Path, folder: &Path, args: &[&str]) -> (i32, Value) {
+        let [folder, token] = [folder, token].map(|path| path.display().to_string());
         let url = self.url();
         let mut all = vec!["submit", &folder, "--to", &url, "--token", &token, "--json"];
         all.extend(args);
@@ -150,6 +159,26 @@ impl<'a> Board<'a> {
             status.code().unwrap(),
             said.unwrap_or_else(|error| panic!("{error}; log:\n{}{}", client.log(), self.service.log())),
         )
+    }
+
+    /// The same, from another account.
+    pub fn submit_as(&self, account: &str, folder: &Path, args: &[&str]) -> (i32, Value) {
+        let board = self.folder().display().to_string();
+        let admin = |args: &[&str]| {
+            Command::new(program("scorer")).args(["admin", "--folder", &board]).args(args).output().unwrap().stdout
+        };
+        admin(&["account", account]);
+        let token = self.lab.folder().path().join(format!("token-{account}"));
+        std::fs::write(&token, admin(&["token", account])).unwrap();
+        self.submit_by(&token, folder, &[args, &["--wait"]].concat())
+    }
+
+    /// Removes a submission.
+    pub fn remove(&self, entry: &Value) {
+        let folder = self.folder().display().to_string();
+        let args = ["admin", "--folder", &folder, "remove", entry["id"].as_str().unwrap()];
+        let done = Command::new(program("scorer")).args(args).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     }
 
     /// The service's answer to its account, as JSON.

@@ -47,7 +47,7 @@ fn a_restored_folder_goes_on() {
     wait_for_state(&board, id, "verified");
     let entry = board.get(&format!("/api/v1/submissions/{id}"));
     assert_eq!((&entry["badge"], &entry["episodes_verified"]), (&"replayed".into(), &12.into()), "{entry}");
-    // It takes submissions again, such as the one that was lost.
-    let (code, again) = board.submit(&loose, &[]);
+    // It takes submissions again.
+    let (code, again) = board.submit(&run, &["--note", "again"]);
     assert_eq!((code, again["badge"].as_str()), (0, Some("replayed")), "{again}");
 }

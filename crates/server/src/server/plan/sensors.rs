@@ -4,25 +4,12 @@ use fiatlux_proto::v3;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_wire::{SensorUse as Use, sensor_use};
 
 use fiatlux_sensing::{Sensor, Sensors, Sight};
 
 /// Observations a second of simulated time.
 const STEP_HZ: f64 = 1.0 / CONTROL_DT;
-/// Default rate at which a bag records a sensor, Hz.
-const RECORD_HZ: f64 = 10.0;
-
-/// When the policy gets a sensor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Use {
-    /// In observations, with this many steps between them.
-    Every(u64),
-    /// Only when the policy looks.
-    Look,
-    /// Not at all: only the bag has it.
-    BagOnly,
-}
-
 /// One sensor of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Choice {
@@ -96,30 +83,13 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
         if choices.iter().any(|choice| choice.sensor == sensor) {
             return wrong(format!("sensor '{name}' is listed twice; list it once, with one rate"));
         }
-        let rated = asked.rate_hz != 0.0;
-        if u8::from(asked.on_request) + u8::from(asked.bag_only) + u8::from(rated) > 1 {
-            return wrong(format!("sensor '{name}' has more than one of rate_hz, on_request and bag_only; choose one"));
-        }
-        if asked.see_room && sensor != Sensor::Lidar {
-            return wrong(format!("sensor '{name}' has see_room, which only lidar takes; leave it out"));
-        }
-        if !asked.recorded && (asked.record_hz != 0.0 || asked.bag_only) {
-            return wrong(format!(
-                "sensor '{name}' is not recorded but has record_hz or bag_only; set recorded, or leave them out"
-            ));
-        }
+        let (use_, record_period) = sensor_use(asked)?;
         if asked.recorded && !sensor.is_large() {
             return wrong(format!(
                 "sensor '{name}' is small: the bag has it as often as observations do; leave recorded out"
             ));
         }
-        let use_ = match (asked.on_request, asked.bag_only) {
-            (true, _) => Use::Look,
-            (_, true) => Use::BagOnly,
-            _ => Use::Every(period(name, "rate_hz", asked.rate_hz, STEP_HZ)?),
-        };
-        let record_period = asked.recorded.then(|| period(name, "record_hz", asked.record_hz, RECORD_HZ));
-        choices.push(Choice { sensor, use_, see_room: asked.see_room, record_period: record_period.transpose()? });
+        choices.push(Choice { sensor, use_, see_room: asked.see_room, record_period });
     }
     if choices.iter().all(|choice| choice.use_ == Use::BagOnly) {
         let choice = |sensor| Choice { sensor, use_: Use::Every(1), see_room: false, record_period: None };
@@ -127,30 +97,6 @@ pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refu
     }
     choices.sort_by_key(|choice| choice.sensor as u16);
     Ok(SensorPlan(choices))
-}
-
-/// Number of steps between two readings at a rate in Hz.
-fn period(name: &str, field: &str, hz: f64, otherwise: f64) -> Result<u64, Refusal> {
-    /// About once an episode.
-    const MIN_HZ: f64 = 0.01;
-    /// For rates without an exact decimal form.
-    const TOLERANCE: f64 = 1e-3;
-    let hz = if hz == 0.0 { otherwise } else { hz };
-    if (MIN_HZ..=STEP_HZ).contains(&hz) {
-        let steps = (STEP_HZ / hz).round();
-        if (STEP_HZ / steps - hz).abs() <= TOLERANCE * hz {
-            return Ok(steps as u64);
-        }
-        let faster = STEP_HZ / (STEP_HZ / hz).floor();
-        let slower = STEP_HZ / (STEP_HZ / hz).ceil();
-        let message = format!(
-            "{field} of sensor '{name}' is {hz}; it must be {STEP_HZ} divided by a whole number: \
-             the nearest ones are {slower:.4} and {faster:.4}"
-        );
-        return Err(Refusal::new(Code::Value, "sensors", message));
-    }
-    let message = format!("{field} of sensor '{name}' is {hz}; it must be from {MIN_HZ} to {STEP_HZ} Hz");
-    Err(Refusal::new(Code::Value, "sensors", message))
 }
 
 #[cfg(test)]

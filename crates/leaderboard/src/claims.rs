@@ -1,0 +1,571 @@
+//! What an entry proves, and where it ranks: pure functions from facts to claims, badge and division. Nothing else decides
+//! these.
+//!
+//! An entry makes three claims, and each has a proof of its own:
+//!
+//! | claim | says | proof |
+//! |---|---|---|
+//! | *rows* | this motion happened in this room | the actions, simulated again; or the signature of a server of this board |
+//! | *senses* | the policy was shown these sensors alone, and no person drove | a hosted run: the server chose the room after registration and sent the sensors |
+//! | *tries* | how often it was tried | hosted runs, whose servers keep a journal of every registration |
+//!
+//! Hosted runs have divisions by what is proven of them. Everybody else's bags share one table of proven motion, whatever
+//! they claim besides: a changed label gains nothing there.
+
+mod rooms;
+mod tries;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use fiatlux_grading::{Conditions, OBJECTS, Results, is_of_senses};
+use fiatlux_rules::{Task, pins};
+use serde::{Deserialize, Serialize};
+
+use crate::submission::{Badge, Division, Kind, Observations, Stage, Time};
+pub(crate) use rooms::{FIXED_ROOMS, MIN_ROOMS};
+use rooms::{check_rooms, same_rooms};
+pub(crate) use tries::{GRACE_DAYS, HostedRun, Tries, tries_of};
+
+/// Nothing is known of its bags.
+const NOT_GRADED: &str = "its bags are not graded";
+
+/// What became of a claim.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Proof {
+    Proven,
+    /// The submitter says so; nobody has checked it, or nobody can.
+    Claimed,
+    /// It is false, or cannot be true.
+    Refused,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    pub proof: Proof,
+    /// Why, as a sentence without a full stop.
+    pub reason: String,
+}
+
+impl Claim {
+    fn new(proof: Proof, reason: impl Into<String>) -> Self {
+        Self { proof, reason: reason.into() }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claims {
+    pub rows: Claim,
+    pub senses: Claim,
+    pub tries: Claim,
+}
+
+/// What grading established about a submission. It does not change afterwards.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(crate) struct Facts {
+    /// Words of [`Conditions`].
+    pub observations: String,
+    pub time: String,
+    pub robot: String,
+    pub assets: Vec<String>,
+    /// Why its conditions are those of no ranking; may be empty.
+    pub deviation: String,
+    /// Why its senses are those of no ranking; may be empty. Only a hosted run proves its senses, so it matters there alone.
+    pub odd_senses: String,
+    /// Its bags say that a person drove.
+    pub person: bool,
+    /// A finished run in rooms that a server of this board drew, with its signature under every bag and journal.
+    pub hosted: bool,
+    /// Names of its runs, several if it was played in parts, and the servers that have a journal of one; empty for loose bags.
+    pub runs: Vec<String>,
+    pub servers: Vec<String>,
+    /// Its bags belong to a run whose journal is not there.
+    pub lost_journal: bool,
+    /// Why it has no place among all twelve subtasks; may be empty.
+    pub not_whole: String,
+    /// Subtasks that it played in the rooms of a ranking.
+    pub tasks: Vec<String>,
+    /// Why none of them is; may be empty.
+    pub odd_rooms: String,
+}
+
+impl Facts {
+    /// The facts in results; `hosted` if the signatures of a hosted run are whole.
+    pub fn of(results: &Results, hosted: bool) -> Self {
+        let conditions = &results.conditions;
+        let (odd_senses, deviation) = deviations(conditions);
+        let played: Vec<Task> = Task::SUBTASKS
+            .into_iter()
+            .filter(|task| results.episodes.iter().any(|row| row.task == task.short_id()))
+            .collect();
+        let checked: Vec<_> = played.iter().map(|task| (*task, check_rooms(results, *task, hosted))).collect();
+        let tasks = checked.iter().filter(|(_, checked)| checked.is_ok()).map(|(task, _)| task.short_id().to_owned());
+        let odd_rooms = checked.iter().find_map(|(_, checked)| checked.clone().err());
+        let tasks: Vec<String> = tasks.collect();
+        let run = results.run.as_ref();
+        Self {
+            observations: conditions.observations.clone(),
+            time: conditions.time.clone(),
+            robot: conditions.robot.clone(),
+            assets: conditions.assets.clone(),
+            deviation,
+            odd_senses,
+            person: conditions.source == "person" || conditions.takes,
+            hosted,
+            runs: run.map(|run| run.name.split('+').map(str::to_owned).collect()).unwrap_or_default(),
+            servers: run.map(|run| run.servers.clone()).unwrap_or_default(),
+            lost_journal: !results.without_journal.is_empty(),
+            not_whole: same_rooms(results, hosted).err().unwrap_or_default(),
+            odd_rooms: if tasks.is_empty() {
+                odd_rooms.unwrap_or_else(|| "no episode of a subtask".into())
+            } else {
+                String::new()
+            },
+            tasks,
+        }
+    }
+
+    /// The senses that it claims, in words: `standard observations, lockstep`.
+    pub fn senses(&self) -> String {
+        format!("{} observations, {}", self.observations, self.time)
+    }
+}
+
+/// The deviations of the senses alone, and all others, each as one text.
+fn deviations(conditions: &Conditions) -> (String, String) {
+    // Another robot is a division of its own, not a deviation, and so are other objects.
+    let is_division = |deviation: &&String| deviation.starts_with("the robot is '") || deviation.starts_with(OBJECTS);
+    let all = conditions.deviations.iter().filter(|deviation| !is_division(deviation));
+    let (mut senses, mut others): (Vec<String>, Vec<String>) =
+        all.cloned().partition(|deviation| is_of_senses(deviation));
+    if conditions.protocol != "strict" {
+        others.push("the episodes were not played by protocol strict".into());
+    }
+    if !pins::RANKED_ROBOTS.contains(&conditions.robot.as_str()) {
+        others.push(format!("the robot '{}' is not ranked", conditions.robot));
+    }
+    if !["lockstep", "real time"].contains(&conditions.time.as_str()) {
+        others.push(format!("its time is '{}'", conditions.time));
+    }
+    if senses.is_empty() && !["standard", "privileged"].contains(&conditions.observations.as_str()) {
+        senses.push(format!("observations are '{}'", conditions.observations));
+    }
+    (senses.join("; "), others.join("; "))
+}
+
+/// How many of the episodes that have a bag were simulated again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Progress {
+    pub episodes: u64,
+    pub equal: u64,
+    /// Servers refuse to play them.
+    pub refused: u64,
+}
+
+impl Progress {
+    fn is_whole(self) -> bool {
+        self.episodes > 0 && self.equal == self.episodes
+    }
+}
+
+/// What follows from facts.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Standpoint {
+    pub badge: Badge,
+    pub claims: Claims,
+    /// Where it is ranked, among all twelve subtasks or in some; `None` if nowhere.
+    pub division: Option<Division>,
+    /// Why it is not ranked among all twelve; empty if it is.
+    pub obstacle: String,
+}
+
+/// Decides what an entry in this stage proves, and where it ranks. `reason` is that of a refusal.
+pub(crate) fn decide(
+    facts: &Facts,
+    stage: Stage,
+    reason: &str,
+    progress: Progress,
+    tries: Option<&Tries>,
+) -> Standpoint {
+    let refused = stage == Stage::Refused;
+    let badge = match () {
+        () if refused => Badge::SelfReported,
+        () if facts.hosted => Badge::Hosted,
+        () if progress.is_whole() => Badge::Replayed,
+        () => Badge::SelfReported,
+    };
+    let claims = Claims {
+        rows: if refused { Claim::new(Proof::Refused, reason) } else { rows_claim(facts, badge, progress) },
+        senses: senses_claim(facts),
+        tries: tries_claim(facts, tries),
+    };
+    let barred = obstacle(facts, stage, reason, badge, progress, tries);
+    let division = barred.is_none().then(|| division(facts)).flatten();
+    let obstacle = barred.unwrap_or_else(|| facts.not_whole.clone());
+    Standpoint { badge, claims, division, obstacle }
+}
+
+fn rows_claim(facts: &Facts, badge: Badge, progress: Progress) -> Claim {
+    let lockstep = if facts.time == "real time" { ", in lockstep" } else { "" };
+    match badge {
+        Badge::Hosted => Claim::new(Proof::Proven, "recorded and signed by this board's own server"),
+        Badge::Replayed => {
+            Claim::new(Proof::Proven, format!("every episode was simulated again{lockstep}, equal to the last bit"))
+        }
+        Badge::SelfReported => {
+            let Progress { episodes, equal, .. } = progress;
+            Claim::new(Proof::Claimed, format!("{equal} of {episodes} episodes were simulated again so far"))
+        }
+    }
+}
+
+fn senses_claim(facts: &Facts) -> Claim {
+    if facts.time.is_empty() {
+        return Claim::new(Proof::Claimed, NOT_GRADED);
+    }
+    let senses = facts.senses();
+    match (facts.person, facts.hosted) {
+        (true, _) => Claim::new(Proof::Refused, "a person drove, by what the bags say"),
+        (false, true) => {
+            Claim::new(Proof::Proven, format!("{senses}: the server drew the rooms and sent nothing else"))
+        }
+        (false, false) => Claim::new(
+            Proof::Claimed,
+            format!("{senses}, by what the bags say: whoever has a bag's actions can send them under another label"),
+        ),
+    }
+}
+
+fn tries_claim(facts: &Facts, tries: Option<&Tries>) -> Claim {
+    if facts.time.is_empty() {
+        return Claim::new(Proof::Claimed, NOT_GRADED);
+    }
+    match tries.filter(|_| facts.hosted) {
+        Some(tries) => Claim::new(Proof::Proven, tries.said()),
+        None if facts.hosted => Claim::new(
+            Proof::Claimed,
+            "this board does not read the journals of its servers, so it cannot count other runs",
+        ),
+        None if !facts.runs.is_empty() => {
+            Claim::new(Proof::Claimed, "its journal names every episode of this run; nobody counts other runs")
+        }
+        None => Claim::new(Proof::Claimed, "loose bags: nobody can tell how many were left out"),
+    }
+}
+
+/// Why an entry is ranked nowhere.
+fn obstacle(
+    facts: &Facts,
+    stage: Stage,
+    reason: &str,
+    badge: Badge,
+    progress: Progress,
+    tries: Option<&Tries>,
+) -> Option<String> {
+    if stage == Stage::Refused {
+        return Some(reason.to_owned());
+    }
+    if !matches!(stage, Stage::Graded | Stage::Verified) {
+        return Some(NOT_GRADED.into());
+    }
+    if facts.person {
+        return Some("a person drove it: what a person did is never ranked".into());
+    }
+    if !facts.deviation.is_empty() {
+        return Some(facts.deviation.clone());
+    }
+    if facts.lost_journal {
+        return Some("its journal is missing: episodes may have been left out".into());
+    }
+    match badge {
+        Badge::SelfReported => {
+            let Progress { episodes, equal, refused } = progress;
+            return Some(match refused {
+                0 => format!("self-reported: {equal} of {episodes} episodes were simulated again so far"),
+                _ => format!("servers refuse to play {refused} of {episodes} episodes"),
+            });
+        }
+        Badge::Hosted if !facts.odd_senses.is_empty() => return Some(facts.odd_senses.clone()),
+        Badge::Hosted | Badge::Replayed => {}
+    }
+    if facts.tasks.is_empty() {
+        return Some(facts.odd_rooms.clone());
+    }
+    tries.filter(|_| facts.hosted).and_then(Tries::obstacle)
+}
+
+fn division(facts: &Facts) -> Option<Division> {
+    let time = if facts.time == "real time" { Time::RealTime } else { Time::Lockstep };
+    let observations = match facts.observations.as_str() {
+        "standard" => Observations::Standard,
+        "privileged" => Observations::Privileged,
+        _ if facts.hosted => return None,
+        _ => Observations::Standard,
+    };
+    let (robot, assets) = (facts.robot.clone(), facts.assets.clone());
+    Some(match facts.hosted {
+        true => Division { table: Kind::Hosted, time: Some(time), observations: Some(observations), robot, assets },
+        false => Division { table: Kind::Replayed, time: None, observations: None, robot, assets },
+    })
+}
+
+/// What a verdict on one episode means for its submission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Consequence {
+    /// One episode that did not happen refuses all of them.
+    Refused,
+    /// The last episode was decided.
+    Verified,
+    Waits,
+}
+
+/// The consequence of a verdict; `waiting` episodes are left. A hosted run does not need a second run: its server saw the
+/// first.
+pub(crate) fn consequence(hosted: bool, differs: bool, refused: bool, waiting: u64) -> Consequence {
+    match () {
+        () if differs || (refused && !hosted) => Consequence::Refused,
+        () if waiting == 0 => Consequence::Verified,
+        () => Consequence::Waits,
+    }
+}
+
+/// The labels of rows that are known, of which an equal one is a second submission of the same.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Label {
+    pub policy: String,
+    /// Sensors and time.
+    pub senses: String,
+}
+
+/// Rows that are known already.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct KnownRow {
+    pub task: String,
+    pub seed: String,
+    /// Id of the submission that had them first, or what an administrator called them.
+    pub first: String,
+    pub account: String,
+    pub label: Label,
+    pub person: bool,
+}
+
+/// What the known rows say of a new submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Origin {
+    /// Its rows are its own; it replaces these submissions of the same account, whose rows it has all of.
+    Own { replaces: BTreeSet<String> },
+    /// It has rows of somebody else, or under another name: the reason.
+    Refused(String),
+}
+
+/// Compares a submission with the known rows that are among its own, each with the task and the seed that the submission
+/// gives it. `count` has the number of rows of each known submission.
+pub(crate) fn origin(
+    account: &str,
+    label: &Label,
+    known: &[(KnownRow, (String, u64))],
+    count: &BTreeMap<String, u64>,
+) -> Origin {
+    let mut shared: BTreeMap<&str, u64> = BTreeMap::new();
+    for (row, (said_task, said_seed)) in known {
+        let KnownRow { task, seed, first, account: owner, label: of, person, .. } = row;
+        let policy = &of.policy;
+        let rows = format!("{task}, seed {seed}: these rows were already submitted as {first} by {owner}");
+        if *person {
+            return Origin::Refused(format!("{rows}, as those of a person: what a person did is never ranked"));
+        }
+        if owner != account {
+            return Origin::Refused(format!("{rows}, policy '{policy}'; the first submission keeps its place"));
+        }
+        if (task, seed) != (said_task, &said_seed.to_string()) {
+            return Origin::Refused(format!("{rows}; this one says that they are of {said_task}, seed {said_seed}"));
+        }
+        if of != label {
+            let (was, is) = (&of.senses, &label.senses);
+            return Origin::Refused(format!(
+                "{rows} as policy '{policy}' ({was}); this one says '{}' ({is}), and one of the two is wrong",
+                label.policy
+            ));
+        }
+        *shared.entry(first).or_default() += 1;
+    }
+    let part = shared.iter().find(|(first, shared)| count.get(**first).is_some_and(|count| *count > **shared));
+    match part {
+        Some((first, _)) => Origin::Refused(format!(
+            "it has some of the episodes of your submission {first}, but not all; submit all of them together, or ask the \
+             administrator to remove that one"
+        )),
+        None => Origin::Own { replaces: shared.into_keys().map(str::to_owned).collect() },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::standings::tests::{hosted, results};
+
+    /// A change of the facts, of the stage, of the episodes simulated again; and what follows: the badge, the proofs of rows,
+    /// senses and tries in their first letters, the table, and a part of the obstacle.
+    type Case =
+        (&'static str, fn(&mut Results), bool, Stage, [u64; 3], Badge, &'static str, Option<Kind>, &'static str);
+
+    const ALL: [u64; 3] = [48, 48, 0];
+
+    /// The one table of what an entry proves. Nothing that is only claimed gives a division, and what cannot be compared is
+    /// not ranked.
+    #[test]
+    #[rustfmt::skip]
+    fn what_an_entry_proves() {
+        use Badge::{Hosted, Replayed, SelfReported};
+        use Stage::{Graded, Received, Refused, Verified};
+        let nothing: fn(&mut Results) = |_| {};
+        let cases: &[Case] = &[
+            ("replayed", nothing, false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+            ("hosted", nothing, true, Verified, ALL, Hosted, "ppc", Some(Kind::Hosted), ""),
+            ("hosted, not replayed", nothing, true, Graded, [48, 0, 0], Hosted, "ppc", Some(Kind::Hosted), ""),
+            ("hosted, servers refuse", nothing, true, Verified, [48, 0, 48], Hosted, "ppc", Some(Kind::Hosted), ""),
+            ("waiting", nothing, false, Graded, [48, 47, 0], SelfReported, "ccc", None, "47 of 48 episodes"),
+            ("refused by servers", nothing, false, Verified, [48, 47, 1], SelfReported, "ccc", None, "refuse to play 1 of 48"),
+            ("no bag", nothing, false, Verified, [0, 0, 0], SelfReported, "ccc", None, "self-reported"),
+            ("refused", nothing, false, Refused, ALL, SelfReported, "rcc", None, "because"),
+            ("refused, hosted", nothing, true, Refused, ALL, SelfReported, "rpc", None, "because"),
+            ("not graded", nothing, false, Received, [0, 0, 0], SelfReported, "ccc", None, "not graded"),
+            ("real time", |r| r.conditions.time = "real time".into(), false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+            ("privileged", |r| r.conditions.observations = "privileged".into(), false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+            ("exact sensors", exact, false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+            ("exact sensors, hosted", exact, true, Verified, ALL, Hosted, "ppc", None, "sensors are exact"),
+            ("other sensors, hosted", |r| r.conditions.observations = "other".into(), true, Verified, ALL, Hosted, "ppc", None, "observations are 'other'"),
+            ("person", |r| r.conditions.source = "person".into(), false, Verified, ALL, Replayed, "prc", None, "a person"),
+            ("person, hosted", |r| r.conditions.source = "person".into(), true, Verified, ALL, Hosted, "prc", None, "a person"),
+            ("take", |r| r.conditions.takes = true, false, Verified, ALL, Replayed, "prc", None, "a person"),
+            ("delay", |r| r.conditions.deviations.push("actions are delayed by 20 ms".into()), false, Verified, ALL, Replayed, "pcc", None, "delayed"),
+            ("delay, hosted", |r| r.conditions.deviations.push("actions are delayed by 20 ms".into()), true, Verified, ALL, Hosted, "ppc", None, "delayed"),
+            ("published", |r| r.conditions.protocol = "published".into(), false, Verified, ALL, Replayed, "pcc", None, "protocol strict"),
+            ("robot", |r| r.conditions.robot = "g1_bare".into(), false, Verified, ALL, Replayed, "pcc", None, "g1_bare"),
+            ("time", |r| r.conditions.time = "no time".into(), false, Verified, ALL, Replayed, "pcc", None, "no time"),
+            ("objects", objects, false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+            ("no journal", |r| r.without_journal = vec!["run".into()], false, Verified, ALL, Replayed, "pcc", None, "journal is missing"),
+            ("one subtask", |r| keep(r, |task, _| task == "S06"), false, Verified, [4, 4, 0], Replayed, "pcc", Some(Kind::Replayed), "no episode of S01"),
+            ("one room less in S09", |r| keep(r, |task, room| (task, room) != ("S09", 3)), false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), "S01 and S09"),
+            ("three rooms", |r| keep(r, |_, room| room < 3), false, Verified, ALL, Replayed, "pcc", None, "at least 4"),
+            ("three hosted rooms", |r| keep(r, |_, room| room != 1 << 40), true, Verified, ALL, Hosted, "ppc", None, "3 hosted rooms"),
+            ("chosen rooms", |r| move_rooms(r, |room| room + 64), false, Verified, ALL, Replayed, "pcc", None, "without a gap"),
+            ("a gap", |r| move_rooms(r, |room| if room == 3 { 64 } else { room }), false, Verified, ALL, Replayed, "pcc", None, "without a gap"),
+            ("rooms for training", |r| move_rooms(r, |room| room + 5000), false, Verified, ALL, Replayed, "pcc", None, "without a gap"),
+            ("second episodes", |r| r.episodes.iter_mut().for_each(|row| row.episode = 1), false, Verified, ALL, Replayed, "pcc", None, "only the first"),
+            ("hosted rooms, unsigned", |r| r.conditions.seeds = "hosted".into(), false, Verified, ALL, Replayed, "pcc", None, "not signed"),
+        ];
+        for (name, change, is_hosted, stage, [episodes, equal, refused], badge, proofs, table, obstacle) in cases {
+            let mut results = if *is_hosted { hosted(4) } else { results(4) };
+            change(&mut results);
+            let progress = Progress { episodes: *episodes, equal: *equal, refused: *refused };
+            let found = decide(&Facts::of(&results, *is_hosted), *stage, "because", progress, None);
+            let Claims { rows, senses, tries } = &found.claims;
+            let letters: String = [rows, senses, tries].map(|claim| crate::submission::word_to(claim.proof).remove(0)).into_iter().collect();
+            assert_eq!((found.badge, &*letters), (*badge, *proofs), "{name}: {found:?}");
+            assert_eq!(found.division.as_ref().map(|division| division.table), *table, "{name}: {found:?}");
+            assert!(found.obstacle.contains(obstacle) && found.obstacle.is_empty() == obstacle.is_empty(), "{name}: {found:?}");
+            assert!([rows, senses, tries].iter().all(|claim| !claim.reason.is_empty()), "{name}: {found:?}");
+        }
+    }
+
+    fn exact(results: &mut Results) {
+        results.conditions.observations = "other".into();
+        results.conditions.deviations.push("sensors are exact".into());
+    }
+
+    fn objects(results: &mut Results) {
+        results.conditions.assets = vec!["crate abc".into()];
+        results.conditions.deviations.push(format!("{OBJECTS}crate abc"));
+    }
+
+    fn keep(results: &mut Results, is_kept: fn(&str, u64) -> bool) {
+        results.episodes.retain(|row| is_kept(&row.task, row.seed));
+    }
+
+    fn move_rooms(results: &mut Results, to: fn(u64) -> u64) {
+        results.episodes.iter_mut().for_each(|row| row.seed = to(row.seed));
+    }
+
+    /// Guards that a relabelled entry has the division of the honest one, so that no label gains a place.
+    #[test]
+    fn labels_gain_nothing() {
+        let place = |change: fn(&mut Results)| {
+            let mut changed = results(4);
+            change(&mut changed);
+            let progress = Progress { episodes: 48, equal: 48, refused: 0 };
+            decide(&Facts::of(&changed, false), Stage::Verified, "", progress, None).division
+        };
+        let honest = place(|r| r.conditions.observations = "privileged".into());
+        assert!(honest.is_some());
+        let labels: [fn(&mut Results); 4] = [
+            |r| r.policy = "nova-vla".into(),
+            |r| r.conditions.observations = "standard".into(),
+            |r| r.conditions.time = "real time".into(),
+            exact,
+        ];
+        assert!(labels.into_iter().all(|label| place(label) == honest));
+    }
+
+    #[test]
+    fn one_episode_decides_for_all() {
+        use Consequence::{Refused, Verified, Waits};
+        let cases = [
+            (false, true, false, 7, Refused),
+            (true, true, false, 0, Refused),
+            (false, false, true, 7, Refused),
+            (true, false, true, 7, Waits),
+            (true, false, true, 0, Verified),
+            (false, false, false, 1, Waits),
+            (false, false, false, 0, Verified),
+        ];
+        for (hosted, differs, refused, waiting, expected) in cases {
+            assert_eq!(
+                consequence(hosted, differs, refused, waiting),
+                expected,
+                "{hosted} {differs} {refused} {waiting}"
+            );
+        }
+    }
+
+    fn label(policy: &str) -> Label {
+        Label { policy: policy.into(), senses: "lockstep".into() }
+    }
+
+    /// Guards that rows have one owner and one name.
+    #[test]
+    fn rows_have_one_owner() {
+        let row = |first: &str, account: &str, policy: &str, person: bool| KnownRow {
+            task: "S05".into(),
+            seed: "0".into(),
+            first: first.into(),
+            account: account.into(),
+            label: label(policy),
+            person,
+        };
+        let count = BTreeMap::from([("one".to_owned(), 2)]);
+        let of = |known: &[KnownRow]| {
+            let known: Vec<_> = known.iter().map(|row| (row.clone(), ("S05".to_owned(), 0))).collect();
+            origin("lab", &label("zero"), &known, &count)
+        };
+        let own = row("one", "lab", "zero", false);
+        assert_eq!(of(&[]), Origin::Own { replaces: BTreeSet::new() });
+        assert_eq!(of(&[own.clone(), own.clone()]), Origin::Own { replaces: BTreeSet::from(["one".into()]) });
+        let refused = [
+            (vec![own.clone()], "some of the episodes of your submission one"),
+            (
+                vec![row("one", "other", "zero", false)],
+                "S05, seed 0: these rows were already submitted as one by other",
+            ),
+            (vec![own.clone(), row("two", "other", "zero", false)], "submitted as two by other"),
+            (vec![row("one", "lab", "best", false)], "as policy 'best'"),
+            (vec![row("one", "lab", "zero", true)], "a person"),
+            (vec![KnownRow { seed: "1".into(), ..own.clone() }], "this one says that they are of S05, seed 0"),
+            (vec![KnownRow { task: "S06".into(), ..own.clone() }], "this one says that they are of S05, seed 0"),
+        ];
+        for (known, expected) in refused {
+            let Origin::Refused(reason) = of(&known) else { panic!("{expected}") };
+            assert!(reason.contains(expected), "{reason}");
+        }
+    }
+}
