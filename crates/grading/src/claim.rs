@@ -56,6 +56,10 @@ fn is_part(claim: &Results, results: &Results) -> bool {
 /// Removes the fields that depend on where and by which version the bags were graded.
 fn comparable(results: &Results, versions_of: &Results) -> Results {
     let mut results = Results { versions: versions_of.versions.clone(), ..results.clone() };
+    if results.conditions.source.is_empty() {
+        // Files of older versions lack it.
+        results.conditions.source.clone_from(&versions_of.conditions.source);
+    }
     // Files of older versions lack it; it follows from the seeds' rows.
     let subtasks = versions_of.score.subtasks;
     results.score.subtasks = subtasks;

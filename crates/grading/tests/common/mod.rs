@@ -98,6 +98,19 @@ pub fn header(task: Task, seed: u64) -> v3::EpisodeHeader {
     })
 }
 
+/// A header with the request that led to it, as a server records it.
+pub fn requested(header: v3::EpisodeHeader) -> v3::EpisodeHeader {
+    let request = v3::OpenRequest {
+        policy: header.policy.clone(),
+        task: header.task.clone(),
+        seed: header.seed,
+        episode_protocol: header.episode_protocol.clone(),
+        recorded: true,
+        ..v3::OpenRequest::default()
+    };
+    sealed(v3::EpisodeHeader { request: Some(request), image_width: 256, image_height: 256, ..header })
+}
+
 /// A header with the start of its digest chain, as a server makes it.
 pub fn sealed(header: v3::EpisodeHeader) -> v3::EpisodeHeader {
     match read_identity(&header) {
@@ -194,6 +207,6 @@ pub fn begin(path: &Path, header: &v3::EpisodeHeader, rows: &[Row]) -> BagWriter
 }
 
 pub fn write(path: &Path, task: Task, seed: u64, story: Story) {
-    let (header, rows) = (header(task, seed), rows(task, seed, story));
+    let (header, rows) = (requested(header(task, seed)), rows(task, seed, story));
     begin(path, &header, &rows).finish(&result(&header, &rows)).expect("finished");
 }

@@ -14,17 +14,7 @@ use fiatlux_rules::Task;
 
 /// Writes a bag whose header is changed, with all digests made anew.
 fn forged(board: &Board, name: &str, seed: u64, change: impl FnOnce(&mut v3::EpisodeHeader)) -> PathBuf {
-    let mut header = bags::header(Task::S01, seed);
-    header.image_width = 256;
-    header.image_height = 256;
-    header.request = Some(v3::OpenRequest {
-        policy: header.policy.clone(),
-        task: header.task.clone(),
-        seed,
-        episode_protocol: header.episode_protocol.clone(),
-        recorded: true,
-        ..v3::OpenRequest::default()
-    });
+    let mut header = bags::requested(bags::header(Task::S01, seed));
     change(&mut header);
     let header = bags::sealed(header);
     let rows = bags::rows(Task::S01, seed, Story::Succeeds(30));
