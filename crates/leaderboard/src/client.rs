@@ -50,7 +50,9 @@ pub enum SubmitError {
     Name { name: String },
     #[error(transparent)]
     Manifest(#[from] ManifestError),
-    #[error("'{url}' is not the address of a service; write https://HOST or http://HOST:PORT, with a path where it has one")]
+    #[error(
+        "'{url}' is not the address of a service; write https://HOST or http://HOST:PORT, with a path where it has one"
+    )]
     Url { url: String },
     #[error("{url} does not answer ({reason}); start again later: the service keeps what has arrived")]
     Unanswered { url: String, reason: String },

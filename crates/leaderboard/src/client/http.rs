@@ -138,11 +138,22 @@ mod tests {
 
     #[test]
     fn addresses_of_services_are_told_from_others() {
-        for url in ["http://board:8080", "https://board.example.org/", "https://example.org/board", "http://[::1]:8080"] {
+        for url in ["http://board:8080", "https://board.example.org/", "https://example.org/board", "http://[::1]:8080"]
+        {
             assert!(Http::new(url, "t").is_ok(), "{url}");
         }
         assert_eq!(Http::new("https://example.org/board/", "t").expect("an address").url, "https://example.org/board");
-        for url in ["", "board", "http://", "http:///board", "ftp://board", "http://a@b", "http://a/?b", "http://a/#b", "http://a b"] {
+        for url in [
+            "",
+            "board",
+            "http://",
+            "http:///board",
+            "ftp://board",
+            "http://a@b",
+            "http://a/?b",
+            "http://a/#b",
+            "http://a b",
+        ] {
             assert!(Http::new(url, "t").is_err(), "{url}");
         }
     }

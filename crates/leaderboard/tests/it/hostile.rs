@@ -304,7 +304,8 @@ fn readers_that_do_not_read_keep_nobody_out() {
     };
     // The service has 64 places: 8 for an address, 32 for what is large.
     // Some proxies write ports too.
-    let mut one: Vec<TcpStream> = (0..20).map(|k| reader(&board, &bag, &format!("6.6.6.6, 198.51.100.1:{}", 4000 + k))).collect();
+    let mut one: Vec<TcpStream> =
+        (0..20).map(|k| reader(&board, &bag, &format!("6.6.6.6, 198.51.100.1:{}", 4000 + k))).collect();
     let statuses: Vec<u16> = one.iter_mut().map(status).collect();
     assert_eq!(statuses.iter().filter(|status| **status == 200).count(), 8, "{statuses:?}");
     assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
@@ -338,7 +339,10 @@ fn a_bag_is_sent_in_parts() {
     };
     let (status, head, body) = ask("GET", "");
     assert!(status == 200 && body == whole, "{head}");
-    assert!(head.contains("accept-ranges: bytes") && head.contains(&format!("content-length: {}", whole.len())), "{head}");
+    assert!(
+        head.contains("accept-ranges: bytes") && head.contains(&format!("content-length: {}", whole.len())),
+        "{head}"
+    );
     let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap().to_owned();
     assert_eq!(tag.len(), 66, "the digest of the bag: {tag}");
     let (status, _, rest) = ask("GET", &format!("Range: bytes=1000000-\r\nIf-Range: {tag}\r\n"));
