@@ -154,7 +154,7 @@ fn is_still(model: &Model, state: &State, body: BodyId) -> bool {
 fn moved(model: &Model, a: &State, b: &State, body: BodyId) -> f64 {
     let q = model.bodies()[body.0].qpos_start;
     let way = (0..3).map(|k| (a.qpos[q + k] - b.qpos[q + k]).powi(2)).sum::<f64>().sqrt();
-    let turn: f64 = (3..7).map(|k| (a.qpos[q + k] * b.qpos[q + k])).sum();
+    let turn: f64 = (3..7).map(|k| a.qpos[q + k] * b.qpos[q + k]).sum();
     way.max(2.0 * turn.abs().min(1.0).acos())
 }
 
