@@ -1,7 +1,7 @@
 //! The pages that are connected.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 
@@ -15,7 +15,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Why the server ends the connection of a page. Pages know the codes: they do not come back by themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Farewell {
-    /// Others came, and it was the one that had waited longest without driving.
+    /// Others came, and it was the one that sent too much, or else had sent nothing for longest, and did not drive.
     TooMany,
     /// The program ends.
     End,
@@ -39,6 +39,15 @@ pub(crate) struct Pages(Arc<Mutex<Vec<Entry>>>);
 struct Entry {
     id: u64,
     ended: watch::Sender<Option<Farewell>>,
+    activity: Arc<Mutex<Activity>>,
+}
+
+/// What a page has sent lately.
+#[derive(Debug)]
+struct Activity {
+    /// It has spent its budget: its messages wait.
+    is_held_up: bool,
+    last: Instant,
 }
 
 /// A connected page; it leaves when this is dropped.
@@ -47,11 +56,12 @@ pub(crate) struct Page {
     pub id: u64,
     /// Set when it has to go.
     pub ended: watch::Receiver<Option<Farewell>>,
+    activity: Arc<Mutex<Activity>>,
     all: Arc<Mutex<Vec<Entry>>>,
 }
 
-fn lock(entries: &Mutex<Vec<Entry>>) -> MutexGuard<'_, Vec<Entry>> {
-    entries.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Pages {
@@ -60,14 +70,20 @@ impl Pages {
         let driver = *station.driver.borrow();
         let id = station.enter();
         let (sender, ended) = watch::channel(None);
+        let activity = Arc::new(Mutex::new(Activity { is_held_up: false, last: Instant::now() }));
         let mut entries = lock(&self.0);
-        if entries.len() >= MAX_PAGES
-            && let Some(at) = entries.iter().position(|entry| entry.id != driver)
+        let idlest = entries.iter().enumerate().filter(|(_, entry)| entry.id != driver).max_by_key(|(at, entry)| {
+            let activity = lock(&entry.activity);
+            // Of equal ones the oldest.
+            (activity.is_held_up, activity.last.elapsed(), std::cmp::Reverse(*at))
+        });
+        if let Some((at, _)) = idlest
+            && entries.len() >= MAX_PAGES
         {
             entries.remove(at).ended.send_replace(Some(Farewell::TooMany));
         }
-        entries.push(Entry { id, ended: sender });
-        Page { station: Arc::clone(station), id, ended, all: Arc::clone(&self.0) }
+        entries.push(Entry { id, ended: sender, activity: Arc::clone(&activity) });
+        Page { station: Arc::clone(station), id, ended, activity, all: Arc::clone(&self.0) }
     }
 
     /// Tells all pages that the program ends, and waits until they are gone.
@@ -78,6 +94,13 @@ impl Pages {
         while !lock(&self.0).is_empty() {
             tokio::time::sleep(LOOK).await;
         }
+    }
+}
+
+impl Page {
+    /// Notes that it has sent something, and whether more of it has to wait.
+    pub fn has_sent(&self, is_held_up: bool) {
+        *lock(&self.activity) = Activity { is_held_up, last: Instant::now() };
     }
 }
 

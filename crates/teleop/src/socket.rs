@@ -122,7 +122,9 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
                         socket.send(Message::text(said))?;
                     }
                 }
-                budget.spend(units, Instant::now());
+                let now = Instant::now();
+                budget.spend(units, now);
+                page.has_sent(budget.ready_at() > now);
             }
             changed = status.changed() => {
                 if changed.is_err() {

@@ -245,7 +245,7 @@ fn farewell(socket: &mut WebSocket<TcpStream>) -> u16 {
     }
 }
 
-/// Guards that whoever has the token always gets in: the page that has waited longest without driving makes room.
+/// Guards that whoever has the token always gets in: the page that has sent nothing for longest, and does not drive, makes room.
 #[test]
 fn the_newest_page_gets_in_and_the_driver_stays() {
     let served = Served::start();
@@ -253,6 +253,10 @@ fn the_newest_page_gets_in_and_the_driver_stays() {
     let mut open: Vec<_> = (0..16).map(|_| served.socket(&query).expect("admitted")).collect();
     open[0].send(Message::text(r#"{"drive":true}"#)).expect("sent");
     while told(&mut open[0], "drives") != true {}
+    for page in &mut open[2..] {
+        page.send(Message::text(r#"{"input":"none"}"#)).expect("sent");
+    }
+    std::thread::sleep(Duration::from_millis(200));
     let mut newest = served.socket(&query).expect("admitted");
     assert_eq!(farewell(&mut open[1]), 4000);
     assert_eq!(told(&mut newest, "status")["phase"], "opening");
