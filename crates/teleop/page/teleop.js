@@ -121,7 +121,10 @@ async function show() {
     find("headset").hidden = !(await Headset.isThere());
   }
   loading(1);
-  if (newest && live.take(newest)) attempt(panel);
+  if (newest && live.take(newest)) {
+    attempt(panel);
+    attempt(numbers);
+  }
   ask();
   seen.live = live;
   seen.needsView = true;

@@ -302,6 +302,6 @@ fn a_flood_of_messages_waits_at_its_own_end() {
         }
         let took = began.elapsed();
         stop.store(true, Ordering::Relaxed);
-        assert!(took < Duration::from_secs(1), "50 answers took {took:?}");
+        assert!(took < Duration::from_secs(5), "50 answers took {took:?}");
     });
 }
