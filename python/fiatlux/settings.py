@@ -58,11 +58,12 @@ class Settings(EpisodeSettings, total=False):
     Attributes:
         ranges: Least and greatest value of what the benchmark holds constant, drawn anew for each episode: ``gravity`` (m/s^2),
             ``noise`` (factor of the width of the sensors' noise), ``action_delay`` (ms, in steps of 20), ``floor_friction`` (floor
-            and soles), and by name ``friction`` of surfaces and ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction":
-            {"floor": (0.5, 1.1)}}``.
+            and soles), ``hand_friction``, ``robot_mass`` and ``gains`` (factors), and by name ``friction`` of surfaces and
+            ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction": {"floor": (0.5, 1.1)}}``. ``"real"`` stands for
+            those of a real robot, as does ``{"preset": "real"}``, next to which other ranges override its own.
     """
 
-    ranges: Mapping[str, Any] | None
+    ranges: Mapping[str, Any] | str | None
 
 
 _DEFAULTS: dict[str, Any] = {
@@ -101,16 +102,28 @@ def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> di
     sizes = settings["prop_scale"]
     settings["prop_scale"] = [sizes] if isinstance(sizes, str) else [f"{name}={float(sizes[name])!r}" for name in sizes]
     settings["thresholds"] = {name: float(value) for name, value in settings["thresholds"].items()}
-    settings["ranges"] = list(_ranges(settings["ranges"] or {}))
+    settings["ranges"] = list(_ranges(by_preset(settings["ranges"]) or {}))
     settings["action_delay"] = whole("action_delay", settings["action_delay"], 0, 100)
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
     return settings
 
 
+def by_preset(ranges: Mapping[str, Any] | str | None) -> dict[str, Any] | None:
+    """Ranges as a mapping, in which a preset is the first entry: what follows overrides its ranges."""
+    if isinstance(ranges, str):
+        return {"preset": ranges}
+    if ranges is None or "preset" not in ranges:
+        return None if ranges is None else dict(ranges)
+    return {"preset": ranges["preset"], **ranges}
+
+
 def _ranges(ranges: Mapping[str, Any], group: str = "") -> Iterator[str]:
     """Each range as the programs' flag has it."""
     for name, value in ranges.items():
+        if name == "preset" and not group:
+            yield str(value)
+            continue
         if isinstance(value, Mapping):
             if group:
                 raise ValueError(f"ranges: {group}{name} is a mapping; give (least, most)")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import _native
 from ._numbers import MAX_SEED, seed_of, seeds_of, whole
 from .kinematics import Contacts
-from .settings import EpisodeSettings, complete
+from .settings import EpisodeSettings, by_preset, complete
 from .spaces import Layout, ObservationForm, as_actions
 
 if TYPE_CHECKING:
@@ -52,8 +52,9 @@ class SharedSettings(TypedDict, total=False):
             ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
             ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
             each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), ``gravity``, m/s^2 downwards, and, in
-            the benchmark's tasks, ``action_delay``, ms, and ``noise``, a factor of its width. :meth:`VectorEnv.drawn` has what
-            was drawn.
+            the benchmark's tasks, ``action_delay``, ms, and ``noise``, a factor of its width. ``"real"`` stands for those of a
+            real robot, as does the key ``preset``, next to which other ranges override its own. :meth:`VectorEnv.drawn` has
+            what was drawn.
         variations: Number of variations drawn for each start.
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
             "force_n", "torque_nm"}}``; missing keys have defaults.
@@ -73,7 +74,7 @@ class SharedSettings(TypedDict, total=False):
     num_threads: int | None
     seed: int
     observation: ObservationForm
-    ranges: Mapping[str, Any] | None
+    ranges: Mapping[str, Any] | str | None
     variations: int
     disturbances: Mapping[str, Any] | None
     links: Sequence[str]
@@ -118,7 +119,7 @@ def _native_settings(num_envs: int, shared: Mapping[str, Any]) -> dict[str, Any]
         "threads": whole("num_threads", threads, 1, _native.MAX_THREADS),
         "seed": seed_of(shared["seed"]),
         "autoreset": _autoreset(shared["autoreset_mode"]).value,
-        "ranges": None if shared["ranges"] is None else dict(shared["ranges"]),
+        "ranges": by_preset(shared["ranges"]),
         "variations": whole("variations", shared["variations"], 1, _native.MAX_STARTS),
         "disturbances": None if shared["disturbances"] is None else dict(shared["disturbances"]),
         "links": list(links),

@@ -1,8 +1,10 @@
 //! Converts Python arguments to our types.
 
+use std::collections::BTreeMap;
+
 use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
 use fiatlux_robot::Robot;
-use fiatlux_rules::Task;
+use fiatlux_rules::{ACTION_DELAY, NOISE, NamedRange, PRESETS, Task};
 use fiatlux_sensing::Sensor;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -110,32 +112,52 @@ pub(crate) type TaskRanges = (Option<[u32; 2]>, Option<[f64; 2]>);
 pub(crate) fn task_ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<TaskRanges> {
     let Some(settings) = settings else { return Ok((None, None)) };
     let settings = settings.copy()?;
-    Ok((take(&settings, "action_delay")?, take(&settings, "noise")?))
+    let preset = preset(&settings)?;
+    let of = |name: &str| preset.iter().find(|(known, _)| *known == name).map(|(_, range)| *range);
+    let delay = of(ACTION_DELAY).map(|range| range.map(|ms| ms as u32));
+    Ok((take(&settings, "action_delay")?.or(delay), take(&settings, "noise")?.or(of(NOISE))))
+}
+
+/// The ranges of a preset that a dictionary names; none without one.
+fn preset(settings: &Bound<'_, PyDict>) -> PyResult<&'static [NamedRange]> {
+    let Some(name) = take::<String>(settings, "preset")? else { return Ok(&[]) };
+    let known = PRESETS.map(|(name, _)| name).join(", ");
+    fiatlux_rules::preset(&name)
+        .ok_or_else(|| PyValueError::new_err(format!("ranges: preset is '{name}'; known ones are {known}")))
 }
 
 /// Reads the ranges of what varies between worlds from a dictionary.
 pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ranges>> {
     let Some(settings) = settings else { return Ok(None) };
     let settings = settings.copy()?;
-    let nominal = Ranges::NOMINAL;
+    let nominal = Ranges::NOMINAL.with(preset(&settings)?);
     let _: TaskRanges = (take(&settings, "action_delay")?, take(&settings, "noise")?);
     let ranges = Ranges {
-        hand_friction: take(&settings, "hand_friction")?,
-        floor_friction: take(&settings, "floor_friction")?,
+        hand_friction: take(&settings, "hand_friction")?.or(nominal.hand_friction),
+        floor_friction: take(&settings, "floor_friction")?.or(nominal.floor_friction),
         mass: take(&settings, "mass")?.unwrap_or(nominal.mass),
         com_shift_m: take(&settings, "com_shift_m")?.unwrap_or(nominal.com_shift_m),
         stiffness: take(&settings, "stiffness")?.unwrap_or(nominal.stiffness),
         damping: take(&settings, "damping")?.unwrap_or(nominal.damping),
         effort_limit: take(&settings, "effort_limit")?.unwrap_or(nominal.effort_limit),
-        friction: take(&settings, "friction")?.unwrap_or_default(),
-        thing_mass: take(&settings, "thing_mass")?.unwrap_or_default(),
+        friction: merged(nominal.friction, take(&settings, "friction")?),
+        thing_mass: merged(nominal.thing_mass, take(&settings, "thing_mass")?),
         light: take(&settings, "light")?.unwrap_or_default(),
-        gravity: take(&settings, "gravity")?,
+        gravity: take(&settings, "gravity")?.or(nominal.gravity),
     };
     let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit, friction, thing_mass, light, \
-                 gravity, action_delay, noise";
+                 gravity, action_delay, noise, preset";
     nothing_left("ranges", &settings, known)?;
     Ok(Some(ranges))
+}
+
+/// A preset's ranges by name, and those that override them.
+fn merged(
+    mut preset: BTreeMap<String, [f64; 2]>,
+    given: Option<BTreeMap<String, [f64; 2]>>,
+) -> BTreeMap<String, [f64; 2]> {
+    preset.extend(given.unwrap_or_default());
+    preset
 }
 
 /// Reads the disturbances from a dictionary.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{BodyVariation, DriveVariation, ShapeId, Variation};
+use fiatlux_rules::NamedRange;
 use fiatlux_world::{Random, Scene, ShapeOwner, free_things, surfaces};
 use nalgebra::Vector3;
 
@@ -60,6 +61,28 @@ impl Ranges {
         light: false,
         gravity: None,
     };
+
+    /// With the ranges of a preset ([`fiatlux_rules::preset`]) that belong to a start: all but the delay of actions and the noise.
+    /// The robot's mass and gains vary as a body or drive each.
+    #[must_use]
+    pub fn with(mut self, preset: &[NamedRange]) -> Self {
+        for &(name, range) in preset {
+            match name {
+                "gravity" => self.gravity = Some(range),
+                "floor_friction" => self.floor_friction = Some(range),
+                "hand_friction" => self.hand_friction = Some(range),
+                "robot_mass" => self.mass = range,
+                "gains" => (self.stiffness, self.damping) = (range, range),
+                name => {
+                    let by_name = [("friction.", &mut self.friction), ("thing_mass.", &mut self.thing_mass)];
+                    for (prefix, ranges) in by_name {
+                        ranges.extend(name.strip_prefix(prefix).map(|name| (name.to_owned(), range)));
+                    }
+                }
+            }
+        }
+        self
+    }
 
     /// Name and value of each.
     pub(crate) fn listed(&self) -> [(&'static str, String); 11] {
@@ -182,5 +205,35 @@ impl Ranges {
             variation.gravity = Some(Vector3::new(0.0, 0.0, -gravity));
         }
         drawn
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_rules::{ACTION_DELAY, NOISE, PRESETS};
+
+    use super::*;
+
+    /// No range of a preset is lost on its way to a start, but those that the task draws.
+    #[test]
+    fn a_preset_reaches_every_field() {
+        for (_, preset) in PRESETS {
+            let ranges = Ranges::NOMINAL.with(preset);
+            ranges.check().expect("a preset can be drawn from");
+            for &(name, range) in preset.iter().filter(|(name, _)| ![ACTION_DELAY, NOISE].contains(name)) {
+                let found = match name.split_once('.') {
+                    Some(("friction", surface)) => ranges.friction.get(surface).copied(),
+                    Some((_, thing)) => ranges.thing_mass.get(thing).copied(),
+                    None => match name {
+                        "floor_friction" => ranges.floor_friction,
+                        "hand_friction" => ranges.hand_friction,
+                        "robot_mass" => Some(ranges.mass),
+                        "gains" => (ranges.stiffness == ranges.damping).then_some(ranges.damping),
+                        _ => None,
+                    },
+                };
+                assert_eq!(found, Some(range), "{name}");
+            }
+        }
     }
 }

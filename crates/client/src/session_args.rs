@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use fiatlux_cli::whole;
 use fiatlux_proto::v3::{OpenRequest, PropScale, Range, Sensor};
 use fiatlux_robot::Robot;
+use fiatlux_rules::{NamedRange, PRESETS, preset};
 
 /// Flags that describe a session. Each flag that is given overrides the request's own value.
 #[derive(Debug, Clone, Default, Args)]
@@ -56,9 +57,10 @@ pub struct SessionArgs {
     prop_scale: Option<Sizes>,
     /// Ranges from which each episode draws what the benchmark holds constant, such as
     /// gravity=9.6..10,noise=0.5..2,friction.floor=0.5..1.1: gravity (m/s^2), noise (factor), action_delay (ms), floor_friction (floor
-    /// and soles), friction.SURFACE, thing_mass.THING (factor)
+    /// and soles), hand_friction, friction.SURFACE, robot_mass, gains, thing_mass.THING (factors); or real for those of a real
+    /// robot, which later ones override: real,noise=1
     #[arg(long = "range", value_name = "NAME=LEAST..MOST", value_delimiter = ',', value_parser = range)]
-    ranges: Vec<(String, Range)>,
+    ranges: Vec<Given>,
     /// Override a threshold, such as fragility_n=30; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, f64)>,
@@ -90,6 +92,13 @@ enum Fixed {
 enum Sizes {
     Random,
     Factors(PropScale),
+}
+
+/// A range, or several under one name.
+#[derive(Debug, Clone)]
+enum Given {
+    Range(String, Range),
+    Preset(&'static [NamedRange]),
 }
 
 impl SessionArgs {
@@ -143,7 +152,18 @@ impl SessionArgs {
             Some(Sizes::Random) => request.randomization.get_or_insert_default().prop_scale = true,
             Some(Sizes::Factors(factors)) => request.prop_scale = Some(factors),
         }
-        request.ranges.extend(self.ranges.iter().cloned());
+        for given in &self.ranges {
+            match given {
+                Given::Range(name, range) => {
+                    request.ranges.insert(name.clone(), *range);
+                }
+                Given::Preset(ranges) => {
+                    request
+                        .ranges
+                        .extend(ranges.iter().map(|&(name, [least, most])| (name.to_owned(), Range { least, most })));
+                }
+            }
+        }
         request.thresholds.extend(self.set.iter().cloned());
         if !self.end_on.is_empty() {
             request.end_on.clone_from(&self.end_on);
@@ -215,12 +235,16 @@ fn sizes(text: &str) -> Result<Sizes, String> {
     Ok(Sizes::Factors(factors))
 }
 
-fn range(text: &str) -> Result<(String, Range), String> {
-    let wrong = || format!("'{text}' is not a range; write NAME=LEAST..MOST, such as gravity=9.6..10");
+fn range(text: &str) -> Result<Given, String> {
+    if let Some(ranges) = preset(text) {
+        return Ok(Given::Preset(ranges));
+    }
+    let presets = PRESETS.map(|(name, _)| name).join(", ");
+    let wrong = || format!("'{text}' is not a range; write NAME=LEAST..MOST, such as gravity=9.6..10, or {presets}");
     let (name, range) = text.split_once('=').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
     let (least, most) = range.split_once("..").unwrap_or((range, range));
     let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(wrong);
-    Ok((name.into(), Range { least: number(least)?, most: number(most)? }))
+    Ok(Given::Range(name.into(), Range { least: number(least)?, most: number(most)? }))
 }
 
 fn assignment(text: &str) -> Result<(String, f64), String> {
@@ -278,6 +302,16 @@ mod tests {
         assert_eq!((request.gains.as_str(), request.reward.as_str()), ("sonic", "training"));
     }
 
+    /// A preset stands for its ranges; what is given after it overrides them.
+    #[test]
+    fn a_preset_is_many_ranges() {
+        let request = applied("--range real,noise=1,gravity=9.6..10", OpenRequest::default());
+        let of = |name: &str| request.ranges.get(name).map(|range| [range.least, range.most]);
+        assert_eq!((of("hand_friction"), of("friction.ladder")), (Some([0.4, 0.8]), Some([0.5, 0.8])));
+        assert_eq!((of("noise"), of("gravity")), (Some([1.0, 1.0]), Some([9.6, 10.0])));
+        assert_eq!(request.ranges.len(), preset("real").unwrap().len() + 1);
+    }
+
     #[test]
     fn a_robot_is_named_by_itself_or_its_hands() {
         for (flags, expected) in
@@ -324,6 +358,7 @@ mod tests {
             "--range gravity=9.6..",
             "--range gravity=inf",
             "--range =1..2",
+            "--range ideal",
         ] {
             assert!(Cli::try_parse_from(std::iter::once("x").chain(flags.split(' '))).is_err(), "{flags}");
         }

@@ -21,7 +21,7 @@ pub struct Gate<C: 'static> {
 }
 
 /// Criteria of the longest gate.
-pub const MAX_CRITERIA: usize = 9;
+pub const MAX_CRITERIA: usize = 10;
 
 /// Which criteria of a gate hold in a row, in the gate's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -40,7 +40,7 @@ pub struct Geometry {
 pub struct BulbGeometry {
     /// Plug point on the axis, m.
     pub plug_z: f64,
-    /// Outline as (z, radius), m.
+    /// Convex outline as (z, radius), m: of the shapes with which it collides, so that a bulb that lies free reaches into nothing.
     pub outline: Vec<[f64; 2]>,
 }
 

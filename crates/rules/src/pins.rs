@@ -29,10 +29,10 @@ pub const MODELS: [(&str, &str); 3] = include!("../pins/models.in");
 pub const RANKED_ROBOTS: [&str; 2] = include!("../pins/ranked.in");
 
 /// Digest of the scene config with the published values.
-pub const SCENE: &str = "8fd1499753235a91f97a29812bcf9265687f16a4976c9f45c72302bf2109dcdd";
+pub const SCENE: &str = "a76e87155de54ca3cab01909f05f3661f19d70c57695db948d18b98a29f5df8f";
 
 /// Digest of the rules, see [`rules_digest`].
-pub const RULES: &str = "2e36985e9b96ac3a5c5765adc8e2d414f5dab6decfa2dfc7508ea407f1a223a7";
+pub const RULES: &str = "0f46ab8f52ba2cedbd1e00793b9980b570194dad4db49c7ae306227210f66bcd";
 
 /// The benchmark's sensors that a robot could have as well.
 const STANDARD_SENSORS: [&str; 9] = [

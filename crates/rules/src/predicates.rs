@@ -147,9 +147,12 @@ pub fn lifted(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
     lowest.is_finite() && lowest > cx.geometry.bench_surface + cx.thresholds.lift_m
 }
 
-/// The whole bulb is within the crate's walls, seen from above.
+/// The whole bulb is within the middle of the crate's walls, seen from above: it leans on none of their tops. A bulb that strikes a
+/// wall may be some millimetres deep in it for a moment, and is dropped no more for that than one that lies there.
 pub fn between_crate_walls(row: &Row, cx: &Context<'_>, bulb: Bulb) -> bool {
-    is_between_walls(&cx.geometry.extents_in_crate(row, bulb), cx)
+    let (inner, outer) = (cx.geometry.crate_interior_half, cx.geometry.crate_outer_half);
+    let middle = inner.into_iter().zip(outer).map(|(inner, outer)| 0.5 * (inner + outer));
+    cx.geometry.extents_in_crate(row, bulb).iter().zip(middle).all(|(extent, middle)| extent.reach() < middle)
 }
 
 /// The whole bulb is inside the crate: within its walls and below its rim.

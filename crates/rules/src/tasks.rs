@@ -68,6 +68,10 @@ mod bulb_criteria {
         elevated(row, cx, Bulb::Fresh)
     }
 
+    pub(super) fn fresh_settled(_row: &Row, cx: &Context<'_>) -> bool {
+        settled(cx, Bulb::Fresh)
+    }
+
     pub(super) fn fresh_seated(row: &Row, _cx: &Context<'_>) -> bool {
         seated(row, Bulb::Fresh)
     }

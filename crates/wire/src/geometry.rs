@@ -6,7 +6,7 @@ use fiatlux_rules::{BulbGeometry, Geometry};
 use crate::WireError;
 use crate::error::{array, check_finite};
 
-/// Points of the longest outline that is read: the published bulb has 13.
+/// Points of the longest outline that is read: the published bulb has 97.
 const MAX_OUTLINE: usize = 256;
 
 pub fn geometry_message(geometry: &Geometry) -> v3::SceneGeometry {

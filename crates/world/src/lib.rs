@@ -43,6 +43,7 @@ mod props;
 mod randomize;
 mod rng;
 mod scene;
+mod silhouette;
 mod sites;
 mod start;
 mod world;

@@ -19,7 +19,7 @@ pub use hand_friction::HandFriction;
 pub use light::Light;
 pub use prop_scale::PropScale;
 pub use ranges::{EpisodeRanges, RangeError, Varied, delay_steps, free_things, noise_scale, surfaces};
-pub(crate) use ranges::{check_varied, vary};
+pub(crate) use ranges::{check_varied, vary, vary_gains};
 
 use crate::Random;
 

@@ -12,7 +12,8 @@ use crate::layout::{Layout, Mount};
 use crate::owner::ShapeOwner;
 use crate::parts::{LadderPart, SceneParts};
 use crate::props::{self, LadderPoints, Part, PropSizes, add_parts};
-use crate::randomize::{check_varied, vary};
+use crate::randomize::{check_varied, vary, vary_gains};
+use crate::silhouette::silhouette;
 use crate::{PropScale, SceneConfig, SceneError, Varied};
 
 /// Description of a scene to build.
@@ -102,10 +103,11 @@ impl Scene {
         };
         let mut builder = ModelBuilder::new();
         let props = Props::add(&mut builder, config, &sizes, &layout, &spec.parts)?;
+        let others = builder.bodies().len();
         let placed = robot.add_to(
             &mut builder,
             &BuildOptions {
-                gains: spec.gains.clone(),
+                gains: vary_gains(&spec.varied, &spec.gains),
                 world_from_pelvis: layout.robot.world_from_place(config.robot.pelvis_height),
                 hand_friction: spec.hand_friction,
                 first_label: ShapeOwner::Robot(0).label(),
@@ -113,7 +115,8 @@ impl Scene {
             },
         );
         let placed = placed.map_err(robot_error)?;
-        vary(&spec.varied, &robot, &mut builder)?;
+        let robot_bodies = others..builder.bodies().len();
+        vary(&spec.varied, &robot, robot_bodies, &mut builder)?;
         let model = builder.build()?;
         let owners = model.shapes().iter().map(|shape| ShapeOwner::from_label(shape.label)).collect();
         Ok(Self {
@@ -184,11 +187,7 @@ impl Scene {
             ladder_top: self.ladder_points.top.into(),
             ladder_feet: self.ladder_points.feet.map(Into::into),
             seat_z: self.sizes.seat_z,
-            bulbs: self
-                .sizes
-                .bulbs
-                .each_ref()
-                .map(|bulb| BulbGeometry { plug_z: bulb.seat_z, outline: bulb.outline.clone() }),
+            bulbs: Bulb::ALL.map(|bulb| self.bulb_geometry(bulb)),
             crate_outer_half: config.crate_.outer_half,
             crate_interior_half: config.crate_.interior_half,
             crate_rim: config.crate_.rim_height,
@@ -196,6 +195,14 @@ impl Scene {
             bench_surface: config.bench.surface_height,
             robot_mass: self.robot.total_mass(),
         }
+    }
+
+    /// A bulb as rules measure it: by what collides. In a scene without bulbs, as it is drawn.
+    fn bulb_geometry(&self, bulb: Bulb) -> BulbGeometry {
+        let size = &self.sizes.bulbs[bulb as usize];
+        let outline =
+            self.body(bulb.thing()).map_or_else(|| size.outline.clone(), |body| silhouette(&self.model, body));
+        BulbGeometry { plug_z: size.seat_z, outline }
     }
 
     /// Pose of a bulb that rests in the fixture: upright in it, its plug on the stop.

@@ -3,10 +3,11 @@
 //!
 //! Start: as S01, the robot turned roughly towards the bench.
 //!
-//! It ends with either bulb's drop. Its published gate has no window: the bonus that a reward pays falls due on the first step.
-//! Strict, the old bulb lies released and at rest in the crate, and the bonus falls due then.
+//! It ends with either bulb's drop. Its published gate has no window: the bonus that a reward pays falls due on the first step,
+//! while the hand still holds the fresh bulb. Strict, the errand is over where its last subtask is: both bulbs are let go and at rest,
+//! and the robot is down again, as S12 asks for; the bonus falls due then. (That the ladder stands, S12 asks too: here a tip ends it.)
 
-use super::bulb_criteria::{fresh_seated, old_at_rest, old_released};
+use super::bulb_criteria::{fresh_released, fresh_seated, fresh_settled, old_at_rest, old_released};
 use super::page::*;
 use crate::errand;
 
@@ -37,6 +38,11 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         strict: &[
             Criterion { name: "old_bulb_released", holds: old_released },
             Criterion { name: "old_bulb_at_rest", holds: old_at_rest },
+            Criterion { name: "fresh_bulb_settled", holds: fresh_settled },
+            Criterion { name: "fresh_bulb_released", holds: fresh_released },
+            Criterion { name: "at_ladder_foot", holds: at_ladder_foot },
+            STANDING,
+            DOWN,
             UPRIGHT,
         ],
         strict_steps: ONE_SECOND,

@@ -6,7 +6,7 @@
 use crate::errand;
 use nalgebra::Vector3;
 
-use super::bulb_criteria::{fresh_released, fresh_seated};
+use super::bulb_criteria::{fresh_released, fresh_seated, fresh_settled};
 use super::page::*;
 
 pub(crate) const SPEC: TaskSpec = TaskSpec {
@@ -51,10 +51,6 @@ pub(crate) const SPEC: TaskSpec = TaskSpec {
         ],
     },
 };
-
-fn fresh_settled(_row: &Row, cx: &Context<'_>) -> bool {
-    settled(cx, Bulb::Fresh)
-}
 
 /// 1 where the bulb's axis is that of the socket, falling off over tenths of a radian.
 fn axis_alignment(row: &Row, _cx: &Context<'_>) -> f64 {

@@ -39,6 +39,12 @@ fn honest_goal(task: Task) -> Row {
     let mut row = with_palms(goal_of(task));
     match task {
         Task::S02 | Task::S03 | Task::S10 | Task::S11 | Task::Climb => stand_on_treads(&mut row),
+        Task::Replace => {
+            // Down again, where the published gate lets the robot stand anywhere.
+            stand(&mut row, [2.0, 0.45, 0.79], LADDER);
+            row = with_palms(row);
+            stand_on_floor(&mut row);
+        }
         _ => stand_on_floor(&mut row),
     }
     row
@@ -141,6 +147,17 @@ fn misses(task: Task) -> Vec<Miss> {
             "old_bulb_at_rest" => {
                 &[("old_bulb_at_rest", "still rolls", |row, _| row.things[errand::BULBS[OLD]].linear_velocity.x = 0.1)]
             }
+            "fresh_bulb_released" => {
+                &[("fresh_bulb_released", "still in the hand", |row, _| touch(row, NEW, RIGHT[0], 3.0))]
+            }
+            "fresh_bulb_settled" => &[("fresh_bulb_settled", "still turns in the socket", |row, step| {
+                let turned = rotated([0.0; 3], Vector3::z(), 0.003 * step as f64);
+                row.things[errand::BULBS[NEW]].pose = row.things[errand::FIXTURE].pose * turned;
+            })],
+            "at_ladder_foot" => &[
+                ("at_ladder_foot", "on the lowest tread", |row, _| row.robot.pose.translation.z = 0.95),
+                ("at_ladder_foot", "elsewhere", |row, _| row.robot.pose.translation.y -= 0.1),
+            ],
             other => panic!("{task}: no way to miss {other} in this test"),
         };
         misses.extend(more);
@@ -329,7 +346,7 @@ fn only_goals_are_progress_by_themselves() {
         (Task::S12, "carried_by_floor", &stand_on_floor, 0.0),
         (Task::Climb, "carried_by_treads", &stand_on_treads, 0.0),
         (Task::Climb, "near_ladder", &|row| row.robot.pose.translation.x += 0.3, 0.0),
-        (Task::Replace, "old_bulb_disposed", &|row| put_in_crate(row, OLD), 0.5),
+        (Task::Replace, "old_bulb_disposed", &|row| put_in_crate(row, OLD), 0.25),
     ];
     for (task, criterion, change, progress) in cases {
         let mut judges = judges(task);

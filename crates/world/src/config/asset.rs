@@ -27,15 +27,20 @@ pub struct AssetConfig {
 }
 
 impl BulbConfig {
-    /// A bulb of another shape, with the plug of this one.
+    /// A bulb of another shape, with the plug of this one: it looks no thicker there than what collides.
     pub(crate) fn with_shape(&self, shape: &BulbShape) -> Self {
+        let mut outline = shape.outline.clone();
+        if let Some([_, end, radius]) = self.solids.first() {
+            let is_plug = |z: f64| z - shape.seat_z <= end - self.seat_z;
+            outline.iter_mut().filter(|point| is_plug(point[0])).for_each(|point| point[1] = point[1].min(*radius));
+        }
         Self {
             mass: shape.mass,
             axial_inertia: shape.axial_inertia,
             transverse_inertia: shape.transverse_inertia,
             com_z: shape.com_z,
             seat_z: shape.seat_z,
-            outline: shape.outline.clone(),
+            outline,
             solids: self.solids[..1].to_vec(),
             lying_height: shape.lying_height,
             ..self.clone()

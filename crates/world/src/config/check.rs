@@ -412,7 +412,9 @@ fn start(c: &StartConfig) -> Checked {
     ] {
         within(field, &angles.values().copied().collect::<Vec<_>>(), -3.2, 3.2)?;
     }
+    within("start.carry.settling_friction", &[carry.settling_friction], 0.0, 10.0)?;
     within("start.carry.holding_time", &[carry.holding_time], 0.0, 1.0)?;
-    let closing_most = 1.0 - carry.holding_time;
+    within("start.carry.settling_time", &[carry.settling_time], 0.0, 3.0 - carry.holding_time)?;
+    let closing_most = 3.0 - carry.holding_time - carry.settling_time;
     within("start.carry.closing_time", &[carry.closing_time], 0.0, closing_most)
 }

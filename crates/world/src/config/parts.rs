@@ -264,6 +264,8 @@ section! {
         glass_height: f64,
         glass_tilt: [f64; 2],
         closing_time: f64,
+        settling_time: f64,
+        settling_friction: f64,
         holding_time: f64,
         grip: BTreeMap<String, f64>,
     }

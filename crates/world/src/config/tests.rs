@@ -50,7 +50,7 @@ const BAD: &[(&str, &str, usize)] = &[
     ("[start]\nredraws = 201", "start.redraws", 2),
     ("[start]\nturn_step = 0.04", "start.turn_step", 2),
     ("[start]\nmounting_distance = nan", "start.mounting_distance", 2),
-    ("[start.carry]\nclosing_time = 0.9", "start.carry.closing_time", 2),
+    ("[start.carry]\nclosing_time = 2.9", "start.carry.closing_time", 2),
     ("[start.carry]\narm.right_elbow_joint = inf", "start.carry.arm", 2),
 ];
 

@@ -1,7 +1,8 @@
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use fiatlux_dynamics::{BodyId, ModelBuilder, ModelError, ShapeId};
-use fiatlux_robot::Robot;
+use fiatlux_robot::{Gains, Robot};
 use fiatlux_rules::{ACTION_DELAY, CONTROL_DT, Motion, NOISE, manifest};
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -19,8 +20,11 @@ pub type Varied = BTreeMap<String, f64>;
 /// | `noise` | factor of the half-width of all noise of the sensors | 0 to 100 |
 /// | `action_delay` | time from an action to its effect, ms, in steps of 20 | 0 to 100 |
 /// | `floor_friction` | friction of floor and soles | 0 to 10 |
+/// | `hand_friction` | friction of the hands, in place of what the episode draws | 0 to 10 |
 /// | `friction.NAME` | friction of all surfaces of `floor`, `room`, `bench`, `robot` or a thing; of two materials the larger coefficient counts, but for one with priority | 0 to 10 |
 /// | `thing_mass.NAME` | factor of the mass of a thing that moves | 0.01 to 100 |
+/// | `robot_mass` | factor of the mass of the robot's bodies, all by the same | 0.5 to 2 |
+/// | `gains` | factor of stiffness and damping of the robot's drives, all by the same | 0.5 to 2 |
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EpisodeRanges(BTreeMap<String, [f64; 2]>);
 
@@ -36,6 +40,9 @@ pub enum RangeError {
 
 const GRAVITY: &str = "gravity";
 const FLOOR_FRICTION: &str = "floor_friction";
+const HAND_FRICTION: &str = "hand_friction";
+const ROBOT_MASS: &str = "robot_mass";
+const GAINS: &str = "gains";
 const FRICTION: &str = "friction.";
 const THING_MASS: &str = "thing_mass.";
 
@@ -94,23 +101,44 @@ pub fn delay_steps(varied: &Varied) -> Option<usize> {
     varied.get(ACTION_DELAY).map(|ms| (ms / delay_step_ms()).round() as usize)
 }
 
+/// Drives with what is drawn for them.
+pub(crate) fn vary_gains(varied: &Varied, gains: &Gains) -> Gains {
+    let mut gains = gains.clone();
+    if let Some(factor) = varied.get(GAINS) {
+        gains.scale(0..gains.0.len(), *factor);
+    }
+    gains
+}
+
 /// Refuses a value that could not have been drawn for a scene.
 pub(crate) fn check_varied(varied: &Varied) -> Result<(), RangeError> {
     EpisodeRanges::new(varied.iter().map(|(name, value)| (name.clone(), [*value; 2]))).map(drop)
 }
 
 /// Changes a finished scene, before its model is built.
-pub(crate) fn vary(varied: &Varied, robot: &Robot, builder: &mut ModelBuilder) -> Result<(), ModelError> {
+///
+/// `robot_bodies` are the robot's among the builder's.
+pub(crate) fn vary(
+    varied: &Varied,
+    robot: &Robot,
+    robot_bodies: Range<usize>,
+    builder: &mut ModelBuilder,
+) -> Result<(), ModelError> {
     for (name, value) in varied {
         if name == GRAVITY {
             builder.set_gravity(Vector3::new(0.0, 0.0, -value));
         } else if let Some(thing) = name.strip_prefix(THING_MASS) {
             let body = builder.bodies().iter().position(|body| body.spec.name == thing);
             body.map_or(Ok(()), |body| builder.scale_mass(BodyId(body), *value))?;
+        } else if name == ROBOT_MASS {
+            for body in robot_bodies.clone() {
+                builder.scale_mass(BodyId(body), *value)?;
+            }
         } else {
             let is_meant = |owner: ShapeOwner| match owner {
                 ShapeOwner::Floor if name == FLOOR_FRICTION => true,
                 ShapeOwner::Robot(link) if name == FLOOR_FRICTION => robot.feet().contains(&link),
+                ShapeOwner::Robot(link) if name == HAND_FRICTION => robot.is_hand_surface(link),
                 owner => name.strip_prefix(FRICTION) == Some(owner.name()),
             };
             for shape in 0..builder.shapes().len() {
@@ -128,7 +156,8 @@ fn limits(name: &str) -> Option<([f64; 2], &'static str)> {
         GRAVITY => Some(([0.0, 100.0], " m/s^2")),
         NOISE => Some(([0.0, 100.0], "")),
         ACTION_DELAY => Some(([0.0, MAX_DELAY_MS], " ms in steps of 20")),
-        FLOOR_FRICTION => Some(([0.0, 10.0], "")),
+        FLOOR_FRICTION | HAND_FRICTION => Some(([0.0, 10.0], "")),
+        ROBOT_MASS | GAINS => Some(([0.5, 2.0], "")),
         name => {
             let surface = name.strip_prefix(FRICTION).filter(|name| surfaces().any(|known| known == *name));
             let thing = name.strip_prefix(THING_MASS).filter(|name| free_things().any(|(known, _)| known == *name));
@@ -141,7 +170,7 @@ fn known_names() -> String {
     let surfaces: Vec<_> = surfaces().collect();
     let things: Vec<_> = free_things().map(|(name, _)| name).collect();
     format!(
-        "{GRAVITY}, {NOISE}, {ACTION_DELAY}, {FLOOR_FRICTION}, {FRICTION} with {}, or {THING_MASS} with {}",
+        "{GRAVITY}, {NOISE}, {ACTION_DELAY}, {FLOOR_FRICTION}, {HAND_FRICTION}, {ROBOT_MASS}, {GAINS}, {FRICTION} with {}, or {THING_MASS} with {}",
         surfaces.join(", "),
         things.join(", ")
     )

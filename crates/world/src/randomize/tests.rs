@@ -1,7 +1,13 @@
 #![allow(clippy::unwrap_used)]
 
+use std::sync::Arc;
+
+use fiatlux_dynamics::{BodyId, ShapeId};
+use fiatlux_robot::{GainSet, Robot};
+use fiatlux_rules::{PRESETS, errand};
+
 use super::*;
-use crate::SceneError;
+use crate::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, ShapeOwner};
 
 const N: usize = 12_800;
 
@@ -82,9 +88,50 @@ fn ranges_that_cannot_be_drawn_from_are_refused() {
         ("noise", [f64::NAN, 1.0], "noise is from NaN"),
         ("action_delay", [0.0, 30.0], "in steps of 20"),
         ("thing_mass.ladder", [0.0, 1.0], "from 0.01 to 100"),
+        ("gains", [0.0, 1.0], "from 0.5 to 2"),
+        ("robot_mass", [1.0, 3.0], "from 0.5 to 2"),
+        ("hand_friction", [-0.1, 0.5], "from 0 to 10"),
     ] {
         let error = EpisodeRanges::new([(name.to_owned(), range)]).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
+    }
+}
+
+/// Every range of a preset can be drawn, and what is drawn reaches the model: masses, drives, hands, soles and treads.
+#[test]
+fn a_preset_changes_the_whole_scene() {
+    let robot = Arc::new(Robot::by_name("g1_inspire").unwrap());
+    for (_, preset) in PRESETS {
+        let ranges = EpisodeRanges::new(preset.iter().map(|(name, range)| ((*name).to_owned(), *range))).unwrap();
+        let varied = ranges.draw(1000, 3);
+        let spec = SceneSpec::new(SceneKind::CoupledLadder, 1000, robot.gains(GainSet::default()));
+        let build = |varied| {
+            let spec = SceneSpec { varied, ..spec.clone() };
+            Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec).unwrap()
+        };
+        let [nominal, scene] = [Varied::new(), varied.clone()].map(build);
+        let mass = |scene: &Scene, body: BodyId| scene.model.bodies()[body.0].spec.mass;
+        let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found}, not {expected}");
+        for body in scene.robot_ids.joints.iter().map(|joint| joint.body).chain([scene.robot_ids.root]) {
+            near(mass(&scene, body), mass(&nominal, body) * varied["robot_mass"]);
+        }
+        let ladder = scene.body(errand::LADDER).unwrap();
+        near(mass(&scene, ladder), mass(&nominal, ladder));
+        for ((_, drive), (_, before)) in scene.model.drives().iter().zip(nominal.model.drives()) {
+            near(drive.stiffness, before.stiffness * varied["gains"]);
+            near(drive.damping, before.damping * varied["gains"]);
+            assert_eq!(drive.effort_limit, before.effort_limit);
+        }
+        for (index, shape) in scene.model.shapes().iter().enumerate() {
+            let expected = match scene.owner(ShapeId(index)) {
+                ShapeOwner::Robot(link) if robot.is_hand_surface(link) => varied["hand_friction"],
+                ShapeOwner::Robot(link) if robot.feet().contains(&link) => varied["floor_friction"],
+                ShapeOwner::Floor => varied["floor_friction"],
+                ShapeOwner::LADDER => varied["friction.ladder"],
+                _ => nominal.model.shapes()[index].material.friction,
+            };
+            near(shape.material.friction, expected);
+        }
     }
 }
 

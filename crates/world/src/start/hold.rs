@@ -1,8 +1,13 @@
 //! A bulb in the hand: the hand closes around it in simulation, while all the rest is held still.
+//!
+//! With a settling time it closes with slippery surfaces, so that bulb and fingers slide to where the grasp encloses the bulb
+//! without friction: no contact then pulls along its surface but for the bulb's weight. A grasp that is squeezed askew creeps
+//! instead, in every engine whose friction is regularised.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+use fiatlux_dynamics::Variation;
 use fiatlux_robot::BulbGrasp;
 use fiatlux_rules::{Bulb, Row, errand};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -62,7 +67,8 @@ impl Start<'_> {
             * Translation3::new(0.0, 0.0, -grasp.glass_height * self.scene.spec.scale.bulb(bulb)))
     }
 
-    /// Closes the hand, first around the bulb held still, then around the free bulb.
+    /// Closes the hand, first around the bulb held still, then around the free bulb, in between with slippery surfaces where a
+    /// settling time asks for that.
     pub(super) fn close_hand(&self, world: &mut World, row: &Row, bulb: Bulb) -> Result<(), StartError> {
         let scene = self.scene;
         let carry = &scene.config.start.carry;
@@ -71,19 +77,29 @@ impl Start<'_> {
             locked[scene.robot_ids.joints[joint].dof] = false;
         }
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
-        let closed = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
+        let settles = carry.settling_time > 0.0;
+        if settles {
+            let mut slippery = Variation::default();
+            scene.set_hand_friction(carry.settling_friction, &mut slippery);
+            world.set_variation(&slippery)?;
+        }
+        let mut is_finite = world.stage(&row.joint_target, &locked, steps(carry.closing_time));
         let body = scene.body(bulb.thing());
         // A task's scene has its bulbs.
         if let Some(body) = body {
             let dof = scene.model.bodies()[body.0].dof_start;
             locked[dof..dof + 6].fill(false);
         }
-        let held = world.stage(&row.joint_target, &locked, steps(carry.holding_time));
+        if settles {
+            is_finite &= world.stage(&row.joint_target, &locked, steps(carry.settling_time));
+            world.set_variation(&Variation::default())?;
+        }
+        is_finite &= world.stage(&row.joint_target, &locked, steps(carry.holding_time));
 
         let (least_n, most_n) = (self.thresholds.touch_n, self.thresholds.fragility_n);
         let forces = world.row().force(errand::HAND_FORCE[bulb as usize]);
         let largest = forces.iter().fold(0.0, |largest: f64, force| largest.max(force.norm()));
-        let force_n = if closed && held { largest } else { f64::INFINITY };
+        let force_n = if is_finite { largest } else { f64::INFINITY };
         if force_n > least_n && force_n <= most_n {
             return Ok(());
         }

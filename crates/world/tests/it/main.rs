@@ -2,8 +2,10 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod diverged;
+mod grip;
 mod learner;
 mod rest;
 mod rulebook;
+mod shaken;
 mod strict;
 mod stunts;
