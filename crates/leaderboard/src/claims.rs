@@ -347,6 +347,8 @@ pub(crate) struct KnownRow {
     pub account: String,
     pub label: Label,
     pub person: bool,
+    /// Task and seed that the new submission gives them.
+    pub said: (String, u64),
 }
 
 /// What the known rows say of a new submission.
@@ -358,17 +360,11 @@ pub(crate) enum Origin {
     Refused(String),
 }
 
-/// Compares a submission with the known rows that are among its own, each with the task and the seed that the submission
-/// gives it. `count` has the number of rows of each known submission.
-pub(crate) fn origin(
-    account: &str,
-    label: &Label,
-    known: &[(KnownRow, (String, u64))],
-    count: &BTreeMap<String, u64>,
-) -> Origin {
+/// Compares a submission with the known rows that are among its own. `count` has the number of rows of each known submission.
+pub(crate) fn origin(account: &str, label: &Label, known: &[KnownRow], count: &BTreeMap<String, u64>) -> Origin {
     let mut shared: BTreeMap<&str, u64> = BTreeMap::new();
-    for (row, (said_task, said_seed)) in known {
-        let KnownRow { task, seed, first, account: owner, label: of, person, .. } = row;
+    for row in known {
+        let KnownRow { task, seed, first, account: owner, label: of, person, said: (said_task, said_seed) } = row;
         let policy = &of.policy;
         let rows = format!("{task}, seed {seed}: these rows were already submitted as {first} by {owner}");
         if *person {
@@ -542,12 +538,10 @@ mod tests {
             account: account.into(),
             label: label(policy),
             person,
+            said: ("S05".into(), 0),
         };
         let count = BTreeMap::from([("one".to_owned(), 2)]);
-        let of = |known: &[KnownRow]| {
-            let known: Vec<_> = known.iter().map(|row| (row.clone(), ("S05".to_owned(), 0))).collect();
-            origin("lab", &label("zero"), &known, &count)
-        };
+        let of = |known: &[KnownRow]| origin("lab", &label("zero"), known, &count);
         let own = row("one", "lab", "zero", false);
         assert_eq!(of(&[]), Origin::Own { replaces: BTreeSet::new() });
         assert_eq!(of(&[own.clone(), own.clone()]), Origin::Own { replaces: BTreeSet::from(["one".into()]) });

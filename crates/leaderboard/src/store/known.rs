@@ -1,5 +1,6 @@
 //! What the board knows besides its entries: rows that somebody submitted first, and hosted runs on its servers.
 
+use std::collections::btree_map::Entry as Slot;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -49,22 +50,22 @@ impl Store {
     pub(crate) async fn known_rows(
         &self,
         rows: &[EpisodeRows],
-    ) -> Result<(Vec<(KnownRow, (String, u64))>, BTreeMap<String, u64>), StoreError> {
+    ) -> Result<(Vec<KnownRow>, BTreeMap<String, u64>), StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let (mut known, mut count) = (Vec::new(), BTreeMap::new());
         for EpisodeRows { digest, task, seed } in rows {
             let found = sqlx::query("SELECT * FROM known_rows WHERE rows = $1").bind(digest).fetch_optional(&self.pool);
             let Some(row) = found.await.map_err(failed)? else { continue };
-            let row = known_row(&row).map_err(failed)?;
-            if !count.contains_key(&row.first) {
+            let row = known_row(&row, (task.clone(), *seed)).map_err(failed)?;
+            if let Slot::Vacant(slot) = count.entry(row.first.clone()) {
                 let all = sqlx::query("SELECT COUNT(*) AS count FROM known_rows WHERE submission = $1")
                     .bind(&row.first)
                     .fetch_one(&self.pool)
                     .await
                     .map_err(failed)?;
-                count.insert(row.first.clone(), all.try_get::<i64, _>("count").map_err(failed)? as u64);
+                slot.insert(all.try_get::<i64, _>("count").map_err(failed)? as u64);
             }
-            known.push((row, (task.clone(), *seed)));
+            known.push(row);
         }
         Ok((known, count))
     }
@@ -197,7 +198,8 @@ impl Store {
     }
 }
 
-/// Gives the rows of a submission to it, and takes the submissions that it replaces out of the tables.
+/// Gives the rows of a submission to it, and takes the submissions that it replaces out of the tables. A verified one stays until
+/// this one is verified, too: a bad submission does not cost its account a good one.
 pub(super) async fn own(
     tx: &mut Transaction<'static, Sqlite>,
     id: SubmissionId,
@@ -206,21 +208,57 @@ pub(super) async fn own(
     replaces: &BTreeSet<String>,
     rows: &[EpisodeRows],
 ) -> Result<(), StoreError> {
-    let failed = |error| StoreError::database(CHANGE)(error);
-    for other in replaces.iter().filter(|other| **other != id.to_string()) {
-        let other: SubmissionId =
-            other.parse().map_err(|error| StoreError::corrupt(format!("the id '{other}'"), error))?;
-        let reason = format!("replaced by {id}, a later submission of the same episodes");
-        super::submissions::refuse(tx, other, "service", &reason).await?;
+    let own = id.to_string();
+    let is_ready = is_verified(tx, &own).await?;
+    let mut later = Vec::new();
+    for other in replaces.iter().filter(|other| **other != own) {
+        if !is_ready && is_verified(tx, other).await? {
+            later.push(other.as_str());
+        } else {
+            replace(tx, other, id).await?;
+        }
     }
-    know(tx, &id.to_string(), account, label, false, rows).await?;
-    sqlx::query("UPDATE submissions SET indexed = $2 WHERE id = $1")
-        .bind(id.to_string())
+    know(tx, &own, account, label, false, rows).await?;
+    sqlx::query("UPDATE submissions SET indexed = $2, replaces = $3 WHERE id = $1")
+        .bind(&own)
         .bind(now_ms())
+        .bind(later.join(" "))
         .execute(&mut **tx)
         .await
-        .map_err(failed)?;
-    Ok(())
+        .map(drop)
+        .map_err(StoreError::database(CHANGE))
+}
+
+/// Gives a submission that was verified the place of those that it replaces. Its rows are noted as its own by the next look.
+pub(super) async fn take_place(tx: &mut Transaction<'static, Sqlite>, id: SubmissionId) -> Result<(), StoreError> {
+    let failed = |error| StoreError::database(CHANGE)(error);
+    let row = sqlx::query("SELECT replaces FROM submissions WHERE id = $1").bind(id.to_string());
+    let replaces = row.fetch_one(&mut **tx).await.map_err(failed)?.try_get::<Option<String>, _>("replaces");
+    let replaces = replaces.map_err(failed)?.unwrap_or_default();
+    if replaces.is_empty() {
+        return Ok(());
+    }
+    for other in replaces.split(' ') {
+        replace(tx, other, id).await?;
+    }
+    sqlx::query("UPDATE submissions SET indexed = NULL, replaces = NULL WHERE id = $1")
+        .bind(id.to_string())
+        .execute(&mut **tx)
+        .await
+        .map(drop)
+        .map_err(failed)
+}
+
+async fn is_verified(tx: &mut Transaction<'static, Sqlite>, id: &str) -> Result<bool, StoreError> {
+    let row = sqlx::query("SELECT 1 FROM submissions WHERE id = $1 AND state = 'verified'").bind(id);
+    let row = row.fetch_optional(&mut **tx).await.map_err(StoreError::database(ASK))?;
+    Ok(row.is_some())
+}
+
+async fn replace(tx: &mut Transaction<'static, Sqlite>, other: &str, by: SubmissionId) -> Result<(), StoreError> {
+    let other: SubmissionId = other.parse().map_err(|error| StoreError::corrupt(format!("the id '{other}'"), error))?;
+    let reason = format!("replaced by {by}, a later submission of the same episodes");
+    super::submissions::refuse(tx, other, "service", &reason).await
 }
 
 /// Adds rows that are not known yet; returns their number.
@@ -265,7 +303,7 @@ pub(super) async fn forget_rows(tx: &mut Transaction<'static, Sqlite>, id: &str)
         .map_err(StoreError::database(CHANGE))
 }
 
-fn known_row(row: &SqliteRow) -> Result<KnownRow, sqlx::Error> {
+fn known_row(row: &SqliteRow, said: (String, u64)) -> Result<KnownRow, sqlx::Error> {
     Ok(KnownRow {
         task: row.try_get("task")?,
         seed: row.try_get("seed")?,
@@ -273,6 +311,7 @@ fn known_row(row: &SqliteRow) -> Result<KnownRow, sqlx::Error> {
         account: row.try_get("account")?,
         label: Label { policy: row.try_get("policy")?, senses: row.try_get("senses")? },
         person: row.try_get::<i64, _>("person")? != 0,
+        said,
     })
 }
 

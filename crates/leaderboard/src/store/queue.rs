@@ -7,7 +7,7 @@ use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
 use super::accounts::audit;
-use super::known::{EpisodeRows, facts_in, facts_text, own};
+use super::known::{EpisodeRows, facts_in, facts_text, own, take_place};
 use super::submissions::{counts, digest_of, id_of, refuse};
 use super::{Count, Digest, Store};
 use crate::claims::{Consequence, Facts, Label, consequence};
@@ -101,7 +101,6 @@ impl Store {
         if done.rows_affected() == 0 {
             return Ok(());
         }
-        own(&mut tx, id, account, label, replaces, rows).await?;
         for episode in episodes {
             sqlx::query(
                 "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail) \
@@ -135,6 +134,7 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(failed)?;
+        own(&mut tx, id, account, label, replaces, rows).await?;
         let detail = format!("{} episodes with bags", episodes.len());
         audit(&mut tx, "service", "submission graded", &id.to_string(), &detail).await?;
         tx.commit().await.map_err(failed)
@@ -210,6 +210,7 @@ impl Store {
             Consequence::Verified => {
                 let state = "UPDATE submissions SET state = 'verified' WHERE id = $1 AND state = 'graded'";
                 sqlx::query(state).bind(&id).execute(&mut *tx).await.map_err(failed)?;
+                take_place(&mut tx, job.submission).await?;
                 audit(&mut tx, "service", "submission verified", &id, "").await?;
             }
             Consequence::Waits => {}

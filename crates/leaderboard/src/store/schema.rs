@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 use crate::StoreError;
 
 /// The statements of each version, from version 1 on.
-const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS];
+const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS, REPLACES];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE accounts (
@@ -113,6 +113,9 @@ const CLAIMS: &[&str] = &[
         PRIMARY KEY (server, run)
     )",
 ];
+
+/// Verified submissions whose place a submission takes once it is verified, too: their ids, with spaces between them.
+const REPLACES: &[&str] = &["ALTER TABLE submissions ADD COLUMN replaces TEXT"];
 
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
     let failed = |action| StoreError::database(action);

@@ -18,6 +18,7 @@ async fn make_old(folder: &Path, statements: &[String]) {
         "DROP TABLE hosted_runs",
         "ALTER TABLE submissions DROP COLUMN facts",
         "ALTER TABLE submissions DROP COLUMN indexed",
+        "ALTER TABLE submissions DROP COLUMN replaces",
         "DELETE FROM schema_version WHERE version > 2",
     ];
     for statement in back.into_iter().map(str::to_owned).chain(statements.iter().cloned()) {

@@ -111,7 +111,7 @@ fn labels_gain_no_place() {
 #[test]
 fn what_cannot_be_compared_is_not_ranked() {
     let lab = Lab::start("trust-fresh");
-    let run = played_by(&lab, "zero", "fresh", &["--tasks", "S05", "--seeds", "0..3"]);
+    let run = played_by(&lab, "random", "fresh", &["--tasks", "S01", "--seeds", "0..3"]);
     let board = Board::start(&lab, &["--refusal-pause", "0"]);
     // A2 with a request that servers accept: the rows are not those of the room.
     let moved = |parts: &mut Parts| {
@@ -151,26 +151,26 @@ fn what_cannot_be_compared_is_not_ranked() {
     assert_refused("a5", board.submit_as("other", &forged(&lab, &run, "a5", |_| {}), &[]), "as those of a person");
 
     // Two honest accounts that send the built-in policy: the first owns its rows.
-    let built_in = played_by(&lab, "stand", "built-in", &["--tasks", "S05", "--seeds", "0..3"]);
+    let built_in = played_by(&lab, "random", "built-in", &["--tasks", "S02", "--seeds", "0..3"]);
     let (code, said) = board.submit(&built_in, &[]);
-    assert_eq!((code, &entry(&board, &said)["ranked_tasks"]), (0, &json!(["S05"])), "{said}");
-    let again = played_by(&lab, "stand", "built-in-again", &["--tasks", "S05", "--seeds", "0..3"]);
+    assert_eq!((code, &entry(&board, &said)["ranked_tasks"]), (0, &json!(["S02"])), "{said}");
+    let again = played_by(&lab, "random", "built-in-again", &["--tasks", "S02", "--seeds", "0..3"]);
     let taken = format!(
-        "already submitted as {} by lab, policy 'stand'; the first submission keeps its place",
+        "already submitted as {} by lab, policy 'random'; the first submission keeps its place",
         said["id"].as_str().unwrap()
     );
-    assert_refused("stand", board.submit_as("other", &again, &[]), &taken);
+    assert_refused("built-in", board.submit_as("other", &again, &[]), &taken);
     // The account's own second run of it takes the place of the first.
     let (code, said) = board.submit(&again, &[]);
     assert_eq!((code, &said["badge"]), (0, &json!("replayed")), "{said}");
-    assert_eq!(entry(&board, &said)["ranked_tasks"], json!(["S05"]));
+    assert_eq!(entry(&board, &said)["ranked_tasks"], json!(["S02"]));
 }
 
 /// Guards that the best of three registered hosted runs is not ranked as the only one (A10).
 #[test]
 fn registered_runs_count() {
     let lab = Lab::start("trust-tries");
-    let hosted = played_by(&lab, "stand", "hosted", &["--hosted", "4", "--tasks", "S05"]);
+    let hosted = played_by(&lab, "random", "hosted", &["--hosted", "4", "--tasks", "S05"]);
     // Two more of the same policy and version were registered weeks ago, and nobody submitted them.
     let runs = lab.folder().path().join("runs-of-the-board");
     let name = hosted.file_name().unwrap();
