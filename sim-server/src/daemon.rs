@@ -13,6 +13,8 @@ use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
 
+/// Largest scene file, bytes.
+const MAX_SCENE_BYTES: u64 = 16 << 20;
 /// Time that recorders have after an interrupt.
 const SHUTDOWN: Duration = Duration::from_secs(12);
 
@@ -78,7 +80,8 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     let scene = match &args.scene {
         None => SceneConfig::default(),
         Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let text = fiatlux_files::read_stream(path, MAX_SCENE_BYTES)
+                .with_context(|| format!("cannot read {}", path.display()))?;
             SceneConfig::from_toml(&text).with_context(|| path.display().to_string())?
         }
     };
@@ -120,10 +123,10 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     tracing::info!("interrupted: ending {} sessions", server.open_sessions());
     let is_whole = server.shutdown(SHUTDOWN);
     if !is_whole {
-        eprintln!(
+        fiatlux_cli::report(format!(
             "recorders have not taken all records of the sessions above within {} s; their bags are cut",
             SHUTDOWN.as_secs()
-        );
+        ));
     }
     session.close()?;
     Ok(is_whole)

@@ -34,7 +34,7 @@ impl Bag {
     pub fn check_rest(&self, seen: &ReadParts) -> Result<(), BagError> {
         let Sums { data, summary, is_ours } = self.sums;
         let whole = *self.completeness() == Completeness::Whole;
-        let mut file = File::open(self.path()).map_err(BagError::io("open", self.path()))?;
+        let mut file = fiatlux_files::open(self.path()).map_err(BagError::io("open", self.path()))?;
         let mut covered = |what: &str, from: u64, to: u64, sum: u32| {
             if sum == 0 && !is_ours {
                 // The format leaves checksums to the writer.

@@ -1,7 +1,6 @@
 //! Finds a file's records by their lengths, without unpacking a chunk.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
@@ -93,7 +92,7 @@ pub(crate) struct Scan {
 
 /// Reads a file's records up to its end or to the first incomplete one.
 pub(crate) fn scan(path: &Path) -> Result<Scan, BagError> {
-    let file = File::open(path).map_err(BagError::io("open", path))?;
+    let file = fiatlux_files::open(path).map_err(BagError::io("open", path))?;
     let size = file.metadata().map_err(BagError::io("read", path))?.len();
     let mut reader = BufReader::new(file);
     let mut scan = Scan::default();

@@ -62,7 +62,7 @@ fn new_reader() -> LinearReader {
 
 impl ChunkReader {
     pub fn open(path: &Path, channels: Channels, patience: Option<Patience>) -> Result<Self, BagError> {
-        let file = File::open(path).map_err(BagError::io("open", path))?;
+        let file = fiatlux_files::open(path).map_err(BagError::io("open", path))?;
         let (path, reader, hasher, seen) = (path.into(), new_reader(), Hasher::new(), ReadParts::default());
         Ok(Self { path, file, reader, at_end: true, offset: 0, remaining: 0, hasher, seen, channels, patience })
     }

@@ -73,6 +73,8 @@ struct FileFinger {
     ours: Vec<(String, f64, f64)>,
 }
 
+/// Largest file of a mapping or retargeting, bytes.
+pub(crate) const MAX_MAPPING_BYTES: u64 = 1 << 20;
 /// The retargetings that come with this program, by name.
 const SHIPPED: [(&str, &str); 1] = include!("../hands/shipped.in");
 
@@ -83,7 +85,7 @@ impl Hands {
             |field: &str, problem: String| BridgeError::Mapping { name: name.into(), field: field.into(), problem };
         let text = match SHIPPED.iter().find(|(known, _)| *known == name) {
             Some((_, text)) => (*text).to_owned(),
-            None => std::fs::read_to_string(name).map_err(|error| {
+            None => fiatlux_files::read_text(name.as_ref(), MAX_MAPPING_BYTES).map_err(|error| {
                 let known = SHIPPED.map(|(name, _)| name).join(", ");
                 wrong("hands", format!("{error}; give a file, or one of {known}"))
             })?,

@@ -6,7 +6,7 @@ mod shipped;
 use fiatlux_robot::Robot;
 use fiatlux_wbc::{CONTROL_DT, LEGS, MOVED};
 
-use crate::hands::{Hands, Side};
+use crate::hands::{Hands, MAX_MAPPING_BYTES, Side};
 use crate::image::Resize;
 use crate::{BridgeError, Dialect, Representation};
 pub use shipped::{default_mapping, shipped_names};
@@ -134,11 +134,12 @@ impl Mapping {
         if let Some(text) = shipped::text(name) {
             return Self::from_toml(name, text, robot);
         }
-        let text = std::fs::read_to_string(name).map_err(|error| BridgeError::Mapping {
-            name: name.into(),
-            field: "file".into(),
-            problem: format!("{error}; give a file, or one of {}", shipped_names().join(", ")),
-        })?;
+        let text =
+            fiatlux_files::read_text(name.as_ref(), MAX_MAPPING_BYTES).map_err(|error| BridgeError::Mapping {
+                name: name.into(),
+                field: "file".into(),
+                problem: format!("{error}; give a file, or one of {}", shipped_names().join(", ")),
+            })?;
         Self::from_toml(name, &text, robot)
     }
 

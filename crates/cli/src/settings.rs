@@ -16,6 +16,8 @@ use clap::{Arg, ArgAction, Command, CommandFactory, Parser};
 use thiserror::Error;
 use toml::{Spanned, Value};
 
+/// Largest settings file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
 const SETTINGS: &str = "settings";
 
 #[derive(Debug, Error)]
@@ -45,7 +47,8 @@ pub fn parse_with_settings_from<C: Parser>(
     // A required flag may be given in the file.
     let given = lenient(&command).try_get_matches_from(&args)?;
     if let Some(path) = given.get_one::<PathBuf>(SETTINGS) {
-        let text = std::fs::read_to_string(path).map_err(|source| SettingsError::Read { path: path.clone(), source });
+        let text = fiatlux_files::read_stream(path, MAX_BYTES)
+            .map_err(|source| SettingsError::Read { path: path.clone(), source });
         let settings = text.and_then(|text| read(path, &text, &command));
         let settings = settings.map_err(|error| command.error(ErrorKind::ValueValidation, crate::in_full(&error)))?;
         let unset = |(id, _): &(String, _)| given.value_source(id) != Some(ValueSource::CommandLine);

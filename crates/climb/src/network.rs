@@ -21,6 +21,8 @@ const FORMAT: &str = "fiatlux-climb/1";
 const ROBOTS: [&str; 2] = ["g1_bare", Robot::NAMES[0]];
 /// Largest difference from what the network gave when it was exported.
 const TOLERANCE: f32 = 1e-4;
+/// Largest file, bytes.
+const MAX_FILE_BYTES: u64 = 128 << 20;
 /// Largest layer.
 const MAX_WIDTH: usize = 1 << 12;
 
@@ -162,7 +164,8 @@ impl Network {
     /// # Errors
     /// A file that cannot be read, or see [`Network::from_bytes`].
     pub fn read(path: &Path) -> Result<Self, NetworkError> {
-        let bytes = std::fs::read(path).map_err(|source| NetworkError::Read { path: path.into(), source })?;
+        let bytes = fiatlux_files::read(path, MAX_FILE_BYTES)
+            .map_err(|source| NetworkError::Read { path: path.into(), source })?;
         Self::from_bytes(&bytes)
     }
 

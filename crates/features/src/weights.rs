@@ -1,6 +1,5 @@
 //! The network's weights: from a file, or drawn from a seed.
 
-use std::io::Read;
 use std::path::Path;
 
 use data_encoding::HEXLOWER;
@@ -38,13 +37,10 @@ impl Weights {
     /// network's.
     pub fn from_safetensors(path: impl AsRef<Path>) -> Result<Self, FeatureError> {
         let path = path.as_ref();
-        let unreadable = |source| FeatureError::Read { path: path.to_owned(), source };
-        let file = std::fs::File::open(path).map_err(unreadable)?;
-        let mut bytes = Vec::new();
-        file.take(FILE_LIMIT + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-        if bytes.len() as u64 > FILE_LIMIT {
-            return Err(FeatureError::FileSize { path: path.to_owned(), limit: FILE_LIMIT });
-        }
+        let bytes = fiatlux_files::read(path, FILE_LIMIT).map_err(|source| match source.kind() {
+            std::io::ErrorKind::FileTooLarge => FeatureError::FileSize { path: path.to_owned(), limit: FILE_LIMIT },
+            _ => FeatureError::Read { path: path.to_owned(), source },
+        })?;
         Self::from_safetensors_bytes(&bytes)
     }
 

@@ -27,6 +27,8 @@ pub const DECODER: ModelFile = ModelFile {
     source: "huggingface.co/nvidia/GEAR-SONIC (model_decoder.onnx)",
 };
 
+/// Largest list of digests, bytes.
+const MAX_LIST_BYTES: u64 = 1 << 20;
 /// Optional list of digests in a folder, in the form of `sha256sum`. A file in the list must have the digest given
 /// there.
 pub const SHA256_LIST: &str = "SHA256SUMS";
@@ -47,7 +49,7 @@ impl ModelFile {
 /// The digest that the folder's list gives for a file; `None` if there is no list or no such line.
 fn digest_of(folder: &Path, file: &Path) -> Result<Option<String>, ForeignError> {
     let path = folder.join(SHA256_LIST);
-    let text = match std::fs::read_to_string(&path) {
+    let text = match fiatlux_files::read_text(&path, MAX_LIST_BYTES) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(ForeignError::Read { path, source }),

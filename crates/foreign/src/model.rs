@@ -1,6 +1,5 @@
 //! An ONNX network with one input and one output, loaded and checked.
 
-use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,14 +42,10 @@ impl Model {
     pub fn read(path: &Path, file: &ModelFile, digest: Option<&str>) -> Result<Self, ForeignError> {
         let unreadable = |source: std::io::Error| match source.kind() {
             std::io::ErrorKind::NotFound => ForeignError::Missing { path: path.into(), source_of: file.source },
+            std::io::ErrorKind::FileTooLarge => ForeignError::FileSize { path: path.into(), most: FILE_LIMIT },
             _ => ForeignError::Read { path: path.into(), source },
         };
-        let opened = std::fs::File::open(path).map_err(unreadable)?;
-        let mut bytes = Vec::new();
-        opened.take(FILE_LIMIT + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-        if bytes.len() as u64 > FILE_LIMIT {
-            return Err(ForeignError::FileSize { path: path.into(), most: FILE_LIMIT });
-        }
+        let bytes = fiatlux_files::read(path, FILE_LIMIT).map_err(unreadable)?;
         if bytes.starts_with(LFS_POINTER) {
             return Err(ForeignError::Pointer { path: path.into() });
         }

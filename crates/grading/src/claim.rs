@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::compare::MAX_RESULTS_BYTES;
 use crate::flaw::first_difference;
 use crate::{EpisodeRow, Fault, Results};
 
@@ -13,7 +14,7 @@ pub fn false_claim(folder: &Path, results: &Results) -> Option<String> {
         return None;
     }
     let name = file.display();
-    let claim: Results = match std::fs::read(&file)
+    let claim: Results = match fiatlux_files::read(&file, MAX_RESULTS_BYTES)
         .map_err(|error| error.to_string())
         .and_then(|bytes| serde_json::from_slice(&bytes).map_err(|error| error.to_string()))
     {

@@ -19,6 +19,8 @@ use thiserror::Error;
 use self::exact::sign_flip_p;
 use crate::{RESULTS_VERSION, Results};
 
+/// Largest `results.json`, bytes.
+pub(crate) const MAX_RESULTS_BYTES: u64 = 256 << 20;
 /// Gate progress is counted in steps of one over this number, which is exact for gates of up to ten criteria.
 const PROGRESS_STEPS: f64 = 2520.0;
 
@@ -271,7 +273,8 @@ fn pair_up(
 
 fn read(path: &Path) -> Result<(PathBuf, ComparedResults), CompareError> {
     let file = if path.is_dir() { path.join("results.json") } else { path.to_owned() };
-    let text = std::fs::read(&file).map_err(|source| CompareError::Read { file: file.clone(), source })?;
+    let text = fiatlux_files::read(&file, MAX_RESULTS_BYTES)
+        .map_err(|source| CompareError::Read { file: file.clone(), source })?;
     let mut run: ComparedResults =
         serde_json::from_slice(&text).map_err(|source| CompareError::Form { file: file.clone(), source })?;
     // Scorers before this field wrote nothing, because there was only one version.

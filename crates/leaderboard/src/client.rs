@@ -6,7 +6,6 @@
 mod http;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -236,7 +235,7 @@ impl<'a> Submit<'a> {
         let (mut done, mut files, mut paths) = (0, Vec::new(), BTreeMap::new());
         for (name, path) in &upload.files {
             let read = |source| SubmitError::Read { path: path.clone(), source };
-            let mut file = File::open(path).map_err(read)?;
+            let mut file = fiatlux_files::open(path).map_err(read)?;
             let (mut sum, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 20]);
             loop {
                 if self.stop.load(Ordering::Relaxed) {
@@ -262,7 +261,7 @@ impl<'a> Submit<'a> {
         let read = |source| SubmitError::Read { path: path.into(), source };
         let (mut received, mut tries) = (file.received, FailedTries::default());
         loop {
-            let mut source = File::open(path).map_err(read)?;
+            let mut source = fiatlux_files::open(path).map_err(read)?;
             source.seek(SeekFrom::Start(received)).map_err(read)?;
             let address = format!("/api/v1/submissions/{id}/files/{}?offset={received}", file.place);
             let (progress, stop) = (&mut *self.progress, self.stop);

@@ -1,5 +1,7 @@
 //! Config keys that this build would ignore: they are refused by name before a session opens.
 
+use std::path::Path;
+
 use serde_json::Value;
 use zenoh::Config;
 
@@ -26,6 +28,8 @@ const SHARED_MEMORY: &str = "transport/shared_memory";
 const ACCESS_CONTROL: &str = "access_control";
 const LINK_PROTOCOLS: &str = "transport/link/protocols";
 const DICTIONARY: &str = "transport/auth/usrpwd/dictionary_file";
+/// Largest file of users, bytes.
+const MAX_DICTIONARY_BYTES: u64 = 1 << 20;
 
 /// Refuses settings that this build cannot honour.
 pub fn check(config: &Config) -> Result<(), LinkError> {
@@ -70,7 +74,7 @@ pub fn check(config: &Config) -> Result<(), LinkError> {
 /// An empty list of users would let everybody in.
 fn check_dictionary(path: &str) -> Result<(), LinkError> {
     let remedy = "it has a line USER:PASSWORD for each user; paths are relative to the working folder";
-    let text = std::fs::read_to_string(path)
+    let text = fiatlux_files::read_stream(Path::new(path), MAX_DICTIONARY_BYTES)
         .map_err(|error| refused(DICTIONARY, &format!("cannot read {path}: {error}"), remedy))?;
     if text.trim().is_empty() {
         return Err(refused(DICTIONARY, &format!("{path} names no user, so everybody would be let in"), remedy));

@@ -13,6 +13,8 @@ use sha2::{Digest, Sha256};
 use crate::standing::Standing;
 use crate::{Contract, FRAME, MOVED, WbcError, mirrored_action, mirrored_frame};
 
+/// Largest file, bytes.
+const MAX_FILE_BYTES: u64 = 128 << 20;
 /// Largest difference from what the network gave when it was exported.
 const TOLERANCE: f32 = 1e-5;
 /// Under which name a file carries the contract.
@@ -54,7 +56,8 @@ impl Network {
     /// # Errors
     /// A file that cannot be read, or see [`Network::from_bytes`].
     pub fn read(path: &Path) -> Result<Self, WbcError> {
-        let bytes = std::fs::read(path).map_err(|source| WbcError::Read { path: path.into(), source })?;
+        let bytes =
+            fiatlux_files::read(path, MAX_FILE_BYTES).map_err(|source| WbcError::Read { path: path.into(), source })?;
         if bytes.starts_with(CHECKPOINT) {
             return Err(WbcError::Checkpoint { path: path.into() });
         }

@@ -1,6 +1,7 @@
 //! Every number of the scene. `scene.toml` holds the published values with their sources and the meaning of each field.
 
 mod asset;
+mod asset_check;
 mod check;
 mod parts;
 

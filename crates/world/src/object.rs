@@ -38,8 +38,8 @@ pub const ASSET_PLACES: [(&str, Role); 5] = [
 pub enum ObjectError {
     #[error("cannot read {path}; name a folder that `python -m fiatlux.assets build` wrote")]
     Read { path: String, source: std::io::Error },
-    #[error("{path} has {bytes} bytes; the limit is {MAX_BYTES}; build the object with a higher --threshold")]
-    Size { path: String, bytes: u64 },
+    #[error("{path} has more than {MAX_BYTES} bytes; build the object with a higher --threshold")]
+    Size { path: String },
     #[error("object: {reason}; build it anew")]
     Toml { reason: String },
     #[error("object '{name}': {field} {rule}; build it anew")]
@@ -159,6 +159,32 @@ impl Link {
         let [xx, yy, zz, xy, xz, yz] = self.inertia;
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     }
+
+    /// Checks that its mass distribution fits its pieces: the centre of mass between them, moments of a body within them.
+    fn check_mass(&self) -> Result<(), (&'static str, String)> {
+        let ensure = |ok: bool, field, rule: &str| if ok { Ok(()) } else { Err((field, rule.to_owned())) };
+        let finite = self.com.iter().chain(&self.inertia).all(|value| value.is_finite());
+        ensure(finite, "inertia", "has a number that is NaN or infinite")?;
+        let corners = || self.pieces.iter().flatten();
+        for axis in 0..3 {
+            let (low, high) = corners().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), corner| {
+                (low.min(corner[axis]), high.max(corner[axis]))
+            });
+            // A bulb's pieces begin above its plug.
+            let slack = 0.5 * (high - low) + 0.05;
+            let inside = (low - slack..=high + slack).contains(&self.com[axis]);
+            ensure(inside, "com", &format!("lies outside of the pieces, which reach from {low} to {high} m"))?;
+        }
+        let com = Vector3::from(self.com);
+        let radius = corners().map(|corner| (Vector3::from(*corner) - com).norm()).fold(0.0, f64::max) + 0.05;
+        let moments = self.inertia_matrix().symmetric_eigenvalues();
+        let (least, most) = (moments.min(), moments.max());
+        ensure(least > 0.0, "inertia", &format!("has a principal moment of {least}; it must be above 0"))?;
+        let limit = self.mass * radius * radius;
+        ensure(most <= limit, "inertia", &format!("has a moment of {most}; within its pieces it is at most {limit}"))?;
+        let others = moments.sum() - most;
+        ensure(most <= others * (1.0 + 1e-6), "inertia", "has a moment larger than the sum of the other two")
+    }
 }
 
 /// Kinds of joints.
@@ -264,12 +290,10 @@ impl Object {
     pub fn read(path: &Path) -> Result<Self, ObjectError> {
         let file = if path.is_dir() { path.join("object.toml") } else { path.to_owned() };
         let shown = file.display().to_string();
-        let read = |source| ObjectError::Read { path: shown.clone(), source };
-        let bytes = std::fs::metadata(&file).map_err(read)?.len();
-        if bytes > MAX_BYTES {
-            return Err(ObjectError::Size { path: shown, bytes });
-        }
-        Self::from_toml(&std::fs::read_to_string(&file).map_err(read)?)
+        Self::from_toml(&fiatlux_files::read_text(&file, MAX_BYTES).map_err(|source| match source.kind() {
+            std::io::ErrorKind::FileTooLarge => ObjectError::Size { path: shown.clone() },
+            _ => ObjectError::Read { path: shown.clone(), source },
+        })?)
     }
 
     /// Reads and checks an object.
@@ -315,8 +339,6 @@ impl Object {
                 &field("mass"),
                 format!("is {}; it must be {} to {} kg", link.mass, MASSES[0], MASSES[1]),
             )?;
-            let finite = link.com.iter().chain(&link.inertia).all(|value| value.is_finite());
-            ensure(finite, &field("inertia"), "has a number that is NaN or infinite".into())?;
             let pieces = link.pieces.len();
             let rule = format!("has {pieces} entries; 1 to {MAX_PIECES} are allowed");
             ensure((1..=MAX_PIECES).contains(&pieces), &field("pieces"), rule)?;
@@ -329,6 +351,11 @@ impl Object {
                 hull(&place, corners, 1.0)
                     .map_err(|source| ObjectError::Piece { name: self.name.clone(), source: source.into() })?;
             }
+            link.check_mass().map_err(|(what, rule)| ObjectError::Value {
+                name: self.name.clone(),
+                field: field(what),
+                rule,
+            })?;
             let Some(joint) = &link.joint else {
                 ensure(index == 0, &field("joint"), "is missing; only the first link has none".into())?;
                 continue;
@@ -341,6 +368,19 @@ impl Object {
             ensure(finite, &field("joint.anchor"), "lies farther than 20 m from the object's origin".into())?;
             let ordered = joint.lower <= joint.upper;
             ensure(ordered, &field("joint"), format!("has limits {} to {}", joint.lower, joint.upper))?;
+        }
+        if let (Some(shape), [link]) = (&self.scene.bulb, self.links.as_slice()) {
+            let [xx, yy, zz, ..] = link.inertia;
+            let across = 0.5 * (xx + yy);
+            let pairs = [
+                ("mass", shape.mass, link.mass),
+                ("axial_inertia", shape.axial_inertia, zz.min(1.999 * across)),
+                ("transverse_inertia", shape.transverse_inertia, across),
+            ];
+            for (what, number, of_link) in pairs {
+                let equal = (number - of_link).abs() <= 1e-6 * of_link.abs();
+                ensure(equal, &format!("scene.bulb.{what}"), format!("is {number}; its link has {of_link}"))?;
+            }
         }
         Ok(())
     }

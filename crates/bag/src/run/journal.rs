@@ -47,7 +47,7 @@ pub fn journals(folder: &Path) -> Result<Vec<PathBuf>, LedgerError> {
 /// True if a journal ends in a partial line: its server died while it wrote, or the file was cut.
 pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
     let failed = || LedgerError::io("read", path);
-    let mut file = File::open(path).map_err(LedgerError::io("open", path))?;
+    let mut file = fiatlux_files::open(path).map_err(LedgerError::io("open", path))?;
     if file.metadata().map_err(failed())?.len() == 0 {
         return Ok(false);
     }
@@ -114,7 +114,7 @@ pub(super) struct Lines<'a> {
 
 impl<'a> Lines<'a> {
     pub fn open(path: &'a Path) -> Result<Self, LedgerError> {
-        let file = File::open(path).map_err(LedgerError::io("open", path))?;
+        let file = fiatlux_files::open(path).map_err(LedgerError::io("open", path))?;
         let size = file.metadata().map_err(LedgerError::io("read", path))?.len();
         let lines = Self { path, reader: BufReader::new(file), buffer: Vec::new(), chain: Chain::default() };
         if size > MAX_FILE {

@@ -13,6 +13,9 @@ use super::super::foreign::{GearFiles, SonicFiles};
 use super::{Carrier, Shared, VlaSource};
 use fiatlux_client::PolicyError;
 
+/// Largest file of a token, bytes.
+const MAX_TOKEN_BYTES: u64 = 1 << 16;
+
 /// Which model server the policy `vla` asks, and how to play its answers.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Model server (policy vla)")]
@@ -100,7 +103,7 @@ impl VlaArgs {
                 format!("it is {prefix}, and a chunk has {} rows", mapping.horizon),
             )));
         }
-        let token = self.model_token.as_ref().map(std::fs::read_to_string).transpose();
+        let token = self.model_token.as_ref().map(|path| fiatlux_files::read_stream(path, MAX_TOKEN_BYTES)).transpose();
         let token = token.map_err(|error| unfit(format!("--model-token cannot be read: {error}")))?;
         let mut timeouts = Timeouts::default();
         timeouts.reply = self.reply_timeout.map_or(timeouts.reply, |time| Duration::from_secs(time.into()));

@@ -1,6 +1,5 @@
 //! Triangles from a file's bytes.
 
-use std::fs::File;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
@@ -19,7 +18,7 @@ const RECORD: usize = 50;
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
     let unreadable = |source| MeshError::Read { path: path.into(), source };
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(unreadable)?;
+    let file = fiatlux_files::open(path).map_err(unreadable)?;
     file.take(limits::FILE_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > limits::FILE_BYTES {
         let problem = format!("it has more than {} MiB; decimate the mesh", limits::FILE_BYTES >> 20);

@@ -3,15 +3,15 @@ use std::fmt::Debug;
 
 use fiatlux_rules::{errand, manifest};
 
-use super::SceneConfig;
 use super::parts::{
     AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
     RoomConfig, StartConfig, Surfaces, ThingConfig,
 };
+use super::{SceneConfig, asset_check};
 use crate::SceneError;
 use crate::object::{ASSET_PLACES, Role};
 
-type Checked = Result<(), SceneError>;
+pub(super) type Checked = Result<(), SceneError>;
 
 /// Half of the largest extent of anything, m.
 const FAR: f64 = 100.0;
@@ -35,16 +35,16 @@ pub(super) fn check(config: &SceneConfig) -> Checked {
     assets(config)
 }
 
-fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
+pub(super) fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
     Err(SceneError::Value { field, line: None, value: format!("{value:?}"), rule: rule.into() })
 }
 
-fn ensure(ok: bool, field: &'static str, value: &impl Debug, rule: &str) -> Checked {
+pub(super) fn ensure(ok: bool, field: &'static str, value: &impl Debug, rule: &str) -> Checked {
     if ok { Ok(()) } else { refuse(field, value, rule) }
 }
 
 /// Refuses what is not finite or outside the bounds.
-fn within(field: &'static str, values: &[f64], low: f64, high: f64) -> Checked {
+pub(super) fn within(field: &'static str, values: &[f64], low: f64, high: f64) -> Checked {
     match values.iter().find(|v| !(low..=high).contains(*v)) {
         Some(value) => refuse(field, value, format!("it must be between {low} and {high}")),
         None => Ok(()),
@@ -316,20 +316,15 @@ fn assets(config: &SceneConfig) -> Checked {
         let role = ASSET_PLACES.into_iter().find(|(name, _)| name == place).map(|(_, role)| role);
         let places = ASSET_PLACES.map(|(name, _)| name).join(", ");
         ensure(role.is_some(), "assets", place, &format!("it must be one of {places}"))?;
-        let frictions = [asset.surface.friction, asset.surface.static_friction];
-        within("assets.PLACE.surface", &frictions, 0.0, 10.0)?;
-        ensure(
-            asset.hulls(1.0).is_ok_and(|hulls| !hulls.is_empty()),
-            "assets.PLACE.pieces",
-            place,
-            "they must be hulls",
-        )?;
         let is_bulb = role == Some(Role::Bulb);
         ensure(asset.bulb.is_some() == is_bulb, "assets.PLACE.bulb", place, "bulbs have it, other things do not")?;
         if let Some(shape) = &asset.bulb {
             bulb(&config.bulb.with_shape(shape))?;
             let rule = "it must be bulb.seat_z; build the object for this scene";
             ensure((shape.seat_z - config.bulb.seat_z).abs() < 1e-9, "assets.PLACE.bulb.seat_z", &shape.seat_z, rule)?;
+        }
+        if let Some(role) = role {
+            asset_check::check(config, place, role, asset)?;
         }
     }
     Ok(())

@@ -37,9 +37,12 @@ fn crate_text() -> String {
     object("crate", &pieces, numbers)
 }
 
+/// A bulb whose glass is a block of 4 cm.
 fn bulb() -> String {
-    let numbers = "[scene.bulb]\nmass = 0.05\naxial_inertia = 3e-5\ntransverse_inertia = 7e-5\ncom_z = 0.12\nseat_z = 0.036259\noutline = [[0.036259, 0.007], [0.1, 0.03], [0.19, 0.0]]\nlying_height = 0.04\n";
-    object("bulb", &[cuboid([-0.03, -0.03, 0.08], [0.03, 0.03, 0.19])], numbers)
+    let numbers = "[scene.bulb]\nmass = 0.05\naxial_inertia = 3e-5\ntransverse_inertia = 7e-5\ncom_z = 0.12\nseat_z = 0.036259\noutline = [[0.036259, 0.0076], [0.05, 0.02], [0.075, 0.028284], [0.19, 0.028284]]\nlying_height = 0.028284\n";
+    let text = object("bulb", &[cuboid([-0.02, -0.02, 0.075], [0.02, 0.02, 0.19])], numbers);
+    let text = text.replacen("mass = 1.5", "mass = 0.05", 1).replacen("[0.0, 0.0, 0.05]", "[0.0, 0.0, 0.12]", 1);
+    text.replacen("[0.03, 0.06, 0.08,", "[7e-5, 7e-5, 3e-5,", 1)
 }
 
 fn scene(config: &SceneConfig) -> Scene {
@@ -122,6 +125,10 @@ fn bad_files_are_refused_by_name() {
         ("mass = 1.5", "mass = 0.0", "links[0].mass"),
         ("mass = 1.5", "mass = nan", "links[0].mass"),
         ("inertia = [0.03", "inertia = [inf", "links[0].inertia"),
+        ("inertia = [0.03", "inertia = [-0.03", "links[0].inertia"),
+        ("inertia = [0.03", "inertia = [0.3", "links[0].inertia"),
+        ("0.06, 0.08, 0.0", "0.06, 0.13, 0.0", "links[0].inertia"),
+        ("com = [0.0, 0.0, 0.05]", "com = [0.0, 0.0, 5.0]", "links[0].com"),
         ("\nfriction = 0.9", "\nfriction = -1.0", "friction"),
         ("[-0.25, -0.2, 0.0]", "[-250.0, -0.2, 0.0]", "links[0].pieces[0]"),
         ("role = \"crate\"", "role = \"boat\"", "boat"),
@@ -143,7 +150,8 @@ fn objects_take_only_places_of_their_role() {
         |place: &str, object: &Object| SceneConfig::default().with_asset(place, object).unwrap_err().to_string();
     assert!(refused("sofa", &crate_).contains("fresh_bulb"));
     assert!(refused("fresh_bulb", &crate_).contains("--role bulb"));
-    let without = Object::from_toml(&object("crate", &[cuboid([0.0; 3], [0.1, 0.1, 0.1])], "")).unwrap();
+    let without = crate_text().split("[scene.crate]").next().unwrap().to_owned();
+    let without = Object::from_toml(&without).unwrap();
     assert!(refused("crate", &without).contains("[scene.crate]"));
     let narrow = crate_text().replace("interior_half = [0.23, 0.18]", "interior_half = [0.26, 0.18]");
     let error = SceneConfig::default().with_asset("crate", &Object::from_toml(&narrow).unwrap()).unwrap_err();
@@ -156,4 +164,111 @@ fn objects_take_only_places_of_their_role() {
     assert!(matches!(again, ObjectError::Taken { .. }));
     let missing = SceneConfig::default().with_assets(&["crate=a".parse().unwrap()]).unwrap_err();
     assert!(matches!(missing, ObjectError::Read { .. }));
+}
+
+/// Each number that the rules read, as a cheat would like it: refused by its name, in the object and in the text of a scene.
+#[test]
+fn numbers_that_the_pieces_do_not_have_are_refused_by_name() {
+    let refused = |place: &str, text: &str| {
+        let error = SceneConfig::default().with_asset(place, &Object::from_toml(text).unwrap()).unwrap_err();
+        let reason = std::error::Error::source(&error).unwrap().to_string();
+        // A bag's header has no object, but the same numbers and pieces.
+        reason
+    };
+    let good = crate_text();
+    for (from, to, field) in [
+        ("interior_half = [0.23, 0.18]", "interior_half = [0.24, 0.18]", "crate.interior_half"),
+        ("interior_half = [0.23, 0.18]", "interior_half = [0.1, 0.18]", "crate.interior_half"),
+        ("outer_half = [0.25, 0.2]", "outer_half = [0.5, 0.2]", "crate.outer_half"),
+        ("rim_height = 0.2", "rim_height = 1.8", "crate.rim_height"),
+        ("floor_height = 0.01", "floor_height = 0.1", "crate.floor_height"),
+        ("\nfriction = 0.9", "\nfriction = 4.0", "assets.PLACE.surface"),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let reason = refused("crate", &good.replacen(from, to, 1));
+        assert!(reason.contains(field), "{field}: {reason}");
+    }
+    // A plate of 2 cm whose inside is 49 m.
+    let numbers = "[scene.crate]\nouter_half = [50.0, 50.0]\ninterior_half = [49.0, 49.0]\nrim_height = 0.02\nfloor_height = 0.01\n";
+    let plate = object("crate", &[cuboid([-0.01, -0.01, 0.0], [0.01, 0.01, 0.02])], numbers);
+    let plate = plate.replacen("[0.03, 0.06, 0.08,", "[3e-4, 3e-4, 3e-4,", 1).replacen("0.0, 0.05]", "0.0, 0.01]", 1);
+    assert!(refused("crate", &plate).contains("crate.rim_height"));
+    // Honest numbers of a crate as wide as the room, and of one without a wall.
+    let wide = good.replace("0.25", "2.5").replace("0.23", "2.3").replace("-0.25", "-2.5");
+    assert!(refused("crate", &wide).contains("assets.PLACE.pieces"));
+    let open = good.replacen(&format!(", {}", cuboid([0.23, -0.2, 0.01], [0.25, 0.2, 0.2])), "", 1);
+    assert!(refused("crate", &open).contains("no wall"));
+
+    let good = bulb();
+    SceneConfig::default().with_asset("fresh_bulb", &Object::from_toml(&good).unwrap()).unwrap();
+    let heavy = |text: &str, mass: &str| text.replace("mass = 0.05", &format!("mass = {mass}"));
+    for (text, field) in [
+        (heavy(&good, "5.0"), "bulb.mass"),
+        (good.replacen("com_z = 0.12", "com_z = 0.19", 1), "bulb.com_z"),
+        (good.replacen("lying_height = 0.028284", "lying_height = 0.5", 1), "bulb.lying_height"),
+        (good.replacen("[0.19, 0.028284]]", "[0.9, 0.028284]]", 1), "bulb.outline"),
+        (good.replacen("[0.19, 0.028284]]", "[0.189, 0.001]]", 1), "bulb.outline"),
+        (good.replace("0.028284", "0.09"), "bulb.outline"),
+        (good.replacen("[0.05, 0.02]", "[0.05, 0.0]", 1), "bulb.outline"),
+        (good.replace("3e-5", "1e-7"), "bulb.axial_inertia"),
+        (good.replace("7e-5", "9e-4").replace("3e-5", "9e-6"), "bulb.axial_inertia"),
+    ] {
+        let reason = refused("fresh_bulb", &text);
+        assert!(reason.contains(field), "{field}: {reason}");
+    }
+    // The link and the section disagree.
+    let error = Object::from_toml(&good.replacen("mass = 0.05", "mass = 0.5", 1)).unwrap_err().to_string();
+    assert!(error.contains("scene.bulb.mass"), "{error}");
+
+    // A fixture that catches what falls.
+    let block = cuboid([-0.1, -0.1, -0.1], [0.1, 0.1, 0.03]);
+    let fixture = object("fixture", &[block], "").replacen("0.03, 0.06, 0.08", "0.005, 0.005, 0.005", 1);
+    SceneConfig::default().with_asset("fixture", &Object::from_toml(&fixture).unwrap()).unwrap();
+    assert!(refused("fixture", &fixture.replace("0.03]", "0.1]")).contains("above its mouth"));
+    assert!(refused("fixture", &fixture.replace("-0.1]", "-0.9]")).contains("assets.PLACE.pieces"));
+
+    let top = cuboid([-1.2, -0.4, 0.9], [1.2, 0.4, 1.0]);
+    let numbers = "[scene.bench]\nsurface_height = 1.0\nfootprint_half = [1.2, 0.4]\n";
+    let bench = object("bench", &[top], numbers).replacen("0.0, 0.05]", "0.0, 0.95]", 1);
+    SceneConfig::default().with_asset("bench", &Object::from_toml(&bench).unwrap()).unwrap();
+    for (from, to, field) in [
+        ("surface_height = 1.0", "surface_height = 0.5", "bench.surface_height"),
+        ("footprint_half = [1.2, 0.4]", "footprint_half = [1.3, 0.4]", "bench.footprint_half"),
+    ] {
+        let reason = refused("bench", &bench.replacen(from, to, 1));
+        assert!(reason.contains(field), "{field}: {reason}");
+    }
+}
+
+/// The text of a scene, as a bag's header has it, is held against the pieces as an object is.
+#[test]
+fn a_scene_with_other_numbers_than_its_objects_is_refused() {
+    let config = SceneConfig::default().with_asset("crate", &Object::from_toml(&crate_text()).unwrap()).unwrap();
+    let text = config.to_toml();
+    assert!(text.contains("interior_half = [0.23, 0.18]"), "{text}");
+    let error = SceneConfig::from_toml(&text.replacen("[0.23, 0.18]", "[0.24, 0.18]", 1)).unwrap_err().to_string();
+    assert!(error.contains("crate.interior_half"), "{error}");
+}
+
+#[test]
+fn a_device_or_pipe_is_not_read() {
+    for path in ["/dev/zero", "/dev/stdin", "/dev"] {
+        let error = Object::read(Path::new(path)).unwrap_err();
+        assert!(matches!(error, ObjectError::Read { .. }), "{path}: {error}");
+    }
+}
+
+/// What `python -m fiatlux.assets examples` builds is accepted.
+#[test]
+fn objects_of_the_builder_pass() {
+    for (place, text) in [
+        ("bench", include_str!("built/bench.toml")),
+        ("crate", include_str!("built/crate.toml")),
+        ("fresh_bulb", include_str!("built/bulb.toml")),
+        ("fixture", include_str!("built/socket.toml")),
+    ] {
+        let made = SceneConfig::default().with_asset(place, &Object::from_toml(text).unwrap());
+        let problem = made.err().map(|error| format!("{error}: {:?}", std::error::Error::source(&error)));
+        assert_eq!(problem, None, "{place}");
+    }
 }

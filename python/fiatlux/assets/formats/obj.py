@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ..error import AssetError
 from ..files import named_by, read_bytes
-from .parsed import MAX_TRIANGLES, Chunk, Material, Parsed, check_count, image_file, triangulated
+from .parsed import (
+    MAX_TRIANGLES,
+    MAX_VERTICES,
+    Chunk,
+    Material,
+    Parsed,
+    check_count,
+    check_vertices,
+    image_file,
+    triangulated,
+)
 
 MAX_LIBRARY_BYTES = 1 << 20
 #: Names and groups: the whole file is one surface. Normals follow from the faces.
@@ -35,6 +47,20 @@ def read(path: Path, content: bytes) -> Parsed:
     return Reader(path).read(content)
 
 
+def lines_of(content: bytes) -> Iterator[tuple[int, str]]:
+    """Lines with the number of their first part: a backslash at the end continues a line."""
+    before, began = "", 1
+    for number, raw in enumerate(io.BytesIO(content), start=1):
+        line = raw.decode("utf-8", "replace").rstrip("\r\n")
+        if line.endswith("\\"):
+            before += line[:-1] + " "
+            continue
+        yield began, before + line
+        before, began = "", number + 1
+    if before:
+        yield began, before
+
+
 class Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -52,9 +78,7 @@ class Reader:
 
     def read(self, content: bytes) -> Parsed:
         material = ""
-        # A backslash continues a line.
-        text = content.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
-        for number, line in enumerate(text.splitlines(), start=1):
+        for number, line in lines_of(content):
             word, _, rest = line.split("#", 1)[0].strip().partition(" ")
             if "\t" in word:
                 word, _, rest = line.split("#", 1)[0].strip().partition("\t")
@@ -65,6 +89,8 @@ class Reader:
                 if len(values) not in (2, 3) or any(values[2:]):
                     raise self.error(number, f"texture coordinates '{rest}'; only two numbers are read")
                 self.uv.append(values[:2])
+                if len(self.uv) > MAX_VERTICES:
+                    check_vertices(self.path, len(self.uv))
             elif word == "f":
                 self.face(rest, number, material)
             elif word == "usemtl":
@@ -93,6 +119,8 @@ class Reader:
         elif len(values) not in (3, 4):
             raise self.error(line, f"a point has {len(values)} numbers; it must have 3")
         self.points.append(values[:3])
+        if len(self.points) > MAX_VERTICES:
+            check_vertices(self.path, len(self.points))
 
     def face(self, text: str, line: int, material: str) -> None:
         corners, uv = [], []

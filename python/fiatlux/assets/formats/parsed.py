@@ -16,7 +16,7 @@ from ..files import read_bytes
 MAX_TRIANGLES = 1_000_000
 MAX_VERTICES = 3 * MAX_TRIANGLES
 #: Largest mesh file, and largest image next to it, bytes.
-MAX_FILE_BYTES = 1 << 30
+MAX_FILE_BYTES = 1 << 28
 MAX_IMAGE_BYTES = 1 << 28
 #: Largest image, pixels: 8192 x 8192.
 MAX_PIXELS = 1 << 26

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from pathlib import Path
 
@@ -61,8 +62,8 @@ def corners_of(path: Path, content: bytes) -> list[list[float]]:
         "endsolid": ["solid"],
     }
     last, in_loop = "", 0
-    for number, line in enumerate(content.decode("latin-1").splitlines(), start=1):
-        words = line.split()
+    for number, line in enumerate(io.BytesIO(content), start=1):
+        words = line.decode("latin-1").split()
         if not words:
             continue
         word = words[0].lower()
