@@ -3,9 +3,12 @@
 import itertools
 import operator
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from . import _native
 
 MAX_SEED = 2**64 - 1
 """Largest seed, and largest index of an episode."""
@@ -32,8 +35,14 @@ def seed_of(value: Any, name: str = "seed") -> int:
     return whole(name, value, 0, MAX_SEED)
 
 
-def seeds_of(values: Iterable[Any], worlds: int | None = None) -> list[int]:
-    """The benchmark's seeds of rooms; where ``worlds`` are spread over them, not more than those."""
+def seeds_of(values: Iterable[Any], worlds: int | None = None, record: Path | None = None) -> list[int]:
+    """The benchmark's seeds of rooms; where ``worlds`` are spread over them, not more than those.
+
+    A text is read as the programs read it: ``"fresh:64"`` draws as many rooms that nobody has seen, and keeps them in the file
+    ``record``, or reads them from there.
+    """
+    if isinstance(values, str) and worlds is None:
+        return _native.parse_seeds(values, record)
     try:
         seeds = [seed_of(value, "seeds") for value in itertools.islice(values, None if worlds is None else worlds + 1)]
     except TypeError as error:

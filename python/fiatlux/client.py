@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
@@ -89,7 +90,7 @@ class Client:
         self,
         policy: PolicyLike,
         tasks: Sequence[str] = SUBTASKS,
-        seeds: Sequence[int] = (0, 1, 2, 3),
+        seeds: Sequence[int] | str = (0, 1, 2, 3),
         *,
         parallel: int | None = None,
         hosted_seeds: int = 0,
@@ -113,7 +114,8 @@ class Client:
 
         Args:
             policy: See :data:`fiatlux.PolicyLike`. It must be deterministic: an episode that was cut off is played again.
-            tasks, seeds: Every task is played once under every seed.
+            tasks, seeds: Every task is played once under every seed. ``"fresh:64"`` draws 64 rooms that nobody has seen, and keeps
+                them next to the run file.
             parallel: Episodes to play at once; by default as many as the servers allow. A policy object with ``reset`` plays
                 one at a time: give its class to play several.
             hosted_seeds: Number of seeds that the server draws, instead of ``seeds``.
@@ -127,8 +129,9 @@ class Client:
             settings: See :class:`fiatlux.Settings`.
         """
         asked = complete(None, observation, settings_for(policy, settings))
+        drawn = () if hosted_seeds else seeds_of(seeds, record=Path(run_file).with_suffix(".seeds"))
         run = {
-            **run_of(policy, tasks, () if hosted_seeds else seeds, parallel, name, run_file),
+            **run_of(policy, tasks, drawn, parallel, name, run_file),
             "version": version,
             "link": link,
             "hosted_seeds": hosted_seeds,

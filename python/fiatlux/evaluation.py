@@ -76,7 +76,7 @@ class Evaluation:
 def evaluate(
     policy: PolicyLike,
     tasks: Sequence[str] = SUBTASKS,
-    seeds: Sequence[int] = (0, 1, 2, 3),
+    seeds: Sequence[int] | str = (0, 1, 2, 3),
     *,
     out: str | PathLike[str] | None = None,
     parallel: int | None = None,
@@ -95,7 +95,8 @@ def evaluate(
     Args:
         policy: See :data:`fiatlux.PolicyLike`.
         tasks: Short ids of the tasks.
-        seeds: Seeds of the benchmark; every task is played under each.
+        seeds: Seeds of the benchmark; every task is played under each. ``"fresh:64"`` draws 64 rooms that nobody has seen; with
+            ``out`` they are kept in ``out/seeds.txt``, and the same call goes on with them.
         out: Folder for bags, ``results.json`` and ``report.html``. Episodes then go through a server and a client in this
             process, as in the program; the same call resumes an evaluation that was stopped.
         parallel: Episodes to play at once, only with ``out``. See :meth:`fiatlux.Client.evaluate`.
@@ -109,7 +110,7 @@ def evaluate(
             counts.
         settings: See :class:`fiatlux.Settings`.
     """
-    seeds = seeds_of(seeds)
+    seeds = seeds_of(seeds, record=None if out is None else Path(out) / "seeds.txt")
     chosen = settings_for(policy, settings)
     if out is not None:
         if max_steps is not None:

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_client::RunProgress;
+use fiatlux_client::{RunProgress, SeedList};
 use fiatlux_grading::report;
 use fiatlux_runs::{ExternalOptions, evaluate_run};
 use fiatlux_world::{AssetArg, SceneConfig};
+use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::client::{Failure, Run, play, tell};
@@ -65,4 +66,17 @@ pub(crate) fn evaluate_into(
 
 fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
     fiatlux_cli::write_whole(&out.join(name), text).map_err(Into::into)
+}
+
+/// Seeds of a text such as `0..3,7` or `fresh:64`; what was drawn is kept in the file `record`, and read from it again.
+#[pyfunction]
+pub(crate) fn parse_seeds(text: &str, record: Option<std::path::PathBuf>) -> PyResult<Vec<u64>> {
+    let list: SeedList = text.parse().map_err(|error| PyValueError::new_err(format!("seeds is '{text}': {error}")))?;
+    let list = match record {
+        Some(file) => {
+            list.recorded(&file).map_err(|error| PyOSError::new_err(format!("{}: {error}", file.display())))?
+        }
+        None => list,
+    };
+    Ok(list.seeds)
 }

@@ -43,6 +43,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::parse_seeds, module)?)?;
     module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
     module.add_function(wrap_pyfunction!(build::climber_contract, module)?)?;
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;

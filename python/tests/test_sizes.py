@@ -3,6 +3,7 @@
 import fiatlux
 import numpy as np
 import pytest
+from fiatlux._numbers import seeds_of
 
 HUGE = 10**12
 
@@ -111,3 +112,20 @@ def test_one_rule_for_seeds():
         for call in calls:
             with pytest.raises(ValueError, match="(seed|seeds|episode) is .*; give"):
                 call(seed)
+
+
+def test_rooms_are_drawn_afresh_and_stay_drawn(tmp_path):
+    file = tmp_path / "out/seeds.txt"
+    drawn = seeds_of("fresh:8", record=file)
+    assert len(set(drawn)) == 8 and all(100_000 <= seed < 2**32 for seed in drawn)
+    assert seeds_of("fresh:8", record=file) == drawn == sorted(map(int, file.read_text().split()))
+    assert seeds_of("fresh:8") != drawn
+    assert seeds_of("0..2,7") == [0, 1, 2, 7]
+    for text, message in [("fresh:0", "draws no rooms"), ("x", "is not a seed")]:
+        with pytest.raises(ValueError, match=message):
+            seeds_of(text)
+    with pytest.raises(OSError, match="other rooms than fresh:3"):
+        seeds_of("fresh:3", record=file)
+    # Training worlds take numbers alone.
+    with pytest.raises(ValueError, match="seeds is "):
+        seeds_of("fresh:2", worlds=2)

@@ -1,11 +1,20 @@
 //! Parses lists of tasks and seeds from the command line.
 
+use std::collections::BTreeSet;
+use std::io;
+use std::path::Path;
 use std::str::FromStr;
 
-use fiatlux_rules::Task;
+use fiatlux_rules::{SeedOwner, Task};
 
 /// Largest number of seeds in one range.
 const MAX_SEEDS: u64 = 10_000;
+/// Seeds drawn afresh lie below this one.
+const FRESH_END: u64 = 1 << 32;
+/// What stands before the number of seeds to draw.
+const FRESH: &str = "fresh:";
+/// Largest file of drawn seeds, bytes.
+const MAX_RECORD_BYTES: u64 = 1 << 20;
 
 /// Parses a list of tasks, such as `S01,S05,climb`, or `all` for the twelve subtasks; sorted, without duplicates.
 ///
@@ -16,7 +25,10 @@ pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
     for name in text.split(',') {
         let named = match name.trim() {
             "all" => Task::SUBTASKS.to_vec(),
-            name => vec![name.parse().map_err(|error| format!("{error}, or all for the twelve subtasks"))?],
+            name => vec![name.parse().map_err(|error| {
+                let hint = fiatlux_cli::did_you_mean(name, Task::ALL.map(Task::short_id));
+                format!("{error}, or all for the twelve subtasks{hint}")
+            })?],
         };
         tasks.extend(named);
     }
@@ -29,9 +41,67 @@ pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
 #[derive(Debug, Clone)]
 pub struct TaskList(pub Vec<Task>);
 
-/// A list of seeds as an argument, parsed by [`parse_seeds`].
-#[derive(Debug, Clone)]
-pub struct SeedList(pub Vec<u64>);
+/// A list of seeds as an argument: `fresh:64`, or what [`parse_seeds`] takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SeedList {
+    /// The seeds, sorted, without duplicates.
+    pub seeds: Vec<u64>,
+    /// They were drawn from the system's randomness.
+    pub fresh: bool,
+}
+
+impl SeedList {
+    /// The seeds of an earlier draw of as many, if it was written to this file, so that the same command goes on; a new draw is
+    /// written to it. Seeds that were given stay as they are.
+    ///
+    /// # Errors
+    /// The file cannot be read or written, or has something else.
+    pub fn recorded(mut self, file: &Path) -> io::Result<Self> {
+        if !self.fresh {
+            return Ok(self);
+        }
+        match fiatlux_files::read_text(file, MAX_RECORD_BYTES) {
+            Ok(text) => {
+                let wrong = || {
+                    io::Error::other(format!(
+                        "it has other rooms than {FRESH}{}; name another folder",
+                        self.seeds.len()
+                    ))
+                };
+                let seeds = text.lines().map(str::parse).collect::<Result<Vec<u64>, _>>().map_err(|_| wrong())?;
+                let is_draw = seeds.len() == self.seeds.len() && seeds.iter().all(|seed| is_fresh(*seed));
+                self.seeds = is_draw.then_some(seeds).ok_or_else(wrong)?;
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                file.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+                let lines: String = self.seeds.iter().map(|seed| format!("{seed}\n")).collect();
+                std::fs::write(file, lines)?;
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(self)
+    }
+}
+
+/// True for a seed that [`fresh_seeds`] may draw.
+pub fn is_fresh(seed: u64) -> bool {
+    SeedOwner::of(seed) == SeedOwner::Fresh && seed < FRESH_END
+}
+
+/// Draws different seeds of rooms for judging from the system's randomness; sorted.
+///
+/// # Errors
+/// Of the system.
+pub fn fresh_seeds(count: usize) -> io::Result<Vec<u64>> {
+    let first = *SeedOwner::Fresh.seeds().start();
+    let mut seeds = BTreeSet::new();
+    while seeds.len() < count {
+        let mut bytes = [0; 8];
+        getrandom::fill(&mut bytes).map_err(io::Error::other)?;
+        seeds.insert(first + u64::from_le_bytes(bytes) % (FRESH_END - first));
+    }
+    Ok(seeds.into_iter().collect())
+}
 
 impl FromStr for TaskList {
     type Err = String;
@@ -45,7 +115,14 @@ impl FromStr for SeedList {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        parse_seeds(text).map(Self)
+        let Some(count) = text.strip_prefix(FRESH) else {
+            return parse_seeds(text).map(|seeds| Self { seeds, fresh: false });
+        };
+        let count = count.parse().ok().filter(|count| (1..=MAX_SEEDS as usize).contains(count));
+        let count =
+            count.ok_or_else(|| format!("'{text}' draws no rooms; use {FRESH}N with N from 1 to {MAX_SEEDS}"))?;
+        let seeds = fresh_seeds(count).map_err(|error| format!("cannot draw rooms: {error}"))?;
+        Ok(Self { seeds, fresh: true })
     }
 }
 
@@ -112,6 +189,30 @@ mod tests {
         for bad in ["", "x", "3..1", "0..99999999", "-1"] {
             assert!(parse_seeds(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn rooms_are_drawn_afresh_and_stay_drawn() {
+        let draw = |text: &str| text.parse::<SeedList>();
+        let [first, second] = ["fresh:64", "fresh:64"].map(|text| draw(text).unwrap());
+        assert!(first.fresh && first.seeds.len() == 64 && first.seeds.iter().all(|seed| is_fresh(*seed)));
+        assert!(first.seeds.is_sorted() && first.seeds != second.seeds);
+        assert!(first.seeds[63] > 1 << 28, "drawn from all of them: {:?}", first.seeds);
+        for bad in ["fresh:", "fresh:0", "fresh:10001", "fresh:-1", "fresh:x"] {
+            assert!(draw(bad).unwrap_err().contains("draws no rooms"), "{bad}");
+        }
+        assert_eq!(draw("0..1").unwrap(), SeedList { seeds: vec![0, 1], fresh: false });
+
+        let folder = std::env::temp_dir().join(format!("fiatlux-client-seeds-{}", std::process::id()));
+        let file = folder.join("seeds.txt");
+        assert_eq!(first.clone().recorded(&file).unwrap(), first);
+        assert_eq!(second.clone().recorded(&file).unwrap(), first, "the same command goes on");
+        assert!(draw("fresh:3").unwrap().recorded(&file).unwrap_err().to_string().contains("fresh:3"));
+        for other in ["0\n", "x\n", ""] {
+            std::fs::write(&file, other).unwrap();
+            assert!(draw("fresh:1").unwrap().recorded(&file).is_err(), "{other}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

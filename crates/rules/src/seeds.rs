@@ -13,15 +13,17 @@ pub enum SeedOwner {
     Published,
     /// Fixtures and tests of this project.
     Tests,
-    /// Judging policies, and nothing else.
-    Judging,
+    /// Rooms that have been looked at while policies were made: for comparisons, not for rates.
+    Seen,
     /// Training policies, and searching for motions.
     Training,
+    /// Judging policies in rooms drawn afresh.
+    Fresh,
 }
 
 /// A seed that training and search must leave alone.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("seed {seed} is for {}, not for training or search; use seeds of {} and above", .owner.purpose(), SeedOwner::Training.seeds().start())]
+#[error("seed {seed} is for {}, not for training or search; use seeds {} to {}", .owner.purpose(), SeedOwner::Training.seeds().start(), SeedOwner::Training.seeds().end())]
 #[allow(missing_docs)] // The messages say it.
 pub struct ReservedSeed {
     pub seed: u64,
@@ -30,21 +32,23 @@ pub struct ReservedSeed {
 
 impl SeedOwner {
     /// All owners, by their seeds.
-    pub const ALL: [SeedOwner; 4] = [SeedOwner::Published, SeedOwner::Tests, SeedOwner::Judging, SeedOwner::Training];
+    pub const ALL: [SeedOwner; 5] =
+        [SeedOwner::Published, SeedOwner::Tests, SeedOwner::Seen, SeedOwner::Training, SeedOwner::Fresh];
 
     /// The seeds that are for this purpose alone.
     pub fn seeds(self) -> RangeInclusive<u64> {
         match self {
             SeedOwner::Published => 0..=3,
             SeedOwner::Tests => 4..=63,
-            SeedOwner::Judging => 64..=999,
-            SeedOwner::Training => 1000..=u64::MAX,
+            SeedOwner::Seen => 64..=999,
+            SeedOwner::Training => 1_000..=99_999,
+            SeedOwner::Fresh => 100_000..=u64::MAX,
         }
     }
 
     /// The owner of a seed.
     pub fn of(seed: u64) -> Self {
-        Self::ALL.into_iter().find(|owner| owner.seeds().contains(&seed)).unwrap_or(SeedOwner::Training)
+        Self::ALL.into_iter().find(|owner| owner.seeds().contains(&seed)).unwrap_or(SeedOwner::Fresh)
     }
 
     /// Its purpose, as in messages.
@@ -52,8 +56,9 @@ impl SeedOwner {
         match self {
             SeedOwner::Published => "the published protocol",
             SeedOwner::Tests => "fixtures and tests",
-            SeedOwner::Judging => "judging policies",
+            SeedOwner::Seen => "comparisons",
             SeedOwner::Training => "training and search",
+            SeedOwner::Fresh => "judging policies in rooms drawn afresh",
         }
     }
 
@@ -67,6 +72,19 @@ impl SeedOwner {
             SeedOwner::Training => Ok(seed),
             owner => Err(ReservedSeed { seed, owner }),
         }
+    }
+
+    /// Rooms for training and search from a text such as `1000..1063`, the last included: the argument of programs that search.
+    ///
+    /// # Errors
+    /// Another text, or a [`ReservedSeed`].
+    pub fn training_rooms(text: &str) -> Result<RangeInclusive<u64>, String> {
+        let ends = text.split_once("..").and_then(|(first, last)| Some((first.parse().ok()?, last.parse().ok()?)));
+        let (first, last) = ends.ok_or_else(|| format!("'{text}' is not FIRST..LAST, such as 1000..1003"))?;
+        for seed in [first, last] {
+            Self::check_training(seed).map_err(|error| error.to_string())?;
+        }
+        Ok(first..=last)
     }
 }
 
@@ -89,7 +107,17 @@ mod tests {
         }
         assert_eq!(next, 0);
         let refused = SeedOwner::check_training(999).map_err(|error| error.to_string());
-        let message = "seed 999 is for judging policies, not for training or search; use seeds of 1000 and above";
+        let message = "seed 999 is for comparisons, not for training or search; use seeds 1000 to 99999";
         assert_eq!(refused, Err(message.into()));
+        assert_eq!(SeedOwner::training_rooms("1000..1003"), Ok(1000..=1003));
+        for (text, part) in [
+            ("64..127", "seed 64 is for comparisons"),
+            ("2..1000", "seed 2 is for the published protocol"),
+            ("1000..100000", "drawn afresh"),
+            ("1000", "is not FIRST..LAST"),
+        ] {
+            let message = SeedOwner::training_rooms(text).err().unwrap_or_default();
+            assert!(message.contains(part), "{text}: {message}");
+        }
     }
 }

@@ -67,6 +67,7 @@ pub fn demonstrate(
     progress: &mut dyn FnMut(usize, &RunProgress),
 ) -> Result<Demonstrated, EvaluateError> {
     SeedOwner::check_training(options.first_seed)?;
+    SeedOwner::check_training(options.first_seed.saturating_add(options.max_rooms.saturating_sub(1) as u64))?;
     let out = &options.evaluation.out;
     let mut evaluation =
         EvaluateOptions { tasks: vec![options.task], out: out.join(PLAYED), ..options.evaluation.clone() };

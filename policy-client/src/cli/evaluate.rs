@@ -6,6 +6,7 @@ mod report;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::Context as _;
 use clap::Args;
 use fiatlux_cli::{ProgressLine, stop_on_signal};
 use fiatlux_client::{
@@ -52,7 +53,8 @@ pub struct EvaluateArgs {
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]
     #[arg(short, long, value_name = "LIST")]
     tasks: Option<TaskList>,
-    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 [default: 0..3]
+    /// Layout seeds: a range such as 0..3, which includes both ends, a list such as 0,7, or fresh:64, which draws 64 rooms that
+    /// nobody has seen and keeps them next to the run file [default: 0..3]
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     seeds: Option<SeedList>,
     /// Number of seeds to be drawn by the server when the run is registered; it discloses them when the run is over
@@ -95,7 +97,14 @@ pub struct EvaluateArgs {
 /// Plays the run and prints the outcome; returns whether every episode was played.
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     let model = model_server(&args.policy, &args.vla, args.session.robot(), false)?;
-    let spec = plan::spec(args, model.as_ref())?;
+    let mut spec = plan::spec(args, model.as_ref())?;
+    if let Some(seeds) = args.seeds.as_ref().filter(|seeds| seeds.fresh) {
+        let file = args.run_file.with_extension("seeds");
+        let drawn = seeds.clone().recorded(&file).with_context(|| file.display().to_string())?;
+        spec.seeds = drawn.seeds;
+        let list: Vec<String> = spec.seeds.iter().map(u64::to_string).collect();
+        fiatlux_cli::report(format!("rooms {}, in {}", list.join(", "), file.display()));
+    }
     let stop = stop_on_signal()?;
     let open = || {
         RunFile::open(&args.run_file, &spec).map_err(|error| match error {

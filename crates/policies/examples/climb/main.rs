@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use fiatlux_policies::Climb;
 use fiatlux_robot::Robot;
-use fiatlux_rules::{CONTROL_DT, Cause, Task};
+use fiatlux_rules::{CONTROL_DT, Cause, SeedOwner, Task};
 
 use play::{Changes, Loads, Moment, Played, ladder_from_pelvis, play};
 
@@ -24,8 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("TASK FIRST..LAST [trace] [loads] [FILE.safetensors] [CHANGE...]".into());
     };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
-    let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
-    let (first, last) = (first.parse::<u64>()?, last.parse::<u64>()?);
+    let (first, last) = SeedOwner::training_rooms(seeds)?.into_inner();
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".safetensors"));
     let changes = changes(rest)?;

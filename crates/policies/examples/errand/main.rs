@@ -1,5 +1,5 @@
 //! Plays the errand by `expert` in rooms, the last included, and prints how far it came in each and a funnel:
-//! `cargo run -p fiatlux-policies --example errand -- replace 64..127`. A subtask in place of `replace` begins at that subtask's start,
+//! `cargo run -p fiatlux-policies --example errand -- replace 1000..1063`. A subtask in place of `replace` begins at that subtask's start,
 //! under the rules of `replace`: `S02 1000..1003`. With `trace` it prints each second where robot and bulbs are and what the robot
 //! touches; with `end` five times a second, and the last 30 s of rooms without success alone.
 #![allow(missing_docs)]
@@ -9,7 +9,7 @@ mod play;
 use std::collections::VecDeque;
 use std::error::Error;
 
-use fiatlux_rules::{Bulb, CONTROL_DT, Task, errand};
+use fiatlux_rules::{Bulb, CONTROL_DT, SeedOwner, Task, errand};
 use fiatlux_world::{ShapeOwner, World};
 use nalgebra::Isometry3;
 use play::play;
@@ -25,10 +25,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [start, seeds, rest @ ..] = arguments.as_slice() else { return Err("START FIRST..LAST [trace] [end]".into()) };
     let [traces, shows_end] = ["trace", "end"].map(|word| rest.iter().any(|given| given == word));
     let start: Task = start.parse()?;
-    let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
+    let seeds = SeedOwner::training_rooms(seeds)?;
     let mut funnel = Vec::new();
     let mut rooms = 0;
-    for seed in first.parse::<u64>()?..=last.parse()? {
+    for seed in seeds {
         let mut lines = VecDeque::new();
         let played = play(start, seed, |world, stage| {
             let is_due = |every: u64| world.row().step.is_multiple_of(every);

@@ -11,7 +11,7 @@ mod play;
 use std::error::Error;
 
 use fiatlux_policies::Hands;
-use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Task, errand};
+use fiatlux_rules::{Bulb, CONTROL_DT, Cause, SeedOwner, Task, errand};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use play::{Changes, Moment, bulb_of, forces, play};
@@ -20,12 +20,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [task, seeds, rest @ ..] = arguments.as_slice() else { return Err("TASK FIRST..LAST [trace] [FILE]".into()) };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
-    let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
+    let rooms = SeedOwner::training_rooms(seeds)?;
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".toml")).map(std::fs::read_to_string).transpose()?;
     let changes = changes(rest)?;
     let (mut peaks, mut times, mut played, mut deepest) = (Vec::new(), Vec::new(), 0, 0.0_f64);
-    for seed in first.parse::<u64>()?..=last.parse()? {
+    for seed in rooms {
         let mut hands = Hands::new()?;
         if let Some(file) = &file {
             hands = hands.with_parameters(file.clone());

@@ -11,7 +11,9 @@ use std::error::Error;
 use fiatlux_client::Policy;
 use fiatlux_policies::{Climb, Ladder};
 use fiatlux_proto::v3::{SessionInfo, TaskInfo};
-use fiatlux_rules::{CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, Task, Thresholds, errand, measure};
+use fiatlux_rules::{
+    CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, SeedOwner, Task, Thresholds, errand, measure,
+};
 use fiatlux_world::World;
 
 use play::{Changes, Played, distance, play, start, touched};
@@ -22,7 +24,7 @@ const MAX_SECONDS: f64 = 240.0;
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [seeds, rest @ ..] = arguments.as_slice() else { return Err("FIRST..LAST [trace]".into()) };
-    let (first, last) = seeds.split_once("..").ok_or("FIRST..LAST")?;
+    let rooms = SeedOwner::training_rooms(seeds)?;
     let trace = rest.iter().any(|word| word == "trace");
     let climbs = rest.iter().any(|word| word == "climb");
     let mut changes = Changes::default();
@@ -41,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let (mut won, mut played) = (0, 0);
     if climbs {
-        for seed in first.parse::<u64>()?..=last.parse()? {
+        for seed in rooms.clone() {
             let (text, has_won) = climb_after(seed, trace, &changes)?;
             println!("{seed}: {text}");
             won += u64::from(has_won);
@@ -50,7 +52,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{won} of {played}");
         return Ok(());
     }
-    for seed in first.parse::<u64>()?..=last.parse()? {
+    for seed in rooms {
         let mut before = String::new();
         let Played { cause, seconds, phase, distance, tilt, feet, touched, penetration } =
             play(Ladder::new("")?, seed, &changes, |world, phase| {

@@ -25,7 +25,7 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
             let [image_width, image_height] = policy.image_size().unwrap_or_default();
             let sensors = policy.sensors();
             let session = OpenRequest { sensors, image_width, image_height, ..OpenRequest::default() };
-            let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.0);
+            let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.seeds);
             RunSpec {
                 policy: policy.name(),
                 tasks: tasks.iter().map(ToString::to_string).collect(),
