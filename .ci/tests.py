@@ -174,6 +174,11 @@ class Run(unittest.TestCase):
         self.assertEqual(done.returncode, 2)
         self.assertIn("'chrome' is unknown", done.stderr)
 
+    def test_an_unknown_part_of_the_tests_is_refused(self):
+        done = subprocess.run([Path(__file__).parent / "../tests/run", "everything"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("'everything' is unknown; parts are rust, python, browser", done.stderr)
+
     def test_a_missing_tool_fails_before_anything_runs(self):
         with tempfile.TemporaryDirectory() as folder:
             for tool in ("bash", "dirname", "id"):

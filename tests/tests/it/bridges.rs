@@ -1,5 +1,5 @@
 //! The policy `vla` over real processes: a double of a model server in Python (`tests/bridge/doubles.py`), a simulation server,
-//! a policy client, and what the bag says. It runs where `FIATLUX_PYTHON` names a Python with the packages of
+//! a policy client, and what the bag says. `FIATLUX_PYTHON` names a Python with the packages of
 //! `tests/bridge/requirements.txt`.
 
 use std::collections::BTreeMap;
@@ -17,15 +17,17 @@ const DOUBLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/bridge/doubles.py");
 const NETWORKS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/foreign/tests/fixtures");
 const REFERENCE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/oracle/foreign.py");
 
-fn python() -> Option<PathBuf> {
+fn python() -> PathBuf {
     python_with("zmq, msgpack, openpi_client, websockets")
 }
 
-fn python_with(packages: &str) -> Option<PathBuf> {
-    let python = PathBuf::from(std::env::var_os("FIATLUX_PYTHON")?);
+fn python_with(packages: &str) -> PathBuf {
+    let python =
+        PathBuf::from(std::env::var_os("FIATLUX_PYTHON").expect("FIATLUX_PYTHON names a Python; tests/run makes one"));
     let imports = ["-c", &format!("import {packages}")];
-    let status = Command::new(&python).args(imports).stderr(Stdio::null()).status();
-    status.is_ok_and(|status| status.success()).then_some(python)
+    let status = Command::new(&python).args(imports).status();
+    assert!(status.is_ok_and(|status| status.success()), "it lacks some of {packages}");
+    python
 }
 
 /// A double that runs until it is dropped.
@@ -127,12 +129,9 @@ impl PlayedChunk {
 
 /// Guards that the bag has each chunk once with its latency, where every action comes from, and at the end what happened.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn the_bag_has_every_chunk_and_what_went_wrong() {
-    let Some(python) = python() else {
-        return eprintln!(
-            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
-        );
-    };
+    let python = python();
     for (dialect, map, hands, width, rows, prefix) in [
         ("gr00t", "real_g1", "dex3", 53, 40, 10),
         ("openpi", "openpi_g1", "inspire", 23, 50, 10),
@@ -173,12 +172,9 @@ fn the_bag_has_every_chunk_and_what_went_wrong() {
 
 /// Numbers that are not finite are never played.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn spoiled_answers_end_the_episode_with_a_reason() {
-    let Some(python) = python() else {
-        return eprintln!(
-            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
-        );
-    };
+    let python = python();
     for (fault, says) in [("nan", "is NaN"), ("shape", "dimension"), ("error", "CUDA"), ("huge", "the limit is")] {
         let (log, chunks) = play(&python, "gr00t", &["--fault", fault, "--after", "1"], &["--prefix", "5"]);
         assert!(log.contains(says), "{fault}: {log}");
@@ -189,12 +185,9 @@ fn spoiled_answers_end_the_episode_with_a_reason() {
 
 /// A mapping that does not fit, or a server that is not there, is told of before a session is opened.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn nothing_is_opened_where_something_does_not_fit() {
-    let Some(python) = python() else {
-        return eprintln!(
-            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
-        );
-    };
+    let python = python();
     let folder = Scratch::new("unfit");
     let run = |url: &str, map: &str, dialect: &str| {
         let args = ["run", "--policy", "vla", "--dialect", dialect, "--model", url, "--map", map, "--task", "S07"];
@@ -226,10 +219,9 @@ fn nothing_is_opened_where_something_does_not_fit() {
 /// Motion tokens through the decoder of SONIC, and commands through GEAR's controller: the targets that went over the network
 /// are those that Python makes of the same networks, of what the robot sensed and of what the model said, all by the bag.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn foreign_controllers_carry_what_a_model_says() {
-    let Some(python) = python_with("zmq, msgpack, openpi_client, websockets, onnx, onnxruntime") else {
-        return eprintln!("skipped: FIATLUX_PYTHON lacks the packages of tests/bridge and tests/oracle/foreign");
-    };
+    let python = python_with("zmq, msgpack, openpi_client, websockets, onnx, onnxruntime");
     for (dialect, map, player, controller, gains, moved) in [
         ("gr00t-sonic", "unitree_g1_sonic", "sonic", format!("sonic:{NETWORKS}"), "sonic", 29),
         ("gr00t", "unitree_g1", "gear.nvidia", format!("gear:{NETWORKS}"), "gear", 15),
@@ -291,12 +283,9 @@ fn foreign_controllers_carry_what_a_model_says() {
 /// A token beyond the decoder's limit is refused before anything of its chunk is played, and a session of other gains is not
 /// played at all.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn tokens_and_gains_that_do_not_fit_are_refused() {
-    let Some(python) = python() else {
-        return eprintln!(
-            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
-        );
-    };
+    let python = python();
     let controller = format!("sonic:{NETWORKS}");
     let double = ["--embodiment", "unitree_g1_sonic", "--fault", "token", "--after", "1"];
     let args = ["--controller", &controller, "--gains", "sonic", "--prefix", "5", "--end-on", "time-out"];
@@ -326,14 +315,11 @@ fn tokens_and_gains_that_do_not_fit_are_refused() {
 /// played by what the last answer took, and a new chunk takes over step by step. All of it follows from the bag: nothing here
 /// looks at a clock. On a busy machine an action may come too late for its step and is not in the bag; what is there counts.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn real_time_skips_what_is_stale_and_blends() {
     const BLEND: u64 = 6;
     const PREFIX: u64 = 12;
-    let Some(python) = python() else {
-        return eprintln!(
-            "skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt"
-        );
-    };
+    let python = python();
     // Small pictures: the machine may be slow.
     let folder = Scratch::new("map");
     let map = folder.path().join("small.toml");

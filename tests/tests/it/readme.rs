@@ -72,7 +72,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
 }
 
 /// Commands run in the order of the pages. Servers and recorders go on until the end; the second pair of machines is this
-/// one, at another port, where each new server takes the place of the one before. `cargo test --workspace` is what runs this.
+/// one, at another port, where each new server takes the place of the one before. `tests/run` is what runs this.
 #[test]
 fn every_command_works() {
     let scratch = Scratch::new("readme");
@@ -109,7 +109,7 @@ fn every_command_works() {
         }
         let daemon = ["sim-server", "recorder"].into_iter().find(|name| words[0] == format!("target/release/{name}"));
         match daemon {
-            _ if line == "cargo test --workspace" => {}
+            _ if line == "tests/run" => {}
             Some(name) if words.get(1) != Some(&"export") => {
                 let is_path = |word: &str| word == "bags" || word == "lab-runs" || word.starts_with("keys/");
                 let place = |word: &&str| match is_path(word) {

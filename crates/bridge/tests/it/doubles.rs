@@ -1,5 +1,5 @@
-//! Talks to doubles of model servers that use the real libraries (`tests/bridge/doubles.py`). Skipped unless
-//! `FIATLUX_PYTHON` names a Python with the packages of `tests/bridge/requirements.txt`.
+//! Talks to doubles of model servers that use the real libraries (`tests/bridge/doubles.py`). `FIATLUX_PYTHON` names a Python with
+//! the packages of `tests/bridge/requirements.txt`; without one these tests are ignored, and `tests/run` makes one.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -14,17 +14,13 @@ use fiatlux_robot::Robot;
 
 const DOUBLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bridge/doubles.py");
 
-fn python() -> Option<PathBuf> {
-    let python = PathBuf::from(std::env::var_os("FIATLUX_PYTHON")?);
-    let status = Command::new(&python)
-        .args(["-c", "import zmq, msgpack, msgpack_numpy, openpi_client, websockets"])
-        .stderr(Stdio::null())
-        .status();
-    status.is_ok_and(|status| status.success()).then_some(python)
-}
-
-fn skip() {
-    eprintln!("skipped: FIATLUX_PYTHON does not name a Python with the packages of tests/bridge/requirements.txt");
+fn python() -> PathBuf {
+    let python =
+        PathBuf::from(std::env::var_os("FIATLUX_PYTHON").expect("FIATLUX_PYTHON names a Python; tests/run makes one"));
+    let status =
+        Command::new(&python).args(["-c", "import zmq, msgpack, msgpack_numpy, openpi_client, websockets"]).status();
+    assert!(status.is_ok_and(|status| status.success()), "it lacks packages of tests/bridge/requirements.txt");
+    python
 }
 
 /// A double, which runs until it is dropped.
@@ -94,8 +90,9 @@ fn start(python: &Path, dialect: Dialect, mapping: &str, args: &[&str]) -> Doubl
 /// Guards that the strict doubles accept our requests, byte for byte as their own libraries pack them, and that
 /// contract and answer match the mapping.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn every_dialect_is_spoken() {
-    let Some(python) = python() else { return skip() };
+    let python = python();
     let robot = Robot::benchmark().unwrap();
     for (dialect, name) in cases() {
         let double = start(&python, dialect, name, &["--navigate", "0.25,0,0.5"]);
@@ -124,8 +121,9 @@ fn every_dialect_is_spoken() {
 
 /// Arrays of the real libraries are read, and written again with the same bytes.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn arrays_are_byte_equal_both_ways() {
-    let Some(python) = python() else { return skip() };
+    let python = python();
     let output = Command::new(python).args([DOUBLES, "arrays"]).output().unwrap();
     assert!(output.status.success());
     let lines = String::from_utf8(output.stdout).unwrap();
@@ -161,8 +159,9 @@ fn arrays_are_byte_equal_both_ways() {
 
 /// The golden messages are those that the installed packages make.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn golden_messages_are_of_real_packages() {
-    let Some(python) = python() else { return skip() };
+    let python = python();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bridge/golden.py");
     let output = Command::new(python).arg(script).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -175,8 +174,9 @@ fn golden_messages_are_of_real_packages() {
 /// Guards that faults of a server give an error with its reason, within the time-outs, and that the next request starts
 /// afresh.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn faults_are_errors_with_a_reason() {
-    let Some(python) = python() else { return skip() };
+    let python = python();
     let robot = Robot::benchmark().unwrap();
     for dialect in [Dialect::Gr00t, Dialect::Openpi, Dialect::Behavior, Dialect::Roboarena] {
         let mapping = Mapping::open(default_mapping(dialect), &robot).unwrap();
@@ -217,8 +217,9 @@ fn faults_are_errors_with_a_reason() {
 
 /// API tokens and keys are sent to servers that need them.
 #[test]
+#[ignore = "needs Python's libraries: tests/run"]
 fn tokens_are_sent() {
-    let Some(python) = python() else { return skip() };
+    let python = python();
     for (dialect, flag) in [(Dialect::Gr00t, "--token"), (Dialect::Openpi, "--key")] {
         let double = Double::start(&python, dialect, &[flag, "s3cret"]);
         assert!(double.model().contract().is_err());
