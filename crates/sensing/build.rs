@@ -35,7 +35,8 @@ fn main() {
             text.lines().next().and_then(|line| line.strip_prefix("//!")).expect("the file begins with its `//!`");
         let words = name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]);
         writeln!(modules, "#[path = {path:?}]\npub(crate) mod {name};").expect("a string");
-        writeln!(variants, "#[doc = {doc:?}]\n{}: {name},", words.collect::<String>()).expect("a string");
+        writeln!(variants, "#[doc = {doc:?}]\n{}: {name}, {:?},", words.collect::<String>(), doc.trim())
+            .expect("a string");
     }
     variants.push_str("}\n");
     let out = env::var_os("OUT_DIR").expect("cargo names the folder");

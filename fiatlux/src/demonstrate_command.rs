@@ -43,7 +43,7 @@ pub struct DemonstrateArgs {
     /// Output folder; one for each task.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Policy that demonstrates: expert or another of those that `policy-client list --policies` lists.
+    /// Policy that demonstrates: expert or another of those that `fiatlux policies` lists.
     #[arg(long, default_value = "expert")]
     policy: String,
     /// Keep episodes that failed, or in which a bulb was dropped or broken, too: the first N that are played.

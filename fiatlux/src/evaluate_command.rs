@@ -10,16 +10,18 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux_cli::ProgressLine;
 use fiatlux_client::{RunProgress, SeedList, SessionArgs, TaskList};
-use fiatlux_policies::Policies;
+use fiatlux_grading::tables;
+use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
 use fiatlux_rules::{CONTROL_DT, Task};
-use fiatlux_runs::{EvaluateOptions, evaluate};
+use fiatlux_runs::{EvaluateError, EvaluateOptions, evaluate};
 use fiatlux_world::{AssetArg, SceneConfig};
 use outcome::finish;
 
-/// Shown below the options.
-pub const EXAMPLES: &str = "Examples:
-  fiatlux evaluate --policy zero                          the twelve subtasks in rooms 0 to 3
+const EXAMPLES: &str = "Examples:
+  fiatlux evaluate --policy expert                        the twelve subtasks in rooms 0 to 3
+  fiatlux evaluate --policy walk --tasks S05 --seeds fresh:16
+                                                          16 rooms drawn afresh
   fiatlux evaluate --policy stand --tasks S05,S06 --seeds 0..9
   fiatlux evaluate --policy hold --tasks climb --seeds 0 --json
   fiatlux evaluate --external --name lab --listen tcp/0.0.0.0:7447 --out results/mine
@@ -27,10 +29,19 @@ pub const EXAMPLES: &str = "Examples:
 
 Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with episodes that are missing.";
 
+/// Shown below the options: the policies, each with a line, and examples.
+pub fn after_help() -> String {
+    let mut text = "Policies:\n".to_owned();
+    for Entry { name, does, .. } in Policies::default().entries() {
+        text += &format!("  {name:<16}{does}\n");
+    }
+    text + "\n" + EXAMPLES
+}
+
 /// Options of the command.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Policy: zero, random, hold, stand, wbc, walk or another of those that `policy-client list --policies` lists.
+    /// Policy: expert, or another of those below and of `fiatlux policies`.
     #[arg(long, required_unless_present = "external")]
     policy: Option<String>,
     /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
@@ -48,8 +59,8 @@ pub struct EvaluateArgs {
     /// chooses) [default: all].
     #[arg(long)]
     tasks: Option<TaskList>,
-    /// Layout seeds: a range such as 0..3, which includes both ends, or a list such as 0,7 (not with --external: the
-    /// client chooses) [default: 0..3].
+    /// Layout seeds: a range such as 0..3, which includes both ends, a list such as 0,7, or fresh:64, which draws 64 rooms that
+    /// nobody has seen and keeps them in OUT/seeds.txt (not with --external: the client chooses) [default: 0..3].
     #[arg(long, allow_hyphen_values = true)]
     seeds: Option<SeedList>,
     /// Output folder [default: results/POLICY; with --external results/NAME].
@@ -104,8 +115,7 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     fiatlux_cli::init_quiet_log();
     let Some(policy) = &args.policy else { return external::run(args) };
     if let Some(problem) = unfit(&policies, policy) {
-        fiatlux_cli::print_error(format!("--policy {}: {problem}", plain(policy)));
-        return Ok(ExitCode::from(USAGE));
+        return Ok(fiatlux_cli::usage(format!("--policy {}: {problem}", plain(policy))));
     }
     let scene = match SceneConfig::default().with_assets(&args.assets) {
         Ok(scene) => scene,
@@ -116,13 +126,23 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     };
     // The name of a policy may be a path.
     let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder));
     let mut session = args.session.clone();
+    let seeds = match &args.seeds {
+        Some(seeds) if seeds.fresh => {
+            let file = out.join("seeds.txt");
+            let drawn = seeds.clone().recorded(&file).with_context(|| file.display().to_string())?;
+            fiatlux_cli::report(format!("rooms {}, in {}", tables::seeds(&drawn.seeds), file.display()));
+            Some(drawn)
+        }
+        seeds => seeds.clone(),
+    };
     let options = EvaluateOptions {
         policies,
         policy: policy.clone(),
         tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
-        seeds: args.seeds.as_ref().map_or_else(|| (0..=3).collect(), |seeds| seeds.0.clone()),
-        out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder)),
+        seeds: seeds.map_or_else(|| (0..=3).collect(), |seeds| seeds.seeds),
+        out,
         workers: args.workers(),
         weights: session.split_weights(),
         meshes: args.meshes.clone(),
@@ -133,8 +153,15 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     let line = ProgressLine::default();
     let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| look(&line, progress)));
     line.clear();
-    let outcome = outcome?;
-    finish(args.json, &options.out, &outcome, "the same command goes on from here")
+    let outcome = match outcome {
+        Err(stopped @ EvaluateError::Stopped { .. }) => {
+            fiatlux_cli::report(stopped.to_string());
+            return Ok(ExitCode::from(3));
+        }
+        Err(problem @ EvaluateError::Name { .. }) => return Ok(fiatlux_cli::usage(problem)),
+        outcome => outcome?,
+    };
+    finish(args.json, &options.out, &outcome, "the rest will be played by the same command")
 }
 
 fn look(line: &ProgressLine, progress: &RunProgress) -> String {

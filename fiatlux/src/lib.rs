@@ -8,6 +8,7 @@ mod evaluate_command;
 #[allow(missing_docs)] // Used by this program and its tests.
 pub mod keys;
 mod keys_command;
+mod lists_command;
 mod network;
 mod part;
 #[allow(missing_docs)] // Used by this program and its tests.
@@ -25,7 +26,14 @@ pub use part::part_of;
 
 /// Fiatlux on one machine.
 #[derive(Debug, Parser)]
-#[command(name = "fiatlux", version)]
+#[command(
+    name = "fiatlux",
+    version,
+    after_help = "Examples:
+  fiatlux evaluate --policy expert          play, record and grade the twelve subtasks
+  fiatlux view results/expert               look at the episodes in 3D
+  fiatlux policies                          what can be played; also tasks, sensors, robots"
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -38,7 +46,7 @@ enum Command {
     /// Server, recorder, policy and scorer run in this process. Bags,
     /// results.json and report.html go to the output folder; the table goes to stdout. Ctrl-C stops cleanly and grades
     /// what is finished; the same command then continues.
-    #[command(after_help = evaluate_command::EXAMPLES)]
+    #[command(after_help = evaluate_command::after_help())]
     Evaluate(Box<evaluate_command::EvaluateArgs>),
     /// Records clean demonstrations of one task in training rooms, and makes a LeRobot data set of them.
     ///
@@ -68,9 +76,22 @@ enum Command {
     /// Makes keys, certificates and Zenoh configs, so that each program can do its part on a network and nothing else.
     #[command(after_help = keys_command::EXAMPLES)]
     Keys(keys_command::KeysArgs),
+    /// Lists the policies, each with a line.
+    #[command(after_help = "Example:\n  fiatlux policies")]
+    Policies(lists_command::ListArgs),
+    /// Lists the tasks, each with what the robot is told to do.
+    #[command(after_help = "Example:\n  fiatlux tasks --json")]
+    Tasks(lists_command::ListArgs),
+    /// Lists the sensors, each with what it senses.
+    #[command(after_help = "Example:\n  fiatlux sensors")]
+    Sensors(lists_command::ListArgs),
+    /// Lists the robots, by name and hands.
+    #[command(after_help = "Example:\n  fiatlux robots")]
+    Robots(lists_command::ListArgs),
     /// Passes messages on between programs, and enforces the access control in its config.
     ///
     /// When it is ready it prints one line on stdout; on an interrupt (SIGINT, SIGTERM) it exits with 0.
+    #[command(after_help = "Example:\n  fiatlux router --config router.json5")]
     Router(network::RouterArgs),
 }
 
@@ -95,6 +116,10 @@ pub fn run(policies: Policies) -> ExitCode {
         Command::View(args) => view_command::run(&args),
         Command::Teleop(args) => teleop_command::run(&args),
         Command::Keys(args) => keys_command::keys(args).map(|()| ExitCode::SUCCESS),
+        Command::Policies(args) => args.print(lists_command::policies(&policies)),
+        Command::Tasks(args) => args.print(lists_command::tasks()),
+        Command::Sensors(args) => args.print(lists_command::sensors()),
+        Command::Robots(args) => args.print(lists_command::robots()),
         Command::Router(args) => network::router(args).map(|()| ExitCode::SUCCESS),
     };
     match done {
@@ -111,5 +136,10 @@ mod tests {
     #[test]
     fn whole_numbers_name_their_range() {
         fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
+    }
+
+    #[test]
+    fn every_help_has_an_example() {
+        fiatlux_cli::check_examples::<Cli>().unwrap();
     }
 }

@@ -148,18 +148,19 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<ExitCode> {
     let (kind, stride) = match checked(args) {
         Ok(checked) => checked,
         Err(problem) => {
-            eprintln!("error: {problem}\n\nFor more information, try '--help'.");
-            return Ok(ExitCode::from(2));
+            return Ok(fiatlux_cli::usage(problem));
         }
     };
     let (output, join) = output(args, kind);
     if let Some(join) = &join {
         let folder = output.path().display();
-        eprintln!("ffmpeg is not in PATH; the frames go to {folder} as PNG files. This joins them:\n  {join}");
+        fiatlux_cli::report(format!(
+            "ffmpeg is not in PATH; the frames go to {folder} as PNG files. This joins them:\n  {join}"
+        ));
     }
     let clip = Clip::open(options(args, kind, output, stride))?;
     for warning in clip.warnings() {
-        eprintln!("warning: {warning}");
+        fiatlux_cli::report(format!("warning: {warning}"));
     }
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let line = ProgressLine::default();
@@ -263,10 +264,13 @@ fn tell(clip: &Clip, outcome: &Outcome, seconds: f64) -> std::io::Result<ExitCod
         fiatlux_cli::report(format!("lost: {lost}"));
     }
     if outcome.stopped {
-        eprintln!("stopped: the clip has {frames} of {all} frames");
+        fiatlux_cli::report(format!("stopped: the clip has {frames} of {all} frames"));
     }
     let noun = if frames == 1 { "frame" } else { "frames" };
-    eprintln!("{frames} {noun} in {seconds:.1} s, {:.1} frames/s", frames as f64 / seconds.max(1e-3));
+    fiatlux_cli::report(format!(
+        "{frames} {noun} in {seconds:.1} s, {:.1} frames/s",
+        frames as f64 / seconds.max(1e-3)
+    ));
     fiatlux_cli::print(format!("{}\n", clip.path().display()))?;
     let whole = outcome.lost.is_empty() && !outcome.stopped;
     Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })

@@ -56,7 +56,7 @@ fn serve(bags: Bags, args: &ViewArgs) -> anyhow::Result<()> {
     // One bag is read before its address is given out, so that what is wrong with it is said here.
     if let (1, Some(bag)) = (bags.count(), bags.file(0)) {
         for note in &Replay::open(bag)?.document().notes {
-            eprintln!("note: {note}");
+            fiatlux_cli::report(format!("note: {note}"));
         }
     }
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
@@ -64,7 +64,10 @@ fn serve(bags: Bags, args: &ViewArgs) -> anyhow::Result<()> {
     let address = format!("http://{}/", viewer.address());
     fiatlux_cli::print(format!("{address}\n"))?;
     let opened = !args.no_open && fiatlux_cli::open_browser(&address);
-    eprintln!("{}; Ctrl-C ends it", if opened { "opened in the browser" } else { "open this address in a browser" });
+    fiatlux_cli::report(format!(
+        "{}; Ctrl-C ends it",
+        if opened { "opened in the browser" } else { "open this address in a browser" }
+    ));
     Ok(viewer.serve(&stop)?)
 }
 
@@ -77,7 +80,7 @@ fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()
     }
     let replay = Replay::open(bag)?;
     for note in &replay.document().notes {
-        eprintln!("note: {note}");
+        fiatlux_cli::report(format!("note: {note}"));
     }
     let part = part_of(out);
     let written = || {

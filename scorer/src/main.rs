@@ -26,7 +26,11 @@ const UNVERIFIED: u8 = 4;
 /// missing, or the results.json of a folder says otherwise than its bags; 4 an episode is not verified.
 /// Results go to stdout, everything else to stderr.
 #[derive(Debug, Parser)]
-#[command(name = env!("CARGO_BIN_NAME"), version, propagate_version = true)]
+#[command(name = env!("CARGO_BIN_NAME"), version, propagate_version = true, after_help = "Examples:
+  scorer grade runs/zero                               scores of a folder of bags
+  scorer compare results/stand results/hold            two runs, episode by episode
+  scorer verify results/zero -e tcp/lab:7447           simulate the bags again on a server
+  scorer submit results/zero --to https://board.example.org --token TOKEN.txt")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -141,7 +145,7 @@ fn main() -> ExitCode {
         Command::Admin(args) => admin::run(&args),
     };
     done.unwrap_or_else(|error| {
-        tell(format!("scorer: {}", plain(&format!("{error:#}"))));
+        fiatlux_cli::print_error(plain(&format!("{error:#}")));
         let is_usage = matches!(error.downcast_ref(), Some(ScoreError::Threshold(_)));
         ExitCode::from(if is_usage { USAGE } else { FAILED })
     })
@@ -175,13 +179,13 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
             let is_written = args.out.as_ref().is_some_and(|out| place(out) == place(&folder.join("results.json")));
             let claim = if is_written { None } else { false_claim(folder, &results) };
             if claim.is_none() && !is_written && folder.join("results.json").exists() {
-                tell(format!("scorer: {}/results.json says the same as its bags", folder.display()));
+                tell(format!("{}/results.json says the same as its bags", folder.display()));
             }
             claim
         }
         _ => None,
     };
-    results.lost_journal().iter().chain(&claim).for_each(|said| tell(format!("scorer: {said}")));
+    results.lost_journal().iter().chain(&claim).for_each(|said| tell(format!("warning: {said}")));
     if let Some(file) = &args.html {
         // The report finds replays only if the names of bags are relative to its own folder.
         let is_base = args.out.as_deref().is_none_or(|out| folder(out) == folder(file));

@@ -116,14 +116,18 @@ fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {
     })
 }
 
+/// Largest file of a token, bytes.
+const MAX_TOKEN_BYTES: u64 = 1 << 16;
+
 /// Reads the only line of the file.
 fn read_token(path: &Path) -> Result<String> {
     let unreadable = || format!("cannot read the token in {}", path.display());
     let file = File::open(path).with_context(unreadable)?;
     if let Err(exposed) = check_private(&file, path) {
-        fiatlux_cli::report(format!("scorer: {exposed}"));
+        fiatlux_cli::report(format!("warning: {exposed}"));
     }
-    let text = std::io::read_to_string(file).with_context(unreadable)?;
+    let text = String::from_utf8(fiatlux_files::limited(file, MAX_TOKEN_BYTES).with_context(unreadable)?)
+        .with_context(unreadable)?;
     let token = text.trim();
     anyhow::ensure!(
         token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),

@@ -92,7 +92,7 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
     let BagFiles { bags, unfinished, .. } = find_bags(&args.paths)?;
     for part in &unfinished {
         let part = part.display().to_string();
-        tell(format!("scorer: {}: its recording was never finished, so it cannot be verified", plain(&part)));
+        tell(format!("warning: {}: its recording was never finished, so it cannot be verified", plain(&part)));
     }
     let all = bags.len() + unfinished.len();
     if bags.is_empty() {
@@ -132,7 +132,7 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
         return Ok(interrupted(waiting.len(), all));
     }
     if !waiting.is_empty() {
-        tell(format!("scorer: {} of {all} bags were not simulated again", waiting.len()));
+        tell(format!("warning: {} of {all} bags were not simulated again", waiting.len()));
     }
     Ok(if good == all { ExitCode::SUCCESS } else { ExitCode::from(UNVERIFIED) })
 }
@@ -149,7 +149,7 @@ fn connect(args: &VerifyArgs) -> Result<(Carrier, Vec<String>)> {
 
 /// Says that it was the user who ended it, and no fault of a server or a bag.
 fn interrupted(left: usize, all: usize) -> ExitCode {
-    tell(format!("scorer: interrupted: {left} of {all} bags were not simulated again"));
+    tell(format!("interrupted: {left} of {all} bags were not simulated again"));
     ExitCode::from(INTERRUPTED)
 }
 
@@ -176,7 +176,7 @@ impl Work<'_> {
 
     /// Writes a line to stderr, in which names of files and a server's words may stand.
     fn complain(&self, what: &str) {
-        self.line.write_over(|| tell(format!("scorer: {}", plain(what))));
+        self.line.write_over(|| tell(format!("warning: {}", plain(what))));
     }
 
     /// Verifies bags on a server until none is left, or the server takes no more.

@@ -53,7 +53,7 @@ fn a_claim_is_compared_with_the_bags() {
     let (code, json, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
     assert_eq!((code, json.as_str()), (0, ""));
     let (code, _, err) = scorer(&["grade", path]);
-    assert_eq!((code, err), (0, format!("scorer: {path}/results.json says the same as its bags\n")));
+    assert_eq!((code, err), (0, format!("{path}/results.json says the same as its bags\n")));
     std::fs::remove_file(copy).unwrap();
     let (code, json, _) = scorer(&["grade", path, "--json", "--out", claim.to_str().unwrap()]);
     assert_eq!((code, json.as_str()), (0, ""));
@@ -97,7 +97,7 @@ fn a_missing_journal_shows_in_the_exit_code() {
     let (code, json, err) = scorer(&["grade", folder.0.to_str().unwrap(), "--json"]);
     let says =
         "these bags belong to the run first, whose journal is missing: nobody can tell which episodes were left out";
-    assert_eq!((code, err), (3, format!("scorer: {says}\n")));
+    assert_eq!((code, err), (3, format!("warning: {says}\n")));
     let json: Value = serde_json::from_str(&json).unwrap();
     assert_eq!((&json["without_journal"], json["episodes"].as_array().map(Vec::len)), (&json!(["first"]), Some(1)));
 }
@@ -175,7 +175,7 @@ fn an_interrupted_verification_says_so() {
     let err = String::from_utf8(output.stderr).unwrap();
     assert_eq!(
         (output.status.code(), err.as_str()),
-        (Some(130), "scorer: interrupted: 1 of 1 bags were not simulated again\n")
+        (Some(130), "interrupted: 1 of 1 bags were not simulated again\n")
     );
 }
 

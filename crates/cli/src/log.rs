@@ -28,6 +28,8 @@ pub fn init_quiet_log() {
 fn init(default: &str) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    // A closed stderr does not stop the program.
+    let log = log.log_internal_errors(false);
     let log = log.with_ansi(has_colour(&std::io::stderr()));
     // This fails only if a log has already been set up.
     let _ = log.try_init();

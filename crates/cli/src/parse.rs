@@ -59,6 +59,23 @@ pub fn check_whole_numbers<C: CommandFactory>() -> Result<(), String> {
     if checked > 0 { Ok(()) } else { Err("no flag takes a whole number".into()) }
 }
 
+/// For the tests of programs: checks that the long help of every command shows an example.
+pub fn check_examples<C: CommandFactory>() -> Result<(), String> {
+    let mut without = Vec::new();
+    without_example(&mut C::command(), "", &mut without);
+    if without.is_empty() { Ok(()) } else { Err(format!("no example in the help of {}", without.join(", "))) }
+}
+
+fn without_example(command: &mut Command, above: &str, without: &mut Vec<String>) {
+    let name = format!("{above} {}", command.get_name()).trim().to_owned();
+    if !command.render_long_help().to_string().contains("Example") {
+        without.push(name.clone());
+    }
+    for below in command.get_subcommands_mut().filter(|below| below.get_name() != "help") {
+        without_example(below, &name, without);
+    }
+}
+
 fn check_in(command: &Command, checked: &mut usize) -> Result<(), String> {
     let whole = [
         TypeId::of::<u8>(),

@@ -21,6 +21,18 @@ pub fn print_headed(text: impl AsRef<str>) -> io::Result<()> {
     }
 }
 
+/// As [`print()`], for a text that a terminal shows in colours: `paint` puts them in.
+pub fn print_painted(text: impl AsRef<str>, paint: impl FnOnce(&str) -> String) -> io::Result<()> {
+    let text = plain_lines(text.as_ref());
+    if has_colour(&io::stdout()) { write(&paint(&text)) } else { write(&text) }
+}
+
+/// Writes what is wrong with a command line to stderr, as clap does; returns the exit code.
+pub fn usage(problem: impl Display) -> ExitCode {
+    print_error(format!("{problem}\n\nFor more information, try '--help'."));
+    ExitCode::from(2)
+}
+
 /// Writes an error to stderr, as clap does.
 pub fn print_error(error: impl Display) {
     let label = if has_colour(&io::stderr()) { "\x1b[1;31merror:\x1b[0m" } else { "error:" };

@@ -6,7 +6,7 @@ mod text;
 
 pub use csv::csv;
 pub use latex::latex;
-pub use text::text;
+pub use text::{painted, text};
 
 use crate::{Conditions, Results, RunResult};
 

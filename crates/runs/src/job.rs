@@ -97,6 +97,10 @@ pub enum EvaluateError {
     Recorder(#[from] RecorderError),
     #[error("no episode was recorded:\n  {lost}")]
     Nothing { lost: String },
+    #[error("{problem}")]
+    Name { problem: String },
+    #[error("stopped: 0 of {episodes} played; the rest will be played by the same command")]
+    Stopped { episodes: usize },
     #[error("no episode was played to its end:\n  {lost}")]
     Unplayed { lost: String },
     /// The run cannot be played.

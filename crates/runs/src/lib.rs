@@ -15,6 +15,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_client::{RunProgress, check_tasks};
 use fiatlux_grading::Results;
+use fiatlux_proto::plain;
+use fiatlux_proto::v3::OpenRequest;
+use fiatlux_robot::Robot;
+use fiatlux_sensing::Sensor;
 use fiatlux_server::ServerOptions;
 
 pub use demonstrate::{BAGS, DemonstrateOptions, Demonstrated, Demonstration, demonstrate};
@@ -33,6 +37,8 @@ pub struct Outcome {
     pub resumed: usize,
     /// Episodes that were not played or not recorded whole, each with the reason.
     pub lost: Vec<String>,
+    /// Number of episodes in the folder, with those that are still to be played.
+    pub asked: usize,
     /// It was stopped before the end.
     pub stopped: bool,
 }
@@ -50,6 +56,7 @@ pub fn evaluate(
     // Report a wrong name before anything is played.
     let policy = options.policies.make(&options.policy)?;
     check_tasks(policy.as_ref(), &options.tasks)?;
+    check_names(options)?;
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = lock(&options.out)?;
@@ -76,8 +83,10 @@ pub fn evaluate(
     let (recorded, missing): (Vec<Job>, Vec<Job>) = jobs.iter().partition(|job| bags.join(job.bag_name()).exists());
     let mut lost = played.lost(&missing);
     if recorded.is_empty() {
-        let lost = if lost.is_empty() { "it was stopped before one was over".into() } else { lost.join("\n  ") };
-        return Err(EvaluateError::Nothing { lost });
+        if stop.load(Ordering::Relaxed) {
+            return Err(EvaluateError::Stopped { episodes: jobs.len() });
+        }
+        return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
     }
     let results = grade(&job_bags(&recorded, &bags), options.workers, &options.out)?;
     lost.extend(results.excluded.iter().map(|bag| {
@@ -85,7 +94,28 @@ pub fn evaluate(
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
         format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
-    Ok(Outcome { results, resumed, lost, stopped: stop.load(Ordering::Relaxed) })
+    Ok(Outcome { results, resumed, lost, asked: jobs.len(), stopped: stop.load(Ordering::Relaxed) })
+}
+
+/// Refuses a mistyped name before a folder is judged by it.
+fn check_names(options: &EvaluateOptions) -> Result<(), EvaluateError> {
+    let wrong = |problem: String| Err(EvaluateError::Name { problem });
+    let mut request = OpenRequest::default();
+    options.session.apply(&mut request);
+    for sensor in &request.sensors {
+        if Sensor::by_name(&sensor.name).is_none() {
+            let hint = fiatlux_cli::did_you_mean(&sensor.name, Sensor::ALL.map(Sensor::name));
+            return wrong(format!(
+                "sensor '{}' does not exist{hint}; ask for some of {}",
+                plain(&sensor.name),
+                Sensor::names()
+            ));
+        }
+    }
+    if let Err(error) = Robot::known(&request.robot) {
+        return wrong(format!("{error}{}", fiatlux_cli::did_you_mean(&request.robot, Robot::NAMES)));
+    }
+    Ok(())
 }
 
 /// Episodes that an earlier call with other tasks or seeds left in the folder.

@@ -5,7 +5,7 @@ use crate::{Setup, sensors};
 
 /// Makes the list of sensors from the entry in each one's file.
 macro_rules! sensors {
-    ($($(#[$doc:meta])* $sensor:ident: $module:ident,)*) => {
+    ($($(#[$doc:meta])* $sensor:ident: $module:ident, $does:literal,)*) => {
         /// Sensors that a session can have: one for each file of `sensors/`. `proto/fiatlux/v3/observation.proto` has the field
         /// of each.
         /// field of each.
@@ -17,6 +17,13 @@ macro_rules! sensors {
         impl Sensor {
             /// All, in the order in which sessions list them: the benchmark's, then all others by name.
             pub const ALL: [Sensor; [$(stringify!($sensor)),*].len()] = [$(Sensor::$sensor),*];
+
+            /// One line that says what it senses.
+            pub const fn does(self) -> &'static str {
+                match self {
+                    $(Sensor::$sensor => $does,)*
+                }
+            }
 
             pub(crate) const fn entry(self) -> &'static Entry {
                 match self {

@@ -96,10 +96,8 @@ impl PageArgs {
         fiatlux_cli::print(format!("{url}\n"))?;
         // Kept until the end: nobody says when the browser has read it.
         let opened = if self.no_open || self.lan { None } else { fiatlux_cli::open_browser_secretly(&url) };
-        eprintln!(
-            "{}; Ctrl-C ends it",
-            if opened.is_some() { "opened in the browser" } else { "open this address in a browser" }
-        );
+        let how = if opened.is_some() { "opened in the browser" } else { "open this address in a browser" };
+        fiatlux_cli::report(format!("{how}; Ctrl-C ends it"));
         let kept = std::thread::scope(|scope| {
             let page = scope.spawn(|| {
                 let served = cockpit.serve(&stop);
@@ -116,9 +114,9 @@ impl PageArgs {
         for bag in &kept.bags {
             fiatlux_cli::print(format!("{}\n", bag.display()))?;
         }
-        eprintln!("{} takes kept, {} discarded", kept.bags.len(), kept.discarded);
+        fiatlux_cli::report(format!("{} takes kept, {} discarded", kept.bags.len(), kept.discarded));
         for bag in &kept.left {
-            eprintln!("discarded, but still with its server: {}", bag.display());
+            fiatlux_cli::report(format!("discarded, but still with its server: {}", bag.display()));
         }
         Ok(())
     }
@@ -142,7 +140,7 @@ impl PageArgs {
         let cockpit = Cockpit::bind(address, &[], Arc::clone(station))?;
         let Secured { names, secure, said } =
             secure(&folder, &self.host).map_err(|error| CommandError::Tls(error.into()))?;
-        eprintln!("{said}");
+        fiatlux_cli::report(&said);
         Ok(cockpit.over_tls(names, secure))
     }
 }

@@ -76,15 +76,14 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     if let Err(EvaluateError::Nothing { .. }) = &outcome
         && stop.load(std::sync::atomic::Ordering::Relaxed)
     {
-        eprintln!("stopped before the end; {again}");
+        fiatlux_cli::report(format!("stopped before the end; {again}"));
     }
     finish(args.json, &options.out, &outcome?, &again)
 }
 
 /// Prints what is wrong with the flags, as clap does.
 fn refuse(why: &str) -> ExitCode {
-    eprintln!("error: {why}\n\nFor more information, try '--help'.");
-    ExitCode::from(2)
+    fiatlux_cli::usage(why)
 }
 
 /// Prints the command for the client.
@@ -93,14 +92,14 @@ fn greet(args: &EvaluateArgs, endpoint: &str) -> std::io::Result<()> {
     let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
     let call = format!("fiatlux.Client(\"{reachable}\").evaluate(YourPolicy, server=\"{}\")", args.name);
     if args.json {
-        eprint!("{line}");
+        fiatlux_cli::report(format!("{line}"));
     } else {
         fiatlux_cli::print(line)?;
     }
-    eprintln!("or in Python: {call}");
-    eprintln!(
+    fiatlux_cli::report(format!("or in Python: {call}"));
+    fiatlux_cli::report(format!(
         "waiting for a run; start it with the command above and the name of your policy, or with the call in Python"
-    );
+    ));
     Ok(())
 }
 

@@ -4,27 +4,33 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use fiatlux_grading::{report, tables};
+use fiatlux_grading::{Fault, report, tables};
 use fiatlux_runs::Outcome;
 
 /// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
 pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
     write_results(out, outcome)?;
+    // What a stop interrupted is not lost: it is played again.
+    let mut shown = outcome.results.clone();
+    if outcome.stopped {
+        shown.excluded.retain(|bag| bag.reason != Fault::Aborted);
+    }
     if as_json {
         fiatlux_cli::print(outcome.results.to_json()?)?;
-    } else {
-        fiatlux_cli::print_headed(tables::text(&outcome.results))?;
+    } else if !shown.episodes.is_empty() || !outcome.stopped {
+        fiatlux_cli::print_painted(tables::text(&shown), tables::painted)?;
     }
-    for lost in &outcome.lost {
+    for lost in outcome.lost.iter().filter(|_| !outcome.stopped) {
         fiatlux_cli::report(format!("lost: {lost}"));
     }
     let folder = out.display();
     if outcome.resumed > 0 {
-        eprintln!("{} episodes were already in {folder} and were not run again", outcome.resumed);
+        fiatlux_cli::report(format!("{} episodes were already in {folder} and were not run again", outcome.resumed));
     }
-    eprintln!("bags, results.json and report.html are in {folder}");
+    fiatlux_cli::report(format!("bags, results.json and report.html are in {folder}"));
     if outcome.stopped {
-        eprintln!("stopped before the end; {goes_on}");
+        let played = outcome.results.episodes.len();
+        fiatlux_cli::report(format!("stopped: {played} of {} played, {goes_on}", outcome.asked));
     }
     let whole = outcome.lost.is_empty() && !outcome.stopped;
     Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })

@@ -13,6 +13,9 @@ use super::Failure;
 
 /// Options of the command `list`.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  policy-client list -e tcp/lab:7447
+  policy-client list --policies")]
 pub struct ListArgs {
     /// Print the list as JSON
     #[arg(long)]
@@ -35,7 +38,9 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     if args.json {
         print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())))?;
     } else if servers.is_empty() {
-        eprintln!("no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT");
+        fiatlux_cli::report(format!(
+            "no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT"
+        ));
     }
     for server in servers.iter().filter(|_| !args.json) {
         let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();

@@ -11,10 +11,17 @@ const WIDTH: usize = 80;
 /// More seeds than this are not listed one by one.
 const MANY_SEEDS: usize = 8;
 
-/// The result in one line, then conditions, rates, subtasks, ends, missing subtasks and bags that were left out.
+/// Heading of the causes, by which [`painted`] knows them.
+const ENDS: &str = "How they ended, by the published judge";
+
+/// The result in one line, then subtasks and ends, conditions, rates, missing subtasks and bags that were left out.
 pub fn text(results: &Results) -> String {
     let mut out = String::new();
-    headline(&mut out, results);
+    if results.episodes.is_empty() {
+        out.push_str("No episode could be scored.\n");
+    } else {
+        let _ = writeln!(out, "{}", wrapped(&result_line(results), "  "));
+    }
     if !results.subtasks.is_empty() {
         out.push('\n');
         table(&mut out, &results.subtasks, true);
@@ -22,6 +29,10 @@ pub fn text(results: &Results) -> String {
     if !results.extra_tasks.is_empty() {
         out.push_str("\nNot part of the score\n");
         table(&mut out, &results.extra_tasks, false);
+    }
+    if !results.episodes.is_empty() {
+        out.push('\n');
+        rates(&mut out, results);
     }
     let lines = missing(results);
     if !lines.is_empty() {
@@ -34,13 +45,53 @@ pub fn text(results: &Results) -> String {
     out
 }
 
-fn headline(out: &mut String, results: &Results) {
-    let episodes = count(results.episodes.len(), "episode");
-    if results.episodes.is_empty() {
-        let _ = writeln!(out, "No episode could be scored.");
-        return;
+/// The text with colours of a terminal: the first line bold, successes green, other ends red, what is 0 or missing grey.
+pub fn painted(text: &str) -> String {
+    const GREEN: Option<&str> = Some("32");
+    const RED: Option<&str> = Some("31");
+    const GREY: Option<&str> = Some("90");
+    let in_table = |word: &str| match word {
+        "1.00" | "1.000" => GREEN,
+        "0.00" | "0.000" | "-" => GREY,
+        _ => None,
+    };
+    let in_ends = |word: &str| match word {
+        "success" => GREEN,
+        word if word.starts_with(|first: char| first.is_ascii_lowercase()) => RED,
+        _ => None,
+    };
+    let plain = |_: &str| None;
+    let (mut out, mut of): (String, &dyn Fn(&str) -> Option<&'static str>) = (String::new(), &plain);
+    for (index, line) in text.lines().enumerate() {
+        if index == 0 {
+            out += &format!("\x1b[1m{line}\x1b[0m\n");
+            continue;
+        }
+        // The name of a task, in front, has no colour.
+        let rest = line.char_indices().nth(10).map_or(line.len(), |(at, _)| at);
+        out += &line[..rest];
+        for part in line[rest..].split_inclusive(' ') {
+            let word = part.trim_end_matches([' ', ',']);
+            match of(word) {
+                Some(code) => out += &format!("\x1b[{code}m{word}\x1b[0m{}", &part[word.len()..]),
+                None => out += part,
+            }
+        }
+        out.push('\n');
+        if line.starts_with("task ") {
+            of = &in_table;
+        } else if line == ENDS {
+            of = &in_ends;
+        } else if line.is_empty() {
+            of = &plain;
+        }
     }
-    let _ = writeln!(out, "{}", wrapped(&result_line(results), "  "));
+    out
+}
+
+/// Episodes, conditions, scores and rates with their intervals.
+fn rates(out: &mut String, results: &Results) {
+    let episodes = count(results.episodes.len(), "episode");
     let _ = writeln!(out, "  {}", wrapped(&format!("{episodes}, {}", seed_count(results)), "  "));
     let _ = writeln!(out, "  {}", wrapped(&conditions_line(&results.conditions), "  "));
     if let Some(run) = &results.run {
@@ -132,7 +183,7 @@ fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
             score(Some(task.score_mean), task.score_std),
         );
     }
-    out.push_str("\nHow they ended, by the published judge\n");
+    let _ = writeln!(out, "\n{ENDS}");
     for task in tasks {
         let mut ends: Vec<_> = task.ends.iter().collect();
         ends.sort_by_key(|(cause, count)| (std::cmp::Reverse(**count), (*cause).clone()));
@@ -186,4 +237,27 @@ fn wrapped(text: &str, indent: &str) -> String {
         }
     }
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Codes are put around words; nothing else changes.
+    #[test]
+    fn colours_are_of_results_alone() {
+        let text = format!(
+            "walk: 1/2 strict\n\n{:30}-- strict --\ntask                         n   succ\nS05 carry to 1.00 and 0.00 3    1.00 0.00 -\n\n{ENDS}\n  \
+             S05     success 1, fall 1\n\n  Success, strict 0.00 success\n",
+            ""
+        );
+        let painted = painted(&text);
+        let codes = ["1", "0", "31", "32", "90"].map(|code| format!("\x1b[{code}m"));
+        assert_eq!(codes.iter().fold(painted.clone(), |text, code| text.replace(code, "")), text);
+        let lines: Vec<&str> = painted.lines().collect();
+        assert_eq!(lines[0], "\x1b[1mwalk: 1/2 strict\x1b[0m");
+        assert!(lines[4].ends_with("\x1b[32m1.00\x1b[0m \x1b[90m0.00\x1b[0m \x1b[90m-\x1b[0m"), "{:?}", lines[4]);
+        assert_eq!(lines[7], "  S05     \x1b[32msuccess\x1b[0m 1, \x1b[31mfall\x1b[0m 1");
+        assert!(!lines[9].contains('\x1b'), "{:?}", lines[9]);
+    }
 }
