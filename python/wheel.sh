@@ -3,6 +3,9 @@
 # commands of the environment it is installed into. Needs Rust, a C compiler and Python 3.10 or newer.
 #
 #   python/wheel.sh [DIR]     writes DIR/fiatlux-VERSION-....whl [default: wheels]
+#
+# The wheel asks for a C library as new as this machine's. FIATLUX_GLIBC=2.28 python/wheel.sh links everything for that older one, which
+# Enterprise Linux 8 has, by Zig from PyPI (x86_64 alone), in a target folder of its own, and fails if a program asks for a newer one.
 set -euo pipefail
 out="${1:-wheels}"
 # macOS has no `realpath -m`.
@@ -12,11 +15,30 @@ work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 programs=(fiatlux sim-server recorder policy-client scorer)
 
-# One build for both, in the same target folder: the wheel shares nearly all of it with the programs.
-cargo build --release --locked --features network -p fiatlux -p sim-server -p policy-client -p scorer --bins
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet "maturin>=1.9.4,<2" "wheel>=0.45"
-"$work/venv/bin/maturin" build --release --locked --quiet -m python/Cargo.toml --out "$work"
+older=()
+if [ -n "${FIATLUX_GLIBC:-}" ]; then
+    "$work/venv/bin/pip" install --quiet ziglang
+    # Zig has the stubs of every glibc, and its own libunwind in place of libgcc_s.
+    cat >"$work/zigcc" <<END
+#!/usr/bin/env bash
+arguments=()
+for argument in "\$@"; do
+    case "\$argument" in -m64 | -lgcc_s | -Wl,--as-needed) ;; *) arguments+=("\$argument") ;; esac
+done
+exec "$work/venv/bin/python" -m ziglang cc -target x86_64-linux-gnu.$FIATLUX_GLIBC "\${arguments[@]}" -lunwind
+END
+    chmod +x "$work/zigcc"
+    export CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER="$work/zigcc"
+    CARGO_TARGET_DIR="$(realpath -m "${CARGO_TARGET_DIR:-target}/glibc-$FIATLUX_GLIBC")"
+    export CARGO_TARGET_DIR
+    older=(--compatibility "manylinux_${FIATLUX_GLIBC/./_}")
+fi
+
+# One build for both, in the same target folder: the wheel shares nearly all of it with the programs.
+cargo build --release --locked --features network -p fiatlux -p sim-server -p policy-client -p scorer --bins
+"$work/venv/bin/maturin" build --release --locked --quiet -m python/Cargo.toml --out "$work" ${older[@]+"${older[@]}"}
 
 # What stands in NAME.data/scripts of a wheel is installed as a command.
 cd "$work"
@@ -29,6 +51,15 @@ for program in "${programs[@]}"; do
     strip -o "$scripts/$program" "$target/release/$program"
     chmod 755 "$scripts/$program"
 done
+if [ -n "${FIATLUX_GLIBC:-}" ]; then
+    for file in "$scripts"/* "${package[0]}"/fiatlux/*.so; do
+        newest="$(objdump -T "$file" | grep -oE 'GLIBC_[0-9.]+' | sort -uV | tail -1)"
+        if [ "$(printf '%s\n' "$newest" "GLIBC_$FIATLUX_GLIBC" | sort -V | tail -1)" != "GLIBC_$FIATLUX_GLIBC" ]; then
+            echo "wheel.sh: $(basename "$file") asks for $newest" >&2
+            exit 1
+        fi
+    done
+fi
 mkdir -p "$out"
 venv/bin/wheel pack --dest-dir "$out" "${package[0]}" >/dev/null
 echo "$out/$(basename fiatlux-*.whl)"

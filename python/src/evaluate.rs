@@ -70,7 +70,7 @@ fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {
 
 /// Seeds of a text such as `0..3,7` or `fresh:64`; what was drawn is kept in the file `record`, and read from it again.
 #[pyfunction]
-pub(crate) fn parse_seeds(text: &str, record: Option<std::path::PathBuf>) -> PyResult<Vec<u64>> {
+pub(crate) fn parse_seeds(text: &str, record: Option<PathBuf>) -> PyResult<Vec<u64>> {
     let list: SeedList = text.parse().map_err(|error| PyValueError::new_err(format!("seeds is '{text}': {error}")))?;
     let list = match record {
         Some(file) => {

@@ -229,5 +229,6 @@ fn outcome(
     }
     let results = grade(&[bags.to_path_buf()], options.workers, &options.out)?;
     lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
-    Ok(Outcome { results, resumed: 0, lost, stopped: stopped && !ledger.is_finished() })
+    let asked = ledger.episodes().len();
+    Ok(Outcome { results, resumed: 0, lost, asked, stopped: stopped && !ledger.is_finished() })
 }

@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_client::{RunProgress, check_tasks};
-use fiatlux_grading::Results;
+use fiatlux_grading::{Fault, Results};
 use fiatlux_proto::plain;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::Robot;
@@ -89,12 +89,15 @@ pub fn evaluate(
         return Err(EvaluateError::Nothing { lost: lost.join("\n  ") });
     }
     let results = grade(&job_bags(&recorded, &bags), options.workers, &options.out)?;
-    lost.extend(results.excluded.iter().map(|bag| {
+    let stopped = stop.load(Ordering::Relaxed);
+    // What a stop interrupted is not lost: the same call plays it again.
+    let excluded = results.excluded.iter().filter(|bag| !(stopped && bag.reason == Fault::Aborted));
+    lost.extend(excluded.map(|bag| {
         // The client's reason says more than an aborted bag does.
         let job = jobs.iter().find(|job| bag.bag.ends_with(&job.bag_name()));
         format!("{}: {}", bag.bag, job.and_then(|job| played.reason(*job)).unwrap_or(&bag.detail))
     }));
-    Ok(Outcome { results, resumed, lost, asked: jobs.len(), stopped: stop.load(Ordering::Relaxed) })
+    Ok(Outcome { results, resumed, lost, asked: jobs.len(), stopped })
 }
 
 /// Refuses a mistyped name before a folder is judged by it.

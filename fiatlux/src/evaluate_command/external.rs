@@ -97,9 +97,9 @@ fn greet(args: &EvaluateArgs, endpoint: &str) -> std::io::Result<()> {
         fiatlux_cli::print(line)?;
     }
     fiatlux_cli::report(format!("or in Python: {call}"));
-    fiatlux_cli::report(format!(
-        "waiting for a run; start it with the command above and the name of your policy, or with the call in Python"
-    ));
+    fiatlux_cli::report(
+        "waiting for a run; start it with the command above and the name of your policy, or with the call in Python",
+    );
     Ok(())
 }
 

@@ -20,7 +20,7 @@ pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str
     } else if !shown.episodes.is_empty() || !outcome.stopped {
         fiatlux_cli::print_painted(tables::text(&shown), tables::painted)?;
     }
-    for lost in outcome.lost.iter().filter(|_| !outcome.stopped) {
+    for lost in &outcome.lost {
         fiatlux_cli::report(format!("lost: {lost}"));
     }
     let folder = out.display();

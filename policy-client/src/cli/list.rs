@@ -38,9 +38,7 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
     if args.json {
         print(format!("{:#}\n", Value::Array(servers.iter().map(as_json).collect())))?;
     } else if servers.is_empty() {
-        fiatlux_cli::report(format!(
-            "no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT"
-        ));
+        fiatlux_cli::report("no server answers; start `sim-server`, or give its address with -e tcp/HOST:PORT");
     }
     for server in servers.iter().filter(|_| !args.json) {
         let tasks: Vec<&str> = server.tasks.iter().map(|task| task.task.as_str()).collect();

@@ -37,27 +37,21 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
     let lost: Vec<_> = outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Lost).collect();
     let left = lost.len();
     if outcome.stopped && outcome.episodes.is_empty() {
-        fiatlux_cli::report(format!("stopped before the run was registered"));
+        report("stopped before the run was registered");
     } else if outcome.stopped {
-        fiatlux_cli::report(format!(
-            "stopped with {left} of {} episodes to play; nothing is lost",
-            outcome.episodes.len()
-        ));
+        report(format!("stopped with {left} of {} episodes to play; nothing is lost", outcome.episodes.len()));
     } else {
         lost.iter().for_each(|episode| report(format!("lost: {}: {}", name(episode), plain(&episode.cause))));
     }
     let file = run_file.display();
     if outcome.finished {
-        fiatlux_cli::report(format!(
+        report(format!(
             "run {0} is finished. Grade it on the server's machine: scorer grade DIR/{0}, with the DIR of its --record. For \
              another run, name another --run-file than {file}",
             outcome.run
         ));
     } else {
-        fiatlux_cli::report(format!(
-            "run {} is not finished: the same command continues it with the key in {file}",
-            outcome.run
-        ));
+        report(format!("run {} is not finished: the same command continues it with the key in {file}", outcome.run));
     }
 }
 
