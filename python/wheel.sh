@@ -31,7 +31,8 @@ exec "$work/venv/bin/python" -m ziglang cc -target x86_64-linux-gnu.$FIATLUX_GLI
 END
     chmod +x "$work/zigcc"
     export CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_LINKER="$work/zigcc"
-    CARGO_TARGET_DIR="$(realpath -m "${CARGO_TARGET_DIR:-target}/glibc-$FIATLUX_GLIBC")"
+    mkdir -p "${CARGO_TARGET_DIR:-target}/glibc-$FIATLUX_GLIBC"
+    CARGO_TARGET_DIR="$(cd "${CARGO_TARGET_DIR:-target}/glibc-$FIATLUX_GLIBC" && pwd)"
     export CARGO_TARGET_DIR
     older=(--compatibility "manylinux_${FIATLUX_GLIBC/./_}")
 fi
@@ -53,9 +54,9 @@ for program in "${programs[@]}"; do
 done
 if [ -n "${FIATLUX_GLIBC:-}" ]; then
     for file in "$scripts"/* "${package[0]}"/fiatlux/*.so; do
-        newest="$(objdump -T "$file" | grep -oE 'GLIBC_[0-9.]+' | sort -uV | tail -1)"
-        if [ "$(printf '%s\n' "$newest" "GLIBC_$FIATLUX_GLIBC" | sort -V | tail -1)" != "GLIBC_$FIATLUX_GLIBC" ]; then
-            echo "wheel.sh: $(basename "$file") asks for $newest" >&2
+        newest="$(objdump -T "$file" | grep -oE 'GLIBC_2\.[0-9]+' | cut -d. -f2 | sort -n | tail -1)"
+        if [ "$newest" -gt "${FIATLUX_GLIBC#2.}" ]; then
+            echo "wheel.sh: $(basename "$file") asks for glibc 2.$newest" >&2
             exit 1
         fi
     done
