@@ -42,6 +42,7 @@ enum Command {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  sim-server export --task S01 -o scene.xml")]
 struct Export {
     /// Format of the file.
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
@@ -156,5 +157,10 @@ mod tests {
     #[test]
     fn whole_numbers_name_their_range() {
         fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
+    }
+
+    #[test]
+    fn every_help_has_an_example() {
+        fiatlux_cli::check_examples::<Cli>().unwrap();
     }
 }

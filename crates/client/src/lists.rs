@@ -11,7 +11,7 @@ use fiatlux_rules::{SeedOwner, Task};
 const MAX_SEEDS: u64 = 10_000;
 /// Seeds drawn afresh lie below this one.
 const FRESH_END: u64 = 1 << 32;
-/// What stands before the number of seeds to draw.
+/// Prefix of a number of seeds to draw.
 const FRESH: &str = "fresh:";
 /// Largest file of drawn seeds, bytes.
 const MAX_RECORD_BYTES: u64 = 1 << 20;

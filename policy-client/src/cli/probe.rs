@@ -17,6 +17,9 @@ use super::{Failure, usage};
 posture, pictures of a grey ramp, the words 'Stand still.'), the answer, its latency, and that of the
 question before, for which a server may compile.
 
+Example:
+  policy-client probe --dialect gr00t --model tcp://lab:5555
+
 Exit codes: 0 the server fits the mapping, 1 it does not or cannot be reached, 2 usage."
 )]
 pub struct ProbeArgs {

@@ -26,7 +26,7 @@ def prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 
 def unread(stage: Usd.Stage) -> Iterator[str]:
-    """What is not read of a stage: prim, feature and remedy."""
+    """Features of a stage that are not read: prim, feature and remedy."""
     for prim in prims(stage):
         path = prim.GetPath()
         sets = prim.GetVariantSets()

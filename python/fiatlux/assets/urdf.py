@@ -246,7 +246,7 @@ class Reader:
 
 
 def captions_of(beside: Path) -> dict[str, Any]:
-    """What SimArt's JSON says of the parts; its densities are read, the rest is text for people."""
+    """The parts in SimArt's JSON: their densities are read, the rest is text for people."""
     if not beside.exists():
         return {}
     try:

@@ -258,7 +258,7 @@ fn a_device_or_pipe_is_not_read() {
     }
 }
 
-/// What `python -m fiatlux.assets examples` builds is accepted.
+/// Objects that `python -m fiatlux.assets examples` builds are accepted.
 #[test]
 fn objects_of_the_builder_pass() {
     for (place, text) in [
