@@ -70,7 +70,7 @@ pub trait Policy: Send {
 #[allow(missing_docs)] // The messages name the fields.
 pub enum PolicyError {
     /// No policy has this name.
-    #[error("'{name}' is not a known policy{hint}; use one of {known}")]
+    #[error("'{name}' is not a known policy; use one of {known}{hint}")]
     Unknown { name: String, hint: String, known: String },
     /// A run has tasks that the policy does not play.
     #[error("policy {policy} does not play {refused}; choose tasks that it plays: --tasks {plays}")]

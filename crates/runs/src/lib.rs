@@ -108,11 +108,8 @@ fn check_names(options: &EvaluateOptions) -> Result<(), EvaluateError> {
     for sensor in &request.sensors {
         if Sensor::by_name(&sensor.name).is_none() {
             let hint = fiatlux_cli::did_you_mean(&sensor.name, Sensor::ALL.map(Sensor::name));
-            return wrong(format!(
-                "sensor '{}' does not exist{hint}; ask for some of {}",
-                plain(&sensor.name),
-                Sensor::names()
-            ));
+            let (name, all) = (plain(&sensor.name), Sensor::names());
+            return wrong(format!("sensor '{name}' does not exist; ask for some of {all}{hint}"));
         }
     }
     if let Err(error) = Robot::known(&request.robot) {

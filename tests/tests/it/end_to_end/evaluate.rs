@@ -116,7 +116,7 @@ fn an_interrupted_evaluation_is_resumed() {
     first.signal("INT");
     let (status, _) = first.finish(Duration::from_secs(15));
     assert_eq!(status.code(), Some(3), "finished with episodes that are missing");
-    assert!(first.log().contains("the same command goes on from here"), "{}", first.log());
+    assert!(first.log().contains("played, the rest will be played by the same command"), "{}", first.log());
     let seeds = |results: &Value| results["episodes"].as_array().unwrap().iter().map(|e| e["seed"].clone()).collect();
     let graded: Vec<Value> = seeds(&results(&out));
     assert_eq!(graded, [0]);
