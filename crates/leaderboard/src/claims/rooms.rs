@@ -13,9 +13,9 @@ pub(crate) const MIN_ROOMS: usize = 4;
 /// The rooms of replayed entries, in words.
 pub(crate) const FIXED_ROOMS: &str = "0 to 3, and then 64, 65 and so on";
 
-/// Those of the paper, then those for judging.
+/// Those of the paper, then those for comparisons.
 fn fixed() -> impl Iterator<Item = u64> {
-    SeedOwner::Published.seeds().chain(SeedOwner::Judging.seeds())
+    SeedOwner::Published.seeds().chain(SeedOwner::Seen.seeds())
 }
 
 /// Seed and index of the episodes of a subtask.
