@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use fiatlux_climb::{Arm, Foothold, JOINTS, Places, Plan, Planner};
 use fiatlux_dynamics::{Mechanics, ShapeId};
-use fiatlux_kinematics::Clearance;
+use fiatlux_kinematics::{Clearance, at_once};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -224,7 +224,7 @@ fn turn(file: &str) {
     let mut feet = [0, 1].map(|side| ladder.foothold(side, PLATFORM));
     let mut facing = PI;
     planner.turn(facing, facing);
-    let (next, key) = planner.stand(&state, feet).expect("no posture to turn from");
+    let (next, key) = at_once(planner.stand(&state, feet)).expect("no posture to turn from");
     state = next;
     plan.extend([key]);
     let abreast = |turn: &Turn| Vector3::new(turn.middle, [1.0, -1.0][turn.side] * ABREAST_ASIDE, platform.z);
@@ -238,7 +238,7 @@ fn turn(file: &str) {
         let sole = world_from_plan * Isometry3::new(at, Vector3::z() * toes);
         let to = Foothold { sole, range: ladder.range_on_platform(turn.side, &sole), surface: PLATFORM };
         planner.turn(facing, pelvis);
-        let Some((next, keyframes)) = planner.step(&state, feet, turn.side, to) else {
+        let Some((next, keyframes)) = at_once(planner.step(&state, feet, turn.side, to)) else {
             panic!("no way for foot {} to {} degrees", turn.side, turn.toes)
         };
         plan.extend(keyframes);
@@ -246,7 +246,7 @@ fn turn(file: &str) {
         println!("foot {} at {} degrees: {:.1} s", turn.side, turn.toes, plan.seconds());
     }
     planner.turn(2.0 * PI, 2.0 * PI);
-    let (_, key) = planner.stand(&state, feet).expect("no posture after the turn");
+    let (_, key) = at_once(planner.stand(&state, feet)).expect("no posture after the turn");
     plan.extend([key]);
     plan.keyframes.remove(0);
     write(plan, &world_from_plan, file);
@@ -289,12 +289,12 @@ fn main() {
     let rest = planner.rest([0.3; 2]);
     scene.robot_ids.joints.iter().zip(&rest).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
     let mut plan = Plan::default();
-    let (mut state, first) = planner.stand(&state, feet).expect("no posture on the floor");
+    let (mut state, first) = at_once(planner.stand(&state, feet)).expect("no posture on the floor");
     plan.extend([first]);
     for surface in 1..=PLATFORM {
         for side in [1, 0] {
             let to = ladder.foothold(side, surface);
-            let step = planner.step(&state, feet, side, to);
+            let step = at_once(planner.step(&state, feet, side, to));
             let Some((next, keyframes)) = step else { panic!("no way for foot {side} to {}", SURFACES[surface]) };
             plan.extend(keyframes);
             (state, feet[side]) = (next, to);
@@ -307,7 +307,7 @@ fn main() {
         for index in FIRST_OF_ARMS..JOINTS {
             state.qpos[scene.robot_ids.joints[index].qpos] = rest[index];
         }
-        let (_, last) = planner.stand(&state, feet).expect("no posture on the platform");
+        let (_, last) = at_once(planner.stand(&state, feet)).expect("no posture on the platform");
         plan.extend([last]);
     }
     let platform = ladder.site(SURFACES[PLATFORM]).translation.vector;

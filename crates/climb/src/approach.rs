@@ -1,7 +1,7 @@
 //! The way from where a robot stands to the first posture of a plan, on the level.
 
 use fiatlux_dynamics::{Mechanics, State};
-use fiatlux_kinematics::Clearance;
+use fiatlux_kinematics::{Clearance, Work, at_once};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::body::Body;
@@ -71,7 +71,7 @@ pub fn stand(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe, 
         standing.state.qpos[ids.qpos] = *angle;
     }
     standing.planner.out = OUT[0];
-    let (_, mut stand) = standing.planner.stand(&standing.state, standing.feet)?;
+    let (_, mut stand) = at_once(standing.planner.stand(&standing.state, standing.feet))?;
     stand.seconds = SETTLE;
     let mut plan = Plan::default();
     plan.extend([here, stand]);
@@ -79,13 +79,13 @@ pub fn stand(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe, 
 }
 
 /// Steps from where a robot stands on the level, at rest, to a keyframe on the same surface. Poses are those of the plan's frame.
-/// `None` if no way was found.
-pub fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe) -> Option<Plan> {
+/// `None` if no way was found. It is a search that can be done in slices.
+pub async fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe, work: Work) -> Option<Plan> {
     let standing = Standing::new(body, from, angles, to);
     let mut plan = Plan::default();
     plan.extend([standing.here()]);
     let Standing { mut planner, mut state, mut feet, goals } = standing;
-    planner.out = OUT[1];
+    (planner.out, planner.work) = (OUT[1], work);
     // The feet take turns until both are there.
     for turn in 0..MAX_STEPS {
         let side = turn % 2;
@@ -93,7 +93,7 @@ pub fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyfram
         if next == feet[side] {
             continue;
         }
-        let (reached, keyframes) = planner.step(&state, feet, side, next)?;
+        let (reached, keyframes) = planner.step(&state, feet, side, next).await?;
         plan.extend(keyframes);
         (state, feet[side]) = (reached, next);
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Mechanics, Model, Site, State};
-use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions};
+use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions, Work};
 use fiatlux_robot::{Robot, RobotIds};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
@@ -83,7 +83,7 @@ impl Arm {
 /// Surfaces under the feet; `None` for a foot in the air.
 pub type Places = [Option<usize>; 2];
 /// Shapes that are to keep apart with the feet on these surfaces.
-pub type Apart<'a> = dyn Fn(Places) -> Vec<Clearance> + 'a;
+pub type Apart<'a> = dyn Fn(Places) -> Vec<Clearance> + Send + 'a;
 
 /// Constraint of a foot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,6 +113,8 @@ pub struct Planner<'a> {
     roll: f64,
     /// Heading of the pelvis before a step and when its weight has moved, and now, rad, where the robot turns round.
     turn: Option<([f64; 2], f64)>,
+    /// What its searches may do; by default all.
+    pub work: Work,
 }
 
 /// The state that a plan has reached, and its postures so far.
@@ -132,7 +134,20 @@ impl<'a> Planner<'a> {
         let moving = moving.map(|(index, _)| index).collect();
         let (mechanics, inverse) = (Mechanics::new(model), BTreeMap::new());
         let arms = [Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO }; 2];
-        Self { model, robot, ids, apart, mechanics, inverse, moving, out: 0.1, arms, roll: ROLLS[0], turn: None }
+        Self {
+            model,
+            robot,
+            ids,
+            apart,
+            mechanics,
+            inverse,
+            moving,
+            out: 0.1,
+            arms,
+            roll: ROLLS[0],
+            turn: None,
+            work: Work::unlimited(),
+        }
     }
 
     /// Lets shoulders and elbows move out of the way from here on. Hands stay as they are.
@@ -177,17 +192,17 @@ impl<'a> Planner<'a> {
     }
 
     /// A posture on two footholds, the weight between them, and its keyframe; `from` is where the search begins.
-    pub fn stand(&mut self, from: &State, feet: [Foothold; 2]) -> Option<(State, Keyframe)> {
+    pub async fn stand(&mut self, from: &State, feet: [Foothold; 2]) -> Option<(State, Keyframe)> {
         let com = (feet[0].bearing() + feet[1].bearing()) / 2.0;
         let holds = feet.map(|foot| (foot.sole, Hold::Flat));
         let places = feet.map(|foot| Some(foot.surface));
-        let state = self.solve(from, holds, places, com, [0.3; 2], true)?;
+        let state = self.solve(from, holds, places, com, [0.3; 2], true).await?;
         let key = self.keyframe(&state, 1.0, [1.0; 2], feet.map(|foot| foot.range));
         Some((state, key))
     }
 
     /// Moves the weight over the other foot, and this foot to its next hold.
-    pub fn step(
+    pub async fn step(
         &mut self,
         from: &State,
         feet: [Foothold; 2],
@@ -201,9 +216,10 @@ impl<'a> Planner<'a> {
             for ahead in AHEAD {
                 let over = feet[1 - side].bearing() + Vector3::x() * ahead;
                 for bend in BENDS {
-                    let Some(shifted) = self.shift(from, feet, side, over, bend, heel_rises) else { continue };
+                    let shifted = self.shift(from, feet, side, over, bend, heel_rises).await;
+                    let Some(shifted) = shifted else { continue };
                     for back in BACK {
-                        if let Some(done) = self.swing(shifted.clone(), feet, side, to, over, back) {
+                        if let Some(done) = self.swing(shifted.clone(), feet, side, to, over, back).await {
                             return Some((done.state, done.keyframes));
                         }
                     }
@@ -213,7 +229,7 @@ impl<'a> Planner<'a> {
         None
     }
 
-    fn shift(
+    async fn shift(
         &mut self,
         from: &State,
         feet: [Foothold; 2],
@@ -246,7 +262,7 @@ impl<'a> Planner<'a> {
                 *now = *from + part * (*to - *from);
             }
             let com = com.lerp(&over, part);
-            walked.state = self.solve(&walked.state, walked.holds, places, com, bends, false)?;
+            walked.state = self.solve(&walked.state, walked.holds, places, com, bends, false).await?;
             let seconds = ease(part) - ease((shift - 1) as f64 / shifts as f64);
             let pace = if feet[0].surface == feet[1].surface { LEVEL_PACE } else { PACE };
             let seconds = seconds * (pace * shifts as f64).max(SHORTEST);
@@ -259,7 +275,7 @@ impl<'a> Planner<'a> {
     }
 
     /// Moves a foot that bears nothing.
-    fn swing(
+    async fn swing(
         &mut self,
         mut walked: Walked,
         mut feet: [Foothold; 2],
@@ -299,7 +315,7 @@ impl<'a> Planner<'a> {
                 for turn in 1..=turns {
                     let rotation = rotation.slerp(&to.sole.rotation, turn as f64 / turns as f64);
                     walked.holds[side] = (Isometry3::from_parts(at.into(), rotation), Hold::Flat);
-                    walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+                    walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false).await?;
                     walked.keyframes.push(self.keyframe(&walked.state, 0.15, bears, ranges));
                 }
                 rotation = to.sole.rotation;
@@ -309,7 +325,7 @@ impl<'a> Planner<'a> {
             for stride in 1..=strides {
                 let place = at.lerp(&via, stride as f64 / strides as f64);
                 walked.holds[side] = (Isometry3::from_parts(place.into(), rotation), hold);
-                walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+                walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false).await?;
                 walked.keyframes.push(self.keyframe(&walked.state, 0.15, bears, ranges));
             }
             at = via;
@@ -317,7 +333,7 @@ impl<'a> Planner<'a> {
         feet[side] = to;
         walked.holds[side] = (to.sole, Hold::Flat);
         let places = feet.map(|foot| Some(foot.surface));
-        walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false)?;
+        walked.state = self.solve(&walked.state, walked.holds, places, over, bends, false).await?;
         walked.keyframes.push(self.keyframe(&walked.state, 0.75, bears, ranges));
         walked.keyframes.push(self.keyframe(&walked.state, 0.75, [1.0; 2], ranges));
         Some(walked)
@@ -329,7 +345,7 @@ impl<'a> Planner<'a> {
     }
 
     /// A posture near another one.
-    fn solve(
+    async fn solve(
         &mut self,
         from: &State,
         holds: [(Isometry3<f64>, Hold); 2],
@@ -397,7 +413,7 @@ impl<'a> Planner<'a> {
         };
         inverse.set_margins(&self.moving.iter().map(margin).collect::<Vec<_>>()).ok()?;
         let mut state = from.clone();
-        let mut found = inverse.solve(self.model, &mut state, &goals).ok()?;
+        let mut found = inverse.solve_in_slices(self.model, &mut state, &goals, &self.work).await.ok()?;
         let (rotation, most) = (pelvis(self.ids, &state).rotation, TILT);
         let up = rotation * Vector3::z();
         let tilt = up.angle(&Vector3::z());
@@ -408,7 +424,7 @@ impl<'a> Planner<'a> {
             let mut upright = Goal::pose(root, Isometry3::from_parts(Vector3::zeros().into(), rotation));
             (upright.position, upright.rotation) = ([0.0; 3], [0.3, 0.3, 0.0]);
             goals.push(upright);
-            found = inverse.solve(self.model, &mut state, &goals).ok()?;
+            found = inverse.solve_in_slices(self.model, &mut state, &goals, &self.work).await.ok()?;
         }
         let jump = self.ids.joints.iter().map(|joint| (from.qpos[joint.qpos] - state.qpos[joint.qpos]).abs());
         let is_near = is_first || jump.fold(0.0, f64::max) < JUMP;

@@ -15,6 +15,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::cholesky::{add_scaled, factor, solve};
 use crate::goal::{Clearance, Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
+use crate::slices::{Work, at_once};
 
 /// Rows of a goal: a position and a rotation.
 const ROWS: usize = 6;
@@ -29,6 +30,8 @@ const FORESIGHT: f64 = 0.05;
 /// Most times that one step is solved, each with the joints and shapes that the solution before was about to press: without
 /// and with shapes that are kept apart.
 const PASSES: [usize; 2] = [4, 6];
+/// Work of a step besides that of its pairs of shapes.
+const STEP_WORK: usize = 40;
 /// Range in which a joint without limits starts, rad.
 const UNLIMITED: f64 = PI;
 
@@ -212,6 +215,20 @@ impl InverseKinematics {
     /// A state or a goal with a number that is not finite, or a state of another model. A goal that cannot be reached is not
     /// an error: see [`Found::outcome`].
     pub fn solve(&mut self, model: &Model, state: &mut State, goals: &[Goal]) -> Result<Found, KinematicsError> {
+        at_once(self.solve_in_slices(model, state, goals, &Work::unlimited()))
+    }
+
+    /// The same, a slice at a time.
+    ///
+    /// # Errors
+    /// As for [`Self::solve`].
+    pub async fn solve_in_slices(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        goals: &[Goal],
+        work: &Work,
+    ) -> Result<Found, KinematicsError> {
         let (expected, found) = (model.nq(), state.qpos.len());
         if expected != found {
             return Err(KinematicsError::Length { field: "qpos", expected, found });
@@ -252,6 +269,7 @@ impl InverseKinematics {
                 self.linearise(model, goals);
                 self.step(model, state, errors.cost);
                 steps += 1;
+                work.spend(STEP_WORK + self.clearances.len()).await;
             }
         }
         for (entry, value) in self.entries.iter().zip(&self.best) {

@@ -88,12 +88,14 @@
 //! ```
 //!
 //! A finished model and a state are all that is taken: those of a scene, whose `sites` name treads, rails, plugs and the seat,
-//! or of the robot alone, as here. There is no clock, no thread and no I/O, and no call depends on the one before.
+//! or of the robot alone, as here. There is no clock, no thread and no I/O, and no call depends on the one before. Searches that
+//! take longer than a control step can be done in slices: [`Search`].
 mod cholesky;
 mod estimate;
 mod goal;
 mod inverse;
 mod program;
+mod slices;
 mod stance;
 mod supports;
 
@@ -102,5 +104,6 @@ pub use fiatlux_dynamics::{Mechanics, Nearest, Site};
 pub use goal::{Clearance, Found, Goal, KinematicsError, Outcome, Part, SearchOptions};
 pub use inverse::InverseKinematics;
 pub use program::{Program, ProgramError, ProgramSolver};
+pub use slices::{Search, Work, at_once};
 pub use stance::{Held, Pull, Stance, StanceController, StanceGains};
 pub use supports::{Acceleration, Support, SupportError, SupportSolver, driven_angles};

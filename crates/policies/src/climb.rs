@@ -10,6 +10,7 @@ use fiatlux_climb::{
     Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
     ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
+use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_rules::Task;
@@ -59,6 +60,8 @@ const OTHER_HEIGHT: f64 = 0.002;
 /// sensed one in each control step.
 const PRESSES: f64 = 0.9;
 const SENSED: f64 = 0.1;
+/// Work of a search in a control step.
+const SLICE: u32 = 20_000;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
@@ -87,6 +90,8 @@ struct Episode {
     fingers: Vec<(f64, Option<f64>)>,
     climbs: bool,
     player: Option<Player>,
+    /// For the way to the plan's first posture; meanwhile the robot stands.
+    search: Option<Search<Option<Plan>>>,
     /// Follows the plan in place of the player, which goes to the plan's first posture alone.
     climber: Option<Arc<fiatlux_climb::Network>>,
     follower: Option<Follower>,
@@ -194,6 +199,7 @@ impl Policy for Climb {
             fingers,
             climbs: false,
             player: None,
+            search: None,
             climber: self.climber.clone(),
             follower: None,
         });
@@ -237,7 +243,9 @@ impl Policy for Climb {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.episode.as_ref()?.walker.record()
+        // The player and a network command joints.
+        let episode = self.episode.as_mut().filter(|episode| episode.player.is_none())?;
+        episode.walker.record()
     }
 }
 
@@ -329,18 +337,30 @@ impl Episode {
         angles: &[f64],
     ) -> Result<Vec<f64>, PolicyError> {
         let Some(player) = &mut self.player else { return Err(PolicyError::not_reset("climb")) };
-        if !self.climbs && player.time() > player.seconds() + STILL {
+        if let Some(search) = &mut self.search {
+            if let Some(found) = search.go_on(SLICE) {
+                self.search = None;
+                if let Some(mut plan) = found {
+                    if self.climber.is_none() {
+                        plan.extend(self.plan.keyframes.iter().skip(1).cloned());
+                    }
+                    player.play(plan);
+                    player.rate = RATES[usize::from(self.goes_down)];
+                }
+                self.climbs = true;
+            }
+        } else if !self.climbs && player.time() > player.seconds() + STILL {
             let (ids, first) = (&player.body().ids, self.plan.keyframes.first());
             let now: Vec<f64> = ids.joints.iter().take(JOINTS).map(|joint| player.state().qpos[joint.qpos]).collect();
             let here = world_from_plan.inverse() * pelvis;
-            if let Some(mut plan) = first.and_then(|first| approach(player.body(), &here, &now, first)) {
-                if self.climber.is_none() {
-                    plan.extend(self.plan.keyframes.iter().skip(1).cloned());
+            match first.cloned() {
+                Some(first) => {
+                    let body = player.body().clone();
+                    let way = move |work| async move { approach(&body, &here, &now, &first, work).await };
+                    self.search = Some(Search::new(way));
                 }
-                player.play(plan);
-                player.rate = RATES[usize::from(self.goes_down)];
+                None => self.climbs = true,
             }
-            self.climbs = true;
         } else if player.time() > player.seconds() + STILL
             && let Some(climber) = self.climber.take()
         {

@@ -217,7 +217,7 @@ impl Policy for Expert {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        match &self.episode.as_ref()?.plays {
+        match &mut self.episode.as_mut()?.plays {
             Plays::Skill(index) => self.skills[*index].source(),
             Plays::Stands(body) => body.record(),
         }

@@ -234,7 +234,7 @@ impl Policy for Gear {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.body.as_ref()?.record()
+        self.body.as_mut()?.record()
     }
 }
 

@@ -138,7 +138,7 @@ impl Policy for Hands {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.episode.as_ref()?.body.record()
+        self.episode.as_mut()?.body.record()
     }
 }
 

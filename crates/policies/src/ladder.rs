@@ -263,7 +263,7 @@ impl Policy for Ladder {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.episode.as_ref()?.body.record()
+        self.episode.as_mut()?.body.record()
     }
 }
 

@@ -49,17 +49,44 @@ fn corners(outline: &[f64]) -> Vec<Point> {
     outline.as_chunks().0.to_vec()
 }
 
-/// Obstacles on the floor: convex outlines by name, counter-clockwise.
+/// A convex outline, counter-clockwise, and the least and the largest x and y of it.
+#[derive(Debug, Clone)]
+struct Outline {
+    name: String,
+    corners: Vec<Point>,
+    bounds: [Point; 2],
+}
+
+impl Outline {
+    fn new((name, corners): (String, Vec<Point>)) -> Self {
+        let bound =
+            |axis: usize, of: fn(f64, f64) -> f64, from: f64| corners.iter().map(|corner| corner[axis]).fold(from, of);
+        let bounds = [
+            [0, 1].map(|axis| bound(axis, f64::min, f64::INFINITY)),
+            [0, 1].map(|axis| bound(axis, f64::max, f64::NEG_INFINITY)),
+        ];
+        Self { name, corners, bounds }
+    }
+
+    /// It may be nearer to a point than this, m.
+    fn may_be_within(&self, at: Point, most: f64) -> bool {
+        let [low, high] = self.bounds;
+        let [x, y] = [0, 1].map(|axis| (low[axis] - at[axis]).max(at[axis] - high[axis]).max(0.0));
+        x * x + y * y < most * most + 1e-9
+    }
+}
+
+/// Obstacles on the floor: convex outlines by name.
 #[derive(Debug, Clone)]
 pub(crate) struct Map {
-    outlines: Vec<(String, Vec<Point>)>,
+    outlines: Vec<Outline>,
     /// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
     clear_m: f64,
 }
 
 impl Map {
     pub fn new(outlines: impl Iterator<Item = (String, Vec<Point>)>, clear_m: f64) -> Self {
-        Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).collect(), clear_m }
+        Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).map(Outline::new).collect(), clear_m }
     }
 
     /// Everything that never moves in a session's scene and is between two heights, m.
@@ -70,18 +97,26 @@ impl Map {
 
     /// Puts an obstacle that was moved where it is now.
     pub fn set(&mut self, name: &str, corners: Vec<Point>) {
-        self.outlines.retain(|(own, _)| own != name);
-        self.outlines.push((name.into(), corners));
+        self.outlines.retain(|outline| outline.name != name);
+        self.outlines.push(Outline::new((name.into(), corners)));
     }
 
     /// Distance of a point from an obstacle, m; 0 inside it.
     pub fn distance_to(&self, name: &str, at: Point) -> Option<f64> {
-        self.outlines.iter().find(|(own, _)| own == name).map(|(_, corners)| from_outline(corners, at))
+        let outline = self.outlines.iter().find(|outline| outline.name == name)?;
+        Some(from_outline(&outline.corners, at))
     }
 
     /// Distance of a point from the nearest obstacle, m.
     pub fn clearance(&self, at: Point) -> f64 {
-        self.outlines.iter().map(|(_, corners)| from_outline(corners, at)).fold(f64::INFINITY, f64::min)
+        self.clearance_within(at, f64::INFINITY)
+    }
+
+    /// The same, but at most `most`.
+    fn clearance_within(&self, at: Point, most: f64) -> f64 {
+        self.outlines.iter().fold(most, |nearest, outline| {
+            if outline.may_be_within(at, nearest) { nearest.min(from_outline(&outline.corners, at)) } else { nearest }
+        })
     }
 
     /// The direction in which an obstacle that is nearer than `room` is left, as an angle in the world, rad; `None` if there is
@@ -126,7 +161,7 @@ impl Map {
                     continue;
                 }
                 if weights[cell].is_nan() {
-                    weights[cell] = self.weight(self.clearance(point(x, y)));
+                    weights[cell] = self.weight(self.clearance_within(point(x, y), self.clear_m));
                 }
                 let cost = cost + length * weights[cell];
                 if cost < costs[cell] {
@@ -199,5 +234,26 @@ mod tests {
         assert!(path.len() > 40, "{path:?}");
         let nearest = path.iter().map(|at| map.clearance(*at)).fold(f64::INFINITY, f64::min);
         assert!(nearest > 0.35, "{nearest}");
+    }
+
+    /// Obstacles that are passed over because they are far away do not change the distance of the nearest.
+    #[test]
+    fn the_nearest_of_many_obstacles_is_found() {
+        let squares = (0..40).map(|index| {
+            let (x, y) = (f64::from(index % 8) - 4.0, f64::from(index / 8) - 2.0);
+            let [low, high] = [0.1 + 0.01 * f64::from(index), 0.3];
+            (
+                index.to_string(),
+                vec![[x - low, y - high], [x + low, y - high], [x + low, y + high], [x - low, y + high]],
+            )
+        });
+        let map = Map::new(squares, 0.45);
+        for index in 0..400 {
+            let at = [f64::from(index % 20) / 2.0 - 5.0, f64::from(index / 20) / 4.0 - 2.6];
+            let each = (0..40).filter_map(|index| map.distance_to(&index.to_string(), at));
+            let nearest = each.fold(f64::INFINITY, f64::min);
+            assert_eq!(map.clearance(at), nearest, "{at:?}");
+            assert_eq!(map.clearance_within(at, 0.2), nearest.min(0.2), "{at:?}");
+        }
     }
 }

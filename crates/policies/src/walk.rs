@@ -185,7 +185,7 @@ impl Policy for Walk {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.state.as_ref()?.body.record()
+        self.state.as_mut()?.body.record()
     }
 }
 

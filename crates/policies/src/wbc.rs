@@ -70,6 +70,6 @@ impl Policy for Wbc {
         self.body.as_mut().ok_or_else(|| PolicyError::not_reset("wbc"))?.step(observation, &self.command)
     }
     fn source(&mut self) -> Option<Chunk> {
-        self.body.as_ref()?.record()
+        self.body.as_mut()?.record()
     }
 }

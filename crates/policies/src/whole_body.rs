@@ -39,8 +39,10 @@ pub struct WholeBody {
     /// Targets of all joints, rad, in the session's joint order. The policy sets those of arms and hands; a step writes those
     /// of legs and waist.
     pub targets: Vec<f64>,
-    /// Number of the last command, from 0, and the command.
-    commanded: Option<(u64, BodyCommand)>,
+    /// Number of commands so far.
+    count: u64,
+    /// The command of the last step, until it is recorded.
+    commanded: Option<BodyCommand>,
 }
 
 enum Moves {
@@ -83,7 +85,7 @@ impl WholeBody {
     }
 
     fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
-        Self { controller, senses: Senses::new(policy), arms: None, targets, commanded: None }
+        Self { controller, senses: Senses::new(policy), arms: None, targets, count: 0, commanded: None }
     }
 
     /// Makes the targets of the arms the angles at which they rest: each step adds what their weight takes from them. The
@@ -154,7 +156,7 @@ impl WholeBody {
                 controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("gear"))?;
             }
         }
-        self.commanded = Some((self.commanded.map_or(0, |(count, _)| count + 1), *command));
+        (self.count, self.commanded) = (self.count + 1, Some(*command));
         let mut targets = self.targets.clone();
         if let Some(arms) = &mut self.arms {
             let mut angles = [0.0; ARMS];
@@ -164,12 +166,12 @@ impl WholeBody {
         Ok(Command::JointTarget(targets))
     }
 
-    /// The last command for the record, as a chunk of one row.
-    pub fn record(&self) -> Option<Chunk> {
-        let (index, command) = self.commanded?;
-        let numbers = command.numbers().map(|number| number as f32);
+    /// The command of the last step for the record, as a chunk of one row. Each is given once: a control step without one has none in
+    /// force.
+    pub fn record(&mut self) -> Option<Chunk> {
+        let numbers = self.commanded.take()?.numbers().map(|number| number as f32);
         Some(Chunk {
-            index,
+            index: self.count - 1,
             values: numbers.into(),
             width: numbers.len() as u32,
             keys: BodyCommand::CHUNK_KEYS.map(String::from).into(),

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, raised, stand};
 use fiatlux_dynamics::{Mechanics, ShapeId, State};
+use fiatlux_kinematics::{Work, at_once};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
@@ -231,7 +232,7 @@ fn a_way_to_the_first_posture_is_found() {
     let away = Isometry3::translation(-0.1, 0.02, 0.0) * first.pelvis;
     let still = stand(&body, &away, angles, first, false).unwrap();
     let last = still.keyframes.last().unwrap();
-    let way = approach(&body, &last.pelvis, &last.angles, first).unwrap();
+    let way = at_once(approach(&body, &last.pelvis, &last.angles, first, Work::unlimited())).unwrap();
     let end = way.keyframes.last().unwrap();
     assert_eq!((end.pelvis, &end.angles), (first.pelvis, &first.angles));
     assert!(way.seconds() < 60.0, "{}", way.seconds());

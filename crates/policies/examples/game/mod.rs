@@ -100,7 +100,13 @@ impl Game {
         seen: &Observation,
         push: Option<Push>,
     ) -> Result<Observation, Box<dyn Error>> {
-        let Command::JointTarget(targets) = policy.act(seen)? else { return Err("no targets".into()) };
+        let command = policy.act(seen)?;
+        self.go_on(command, push)
+    }
+
+    /// A control step with a command; the next observation.
+    pub fn go_on(&mut self, command: Command, push: Option<Push>) -> Result<Observation, Box<dyn Error>> {
+        let Command::JointTarget(targets) = command else { return Err("no targets".into()) };
         self.late.push_back(targets);
         let wanted = self.late.pop_front().unwrap_or_default();
         let q0 = self.world.scene().robot.q0();

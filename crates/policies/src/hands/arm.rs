@@ -1,10 +1,11 @@
 //! The right arm and its hand: brings the hand to poses in the room, and opens and closes the fingers.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::{BodyId, Mechanics, Model, ModelBuilder, ShapeId, Site, State};
-use fiatlux_kinematics::{Clearance, Goal, InverseKinematics};
+use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Work, at_once};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
@@ -65,8 +66,9 @@ pub(super) struct Torso {
 }
 
 /// The right arm of an episode.
+#[derive(Clone)]
 pub(super) struct RightArm {
-    pub model: Model,
+    pub model: Arc<Model>,
     /// The robot as the arm is commanded: the pelvis as it is, other joints as sensed, averaged.
     pub state: State,
     pub mechanics: Mechanics,
@@ -100,6 +102,8 @@ pub(super) struct RightArm {
     names: Vec<String>,
     /// Of the drives, N m/rad.
     stiffness: Vec<f64>,
+    /// What its searches may do.
+    pub work: Work,
 }
 
 impl RightArm {
@@ -173,8 +177,14 @@ impl RightArm {
             held_up: 0.0,
             names,
             stiffness: info.joints.iter().map(|joint| joint.stiffness.max(1e-3)).collect(),
-            model,
+            work: Work::unlimited(),
+            model: Arc::new(model),
         })
+    }
+
+    /// An arm whose searches are done in slices.
+    pub fn searching(self, work: Work) -> Self {
+        Self { work, ..self }
     }
 
     /// Takes the pose of the pelvis and the joints' angles relative to the standing posture, rad.
@@ -252,15 +262,15 @@ impl RightArm {
     }
 
     /// The posture in which the hand has a pose, found from the posture of rest.
-    pub fn posture(&mut self, goal: &Isometry3<f64>) -> Result<Posture, PolicyError> {
+    pub async fn posture(&mut self, goal: &Isometry3<f64>) -> Result<Posture, PolicyError> {
         let rest = self.rest;
-        let (angles, error) = self.solve(goal, &rest, TRIES)?;
+        let (angles, error) = self.solve(goal, &rest, TRIES).await?;
         let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
         let margin = angles.iter().zip(&self.limits[ARM]).map(room).fold(f64::INFINITY, f64::min);
         Ok(Posture { angles, error, margin: margin.min(STRAIGHT - angles[ELBOW]) })
     }
 
-    fn solve(
+    async fn solve(
         &mut self,
         goal: &Isometry3<f64>,
         from: &[f64; ARMS / 2],
@@ -269,7 +279,8 @@ impl RightArm {
         self.set(from);
         self.inverse.options.tries = tries;
         let goals = [Goal::pose(self.hand, *goal)];
-        let found = self.inverse.solve(&self.model, &mut self.state, &goals).map_err(PolicyError::of("hands"))?;
+        let found = self.inverse.solve_in_slices(&self.model, &mut self.state, &goals, &self.work).await;
+        let found = found.map_err(PolicyError::of("hands"))?;
         let mut solved = *from;
         for (joint, angle) in ARM.zip(&mut solved) {
             *angle = self.state.qpos[self.qpos[joint]];
@@ -329,14 +340,15 @@ impl RightArm {
         self.way = Some(next);
         let from = self.angles;
         let whole = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: next, free: None };
-        let (angles, _) = if is_careful { self.reach(&whole, &from, 1)? } else { self.solve(&next, &from, 1)? };
+        let (angles, _) =
+            if is_careful { at_once(self.reach(&whole, &from, 1))? } else { at_once(self.solve(&next, &from, 1))? };
         self.follow(&angles, MAX_TURN_RATE);
         Ok(left)
     }
 
     /// The posture in which the hand would have a pose if pelvis and waist were elsewhere, near another posture or, without one, from
     /// the posture of rest; and how far the hand stays from there, m.
-    pub fn posture_of(
+    pub async fn posture_of(
         &mut self,
         torso: &Torso,
         goal: &Isometry3<f64>,
@@ -347,7 +359,7 @@ impl RightArm {
             self.state.qpos[self.qpos[joint]] = angle;
         }
         let rest = self.rest;
-        self.solve(goal, &near.unwrap_or(rest), if near.is_some() { 1 } else { TRIES })
+        self.solve(goal, &near.unwrap_or(rest), if near.is_some() { 1 } else { TRIES }).await
     }
 
     /// Angles as they are commanded, rad.
@@ -390,7 +402,7 @@ impl RightArm {
         }
         let from = self.angles;
         let goal = ToolGoal { hand_from_tool, world_from_tool: wanted, free: Some(free) };
-        let (angles, _) = self.find(is_careful, &goal, &from, 1)?;
+        let (angles, _) = at_once(self.find(is_careful, &goal, &from, 1))?;
         // Where its turn was left free, it has another one.
         wanted.rotation = (self.place(&angles) * hand_from_tool).rotation;
         self.way = Some(wanted * hand_from_tool.inverse());

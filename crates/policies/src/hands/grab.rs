@@ -5,12 +5,14 @@
 //! that lies on its side is taken from above, with the palm down.
 
 use fiatlux_client::PolicyError;
+use fiatlux_kinematics::{Search, at_once};
 use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
+use super::plan::{ArmAngles, SLICE};
 use super::skill::{CAP, Seen, Skill, parameters};
 use super::steps::{Steps, steps_to};
 
@@ -164,6 +166,17 @@ pub(super) struct Grab {
     /// Where the robot looked first, rad, and keeps looking.
     heading: f64,
     fingers: [Finger; FINGERS.len()],
+    /// Chooses how the hand comes to the bulb.
+    search: Option<Search<Result<Option<Choice>, PolicyError>>>,
+}
+
+/// How the hand comes to the bulb.
+#[derive(Debug, Clone, Copy)]
+struct Choice {
+    turn: f64,
+    from_above: Option<[f64; 3]>,
+    /// Posture before the grasp.
+    posture: ArmAngles,
 }
 
 impl Grab {
@@ -182,6 +195,7 @@ impl Grab {
             from_above: None,
             heading: 0.0,
             fingers: Default::default(),
+            search: None,
             params,
         })
     }
@@ -237,15 +251,47 @@ impl Grab {
         grasp
     }
 
+    /// Begins to choose how the hand comes to the bulb.
+    fn ask(&mut self, seen: &Seen, arm: &RightArm) {
+        let mut grab = Self { params: self.params.clone(), search: None, ..*self };
+        let (seen, arm) = (seen.clone(), arm.clone());
+        self.search = Some(Search::new(move |work| {
+            let mut arm = arm.searching(work);
+            async move {
+                let is_found = match lies(&seen.fresh_bulb) {
+                    true => grab.choose_from_above(&seen, &mut arm).await?,
+                    false => grab.choose(&seen, &mut arm).await?,
+                };
+                let Self { turn, from_above, posture, .. } = grab;
+                Ok(posture.filter(|_| is_found).map(|posture| Choice { turn, from_above, posture }))
+            }
+        }));
+    }
+
+    /// Goes on to choose; where that has ended, the next phase.
+    fn choose_on(&mut self, seen: &Seen) -> Result<Option<Phase>, PolicyError> {
+        let Some(found) = self.search.as_mut().and_then(|search| search.go_on(SLICE)) else { return Ok(None) };
+        self.search = None;
+        let lies = lies(&seen.fresh_bulb);
+        // Meanwhile it may have fallen over.
+        let Some(choice) = found?.filter(|choice| choice.from_above.is_some() == lies) else {
+            (self.turn, self.from_above) = (self.params.grasp.turn, None);
+            return Ok(Some(Phase::StepUp));
+        };
+        (self.turn, self.from_above) = (choice.turn, choice.from_above);
+        (self.posture, self.turning) = (Some(choice.posture), true);
+        Ok(Some(Phase::PreGrasp))
+    }
+
     /// Chooses the turn of the fingers at which the arm has the most room, and the posture before the grasp; false where it cannot
     /// reach.
-    fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    async fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
         let back_off = Translation3::from(self.params.motion.pre_grasp);
         let mut best: Option<(f64, f64)> = None;
         for step in 0..=TURNS {
             self.turn = LARGEST_TURN * step as f64 / TURNS as f64;
             let grasp = self.world_from_grasp(seen);
-            let (at, before) = (arm.posture(&grasp)?, arm.posture(&(grasp * back_off))?);
+            let (at, before) = (arm.posture(&grasp).await?, arm.posture(&(grasp * back_off)).await?);
             let margin = at.margin.min(before.margin);
             if at.error.max(before.error) < REACHED && best.is_none_or(|(_, most)| margin > most) {
                 best = Some((self.turn, margin));
@@ -257,17 +303,18 @@ impl Grab {
     }
 
     /// The same for a bulb that lies: chooses how the hand comes from above, by the room that the arm has and by where the neck is.
-    fn choose_from_above(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    async fn choose_from_above(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
         let Some(lying) = self.params.lying.clone() else { return Ok(false) };
         let neck = seen.fresh_bulb.rotation * -Vector3::z();
         let mut most = f64::NEG_INFINITY;
         self.from_above = None;
-        let pitches = |roll| lying.pitches.iter().map(move |&pitch| [roll, pitch]);
-        for [roll, pitch] in lying.rolls.iter().flat_map(|&roll| pitches(roll)) {
+        let from = lying.rolls.iter().flat_map(|&roll| lying.pitches.iter().map(move |&pitch| [roll, pitch]));
+        let from: Vec<[f64; 2]> = from.collect();
+        for [roll, pitch] in from {
             for &turn in &lying.turns {
                 let grasp = self.world_from_palm_down(seen, &lying, [turn, roll, pitch]);
                 let off = (grasp.rotation.inverse() * neck).angle(&Vector3::from(lying.neck));
-                let (at, before) = (arm.posture(&grasp)?, arm.posture(&above(&grasp, lying.above))?);
+                let (at, before) = (arm.posture(&grasp).await?, arm.posture(&above(&grasp, lying.above)).await?);
                 let margin = at.margin.min(before.margin);
                 let score = margin.min(lying.margin) - lying.neck_weight * off;
                 if at.error.max(before.error) < REACHED && margin > lying.least_margin && score > most {
@@ -343,7 +390,7 @@ impl Skill for Grab {
                         self.heading = heading(&seen.pelvis);
                         self.size = self.size_of(&seen.fresh_bulb);
                         let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
-                        *self.posture.insert(arm.posture(&goal)?.angles)
+                        *self.posture.insert(at_once(arm.posture(&goal))?.angles)
                     }
                 };
                 (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::StepUp)
@@ -354,13 +401,18 @@ impl Skill for Grab {
                 // Where a bulb lies far from the edge, the bench is in the way.
                 (distance < params.stand.tolerance || lies && elapsed > params.stand.patience).then_some(Phase::Settle)
             }
+            Phase::Settle if self.search.is_some() => self.choose_on(seen)?,
             Phase::Settle if elapsed > params.stand.settle && seen.stands && lies && params.lying.is_some() => {
-                Some(if self.choose_from_above(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
+                self.ask(seen, arm);
+                None
             }
             Phase::Settle if elapsed > params.stand.settle && seen.stands && is_upright(&seen.fresh_bulb) => {
                 self.from_above = None;
                 let is_near = self.step_up(seen).distance < 2.0 * params.stand.tolerance;
-                Some(if is_near && self.choose(seen, arm)? { Phase::PreGrasp } else { Phase::StepUp })
+                if is_near {
+                    self.ask(seen, arm);
+                }
+                (!is_near).then_some(Phase::StepUp)
             }
             Phase::Settle => {
                 let is_over = elapsed > params.stand.patience && is_upright(&seen.fresh_bulb);

@@ -4,6 +4,7 @@
 //! plug, not the hand, along the socket's axis. Once the socket holds it, the hand opens and leaves.
 
 use fiatlux_client::PolicyError;
+use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -14,7 +15,7 @@ use super::plan::ArmAngles;
 use super::room::{MOUTH, STOP};
 use super::skill::{CAP, Seen, Skill, parameters};
 use super::socket::Plug;
-use super::stance::{Lean, REST, Stance, Taking};
+use super::stance::{Judge, Lean, REST, Stance, Taking};
 
 /// Length of a step along the way in that is checked beforehand, m.
 const CHECKED: f64 = 0.01;
@@ -148,10 +149,7 @@ impl Insert {
         let world_from_plug = seen.fresh_bulb * Translation3::new(0.0, 0.0, CAP);
         self.hand_from_plug = arm.sensed_hand().inv_mul(&world_from_plug);
         let (hand_from_plug, before) = (self.hand_from_plug, self.params.align.before);
-        let judge = |arm: &mut RightArm, command: &BodyCommand, from: &ArmAngles, tries: usize| {
-            way_in(seen, arm, &hand_from_plug, before, command, from, tries)
-        };
-        self.taking.step(seen, arm, &judge)
+        self.taking.step(seen, arm, || WaysIn { seen: seen.clone(), hand_from_plug, before })
     }
 
     /// True if something has held for a time, s.
@@ -175,40 +173,50 @@ impl Insert {
     }
 }
 
-/// Postures from before the mouth to the seat in a stance. The turn about the socket's axis is the arm's choice.
-fn way_in(
-    seen: &Seen,
-    arm: &mut RightArm,
-    hand_from_plug: &Isometry3<f64>,
+/// Ways from before the mouth to the seat.
+struct WaysIn {
+    seen: Seen,
+    hand_from_plug: Isometry3<f64>,
+    /// Where the plug is before the mouth, from the seat, m.
     before: f64,
-    command: &BodyCommand,
-    from: &ArmAngles,
-    tries: usize,
-) -> Result<Stance, PolicyError> {
-    let free = Some(seen.socket.rotation * Vector3::z());
-    let goal = |gap: f64| ToolGoal {
-        hand_from_tool: *hand_from_plug,
-        world_from_tool: seen.socket * Translation3::new(0.0, 0.0, CAP + gap),
-        free,
-    };
-    arm.assume(command, from);
-    let (mut angles, _) = arm.reach(&goal(STOP), from, tries)?;
-    arm.assume(command, &angles);
-    let mut stance = Stance {
-        command: *command,
-        postures: Vec::new(),
-        world_from_hand: arm.place(&angles),
-        room: f64::INFINITY,
-        gap: arm.body_gap(),
-        error: 0.0,
-    };
-    let steps = libm::ceil((before - STOP) / CHECKED);
-    for step in 0..=steps as usize {
-        angles = stance.go_on(arm, &goal(STOP + (before - STOP) * step as f64 / steps), &angles)?;
-        stance.postures.push(angles);
+}
+
+impl Judge for WaysIn {
+    /// The turn about the socket's axis is the arm's choice.
+    async fn judge(
+        &self,
+        arm: &mut RightArm,
+        command: &BodyCommand,
+        from: &ArmAngles,
+        tries: usize,
+        least: f64,
+    ) -> Result<Option<Stance>, PolicyError> {
+        let Self { seen, hand_from_plug, before } = self;
+        let mut stance = Stance::of(command);
+        if stance.score() <= least {
+            return Ok(None);
+        }
+        let free = Some(seen.socket.rotation * Vector3::z());
+        let goal = |gap: f64| ToolGoal {
+            hand_from_tool: *hand_from_plug,
+            world_from_tool: seen.socket * Translation3::new(0.0, 0.0, CAP + gap),
+            free,
+        };
+        arm.assume(command, from);
+        let (mut angles, _) = arm.reach(&goal(STOP), from, tries).await?;
+        arm.assume(command, &angles);
+        (stance.world_from_hand, stance.gap) = (arm.place(&angles), arm.body_gap().await);
+        let steps = libm::ceil((before - STOP) / CHECKED);
+        for step in 0..=steps as usize {
+            if stance.score() <= least {
+                return Ok(None);
+            }
+            angles = stance.go_on(arm, &goal(STOP + (before - STOP) * step as f64 / steps), &angles).await?;
+            stance.postures.push(angles);
+        }
+        stance.postures.reverse();
+        Ok(Some(stance).filter(|stance| stance.score() > least))
     }
-    stance.postures.reverse();
-    Ok(stance)
 }
 
 /// Where the hand goes from a pose: by the first of these moves that the arm reaches, or by the one that it reaches best.
@@ -218,7 +226,7 @@ fn way_out(arm: &mut RightArm, from: &Isometry3<f64>, moves: &[[f64; 3]]) -> Res
     for change in moves {
         let away = from * Translation3::from(*change);
         let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: away, free: None };
-        let (_, error) = arm.find(false, &goal, &angles, 1)?;
+        let (_, error) = at_once(arm.find(false, &goal, &angles, 1))?;
         if error < best.0 {
             best = (error, away);
         }

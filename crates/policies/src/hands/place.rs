@@ -6,6 +6,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_client::PolicyError;
+use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -220,7 +221,7 @@ impl Place {
             let turned = self.world_from_hand_rotation(looks, waypoint.down);
             let glass = world_from_stance * glass;
             let goal = Isometry3::from_parts((glass.coords - turned * hand_from_glass).into(), turned);
-            let (posture, error) = arm.posture_of(&torso, &goal, near)?;
+            let (posture, error) = at_once(arm.posture_of(&torso, &goal, near))?;
             near = Some(posture);
             at_end = at_end.or(Some(error));
             self.postures.insert(0, posture);

@@ -13,6 +13,10 @@ use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, headin
 /// Angles of the arm from the shoulder down, rad.
 pub(super) type ArmAngles = [f64; ARMS / 2];
 
+/// Work of a search in a control step.
+pub(super) const SLICE: u32 = 20_000;
+/// Work of measuring a gap besides that of its pairs of shapes.
+const GAP_WORK: usize = 40;
 /// Gaps from here on count as this, m.
 const WIDE: f64 = 0.03;
 /// Turn of the joints between two checks of a way, and length of a step of the search, rad.
@@ -77,12 +81,17 @@ impl RightArm {
 
     /// Angles at which a tool is where it is wanted, searched from some on with gaps to all around, and how far it
     /// stays from there, m.
-    pub fn reach(&mut self, goal: &ToolGoal, from: &ArmAngles, tries: usize) -> Result<(ArmAngles, f64), PolicyError> {
-        self.find(true, goal, from, tries)
+    pub async fn reach(
+        &mut self,
+        goal: &ToolGoal,
+        from: &ArmAngles,
+        tries: usize,
+    ) -> Result<(ArmAngles, f64), PolicyError> {
+        self.find(true, goal, from, tries).await
     }
 
     /// The same, on request careful of gaps.
-    pub fn find(
+    pub async fn find(
         &mut self,
         is_careful: bool,
         goal: &ToolGoal,
@@ -98,7 +107,8 @@ impl RightArm {
         self.set(from);
         let inverse = if is_careful { &mut self.careful } else { &mut self.inverse };
         inverse.options.tries = tries;
-        let found = inverse.solve(&self.model, &mut self.state, &[wanted]).map_err(PolicyError::of("hands"))?;
+        let found = inverse.solve_in_slices(&self.model, &mut self.state, &[wanted], &self.work).await;
+        let found = found.map_err(PolicyError::of("hands"))?;
         let mut solved = *from;
         for (joint, angle) in ARM.zip(&mut solved) {
             *angle = self.state.qpos[self.qpos[joint]];
@@ -114,22 +124,24 @@ impl RightArm {
     }
 
     /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`].
-    pub fn gap(&mut self, angles: &ArmAngles, apart: Apart) -> f64 {
+    pub async fn gap(&mut self, angles: &ArmAngles, apart: Apart) -> f64 {
         self.set(angles);
         self.mechanics.update(&self.model, &self.state);
         let pairs = &self.pairs[apart as usize];
+        self.work.spend(GAP_WORK + pairs.len()).await;
         self.mechanics.nearest_pair(&self.model, pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
     /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
-    pub fn body_gap(&mut self) -> f64 {
+    pub async fn body_gap(&mut self) -> f64 {
         self.mechanics.update(&self.model, &self.state);
+        self.work.spend(GAP_WORK + self.body_pairs.len()).await;
         let nearest = self.mechanics.nearest_pair(&self.model, &self.body_pairs, WIDE);
         nearest.map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
     /// A posture that keeps a margin, m, in several stances, near to two others.
-    pub fn haven(
+    pub async fn haven(
         &mut self,
         commands: &[BodyCommand],
         [from, to]: [&ArmAngles; 2],
@@ -156,10 +168,14 @@ impl RightArm {
             if best.as_ref().is_some_and(|(least, _)| distance >= *least) {
                 continue;
             }
-            let is_clear = commands.iter().all(|command| {
+            let mut is_clear = true;
+            for command in commands {
                 self.assume(command, &angles);
-                self.gap(&angles, apart) > margin
-            });
+                is_clear = self.gap(&angles, apart).await > margin;
+                if !is_clear {
+                    break;
+                }
+            }
             if is_clear {
                 best = Some((distance, angles));
             }
@@ -169,12 +185,12 @@ impl RightArm {
 
     /// A way between two postures on which the gaps stay above `margin`, m, or near its ends above theirs; as corners, the ends
     /// included. None is found where the search ends before.
-    pub fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, apart: Apart) -> Option<Vec<ArmAngles>> {
-        let ends = [from, to].map(|end| (*end, self.gap(end, apart) - 1e-3));
+    pub async fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, apart: Apart) -> Option<Vec<ArmAngles>> {
+        let ends = [(*from, self.gap(from, apart).await - 1e-3), (*to, self.gap(to, apart).await - 1e-3)];
         // What the hand holds begins close to what is around.
         let usual = if apart == Apart::Carrying { margin.min(ends[0].1).min(ends[1].1) } else { margin };
         let margin = &Margin { usual, ends };
-        if self.is_clear(from, to, margin, apart) {
+        if self.is_clear(from, to, margin, apart).await {
             return Some(vec![*from, *to]);
         }
         let mut random = Pcg64Mcg::new(1);
@@ -187,7 +203,7 @@ impl RightArm {
             });
             let (node, _) = nearest(&trees[grows], &sample);
             let grown = towards(&trees[grows][node].0, &sample, STEP);
-            if !self.is_clear(&trees[grows][node].0, &grown, margin, apart) {
+            if !self.is_clear(&trees[grows][node].0, &grown, margin, apart).await {
                 continue;
             }
             trees[grows].push((grown, node));
@@ -195,7 +211,7 @@ impl RightArm {
             loop {
                 let last = trees[other][node].0;
                 let next = towards(&last, &grown, STEP);
-                if !self.is_clear(&last, &next, margin, apart) {
+                if !self.is_clear(&last, &next, margin, apart).await {
                     break;
                 }
                 trees[other].push((next, node));
@@ -207,24 +223,27 @@ impl RightArm {
                     let [mut way, back] = halves;
                     way.reverse();
                     way.extend(back.into_iter().skip(1));
-                    return Some(self.shorten(way, margin, apart, &mut random));
+                    return Some(self.shorten(way, margin, apart, &mut random).await);
                 }
             }
         }
         None
     }
 
-    fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: &Margin, apart: Apart) -> bool {
+    async fn is_clear(&mut self, from: &ArmAngles, to: &ArmAngles, margin: &Margin, apart: Apart) -> bool {
         let length = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let count = libm::ceil(length / CHECK).max(1.0);
-        (1..=count as usize).all(|index| {
+        for index in 1..=count as usize {
             let share = index as f64 / count;
             let angles = std::array::from_fn(|joint| from[joint] + share * (to[joint] - from[joint]));
-            self.gap(&angles, apart) > margin.at(&angles)
-        })
+            if self.gap(&angles, apart).await <= margin.at(&angles) {
+                return false;
+            }
+        }
+        true
     }
 
-    fn shorten(
+    async fn shorten(
         &mut self,
         mut way: Vec<ArmAngles>,
         margin: &Margin,
@@ -244,7 +263,7 @@ impl RightArm {
                 std::array::from_fn(|joint| way[leg][joint] + share * (way[leg + 1][joint] - way[leg][joint]))
             };
             let (first, last) = (at(low), at(high));
-            if low as usize == high as usize || !self.is_clear(&first, &last, margin, apart) {
+            if low as usize == high as usize || !self.is_clear(&first, &last, margin, apart).await {
                 continue;
             }
             let mut shorter = way[..=low as usize].to_vec();

@@ -14,7 +14,7 @@ use super::plan::ArmAngles;
 use super::room::GLASS;
 use super::skill::{Seen, Skill, TOUCHED, parameters};
 use super::socket::Plug;
-use super::stance::{Lean, REST, Stance, Taking};
+use super::stance::{Judge, Lean, REST, Stance, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -104,6 +104,10 @@ impl Remove {
     /// With parameters of the form of `remove.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
         let params = parameters(given, "remove", joints, |params: &Params| &params.close.grip)?;
+        if params.grasp.tilts.is_empty() {
+            let reason = "grasp.tilts is empty; name one at least".into();
+            return Err(PolicyError::Unfit { policy: "hands", reason });
+        }
         Ok(Self {
             phase: Phase::Take,
             since: 0.0,
@@ -117,11 +121,9 @@ impl Remove {
 
     /// Leans and brings the hand beside the glass; true where it is there.
     fn take(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
-        let (grasp, out) = (&self.params.grasp, self.params.pull.out);
-        let judge = |arm: &mut RightArm, command: &BodyCommand, from: &ArmAngles, tries: usize| {
-            ways(seen, arm, grasp, out, command, from, tries)
-        };
-        let is_there = self.taking.step(seen, arm, &judge)?;
+        let Params { grasp, pull, .. } = &self.params;
+        let ways = || Ways { seen: seen.clone(), grasp: grasp.clone(), out: pull.out };
+        let is_there = self.taking.step(seen, arm, ways)?;
         if is_there && let Some(stance) = self.taking.stance() {
             self.glass_from_hand = glass(seen).inv_mul(&stance.world_from_hand);
         }
@@ -140,76 +142,90 @@ fn glass(seen: &Seen) -> Isometry3<f64> {
     seen.old_bulb * Translation3::new(0.0, 0.0, GLASS)
 }
 
-/// Postures from beside the glass to around it, by the grasp that the arm reaches best in a stance. Its turn about the socket's
-/// axis is the arm's choice. What the arm needs to pull counts, too.
-fn ways(
-    seen: &Seen,
-    arm: &mut RightArm,
-    grasp: &Grasp,
+/// Ways from beside the glass to around it and out of the socket.
+struct Ways {
+    seen: Seen,
+    grasp: Grasp,
+    /// Length of the pull, m.
     out: f64,
-    command: &BodyCommand,
-    from: &ArmAngles,
-    tries: usize,
-) -> Result<Stance, PolicyError> {
-    let mut best: Option<Stance> = None;
-    for tilt in &grasp.tilts {
-        let stance = way(seen, arm, grasp, *tilt, out, command, from, tries)?;
-        if best.as_ref().is_none_or(|best| stance.score() > best.score()) {
-            best = Some(stance);
-        }
-    }
-    best.ok_or_else(|| PolicyError::Unfit { policy: "hands", reason: "grasp.tilts is empty; name one at least".into() })
 }
 
-#[allow(clippy::too_many_arguments)]
-fn way(
-    seen: &Seen,
-    arm: &mut RightArm,
-    grasp: &Grasp,
-    [about_x, about_y]: [f64; 2],
-    out: f64,
-    command: &BodyCommand,
-    from: &ArmAngles,
-    tries: usize,
-) -> Result<Stance, PolicyError> {
-    let hand_from_glass = Isometry3::from_parts(
-        Translation3::from(grasp.hand_from_glass),
-        UnitQuaternion::from_euler_angles(about_x, about_y, 0.0),
-    );
-    let axis = seen.socket.rotation * Vector3::z();
-    let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
-    arm.assume(command, from);
-    let (angles, _) = arm.reach(&around, from, tries)?;
-    arm.assume(command, &angles);
-    let (angles, error) = arm.reach(&around, &angles, 1)?;
-    let around = arm.place(&angles);
-    let mut stance = Stance {
-        command: *command,
-        postures: vec![angles],
-        world_from_hand: around,
-        room: arm.room(&angles),
-        gap: arm.body_gap().min(arm.gap(&angles, Apart::Working)),
-        error,
-    };
-    let back = Vector3::from(grasp.back);
-    let mut now = angles;
-    let steps = libm::ceil(back.norm() / CHECKED);
-    for step in 1..=steps as usize {
-        let world_from_tool = around * Translation3::from(back * (step as f64 / steps));
-        let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool, free: None };
-        now = stance.go_on(arm, &goal, &now)?;
-        stance.postures.push(now);
+impl Judge for Ways {
+    /// By the grasp that the arm reaches best. Its turn about the socket's axis is the arm's choice. What the arm needs to pull
+    /// counts, too.
+    async fn judge(
+        &self,
+        arm: &mut RightArm,
+        command: &BodyCommand,
+        from: &ArmAngles,
+        tries: usize,
+        least: f64,
+    ) -> Result<Option<Stance>, PolicyError> {
+        let mut best: Option<Stance> = None;
+        for tilt in &self.grasp.tilts {
+            let least = best.as_ref().map_or(least, Stance::score);
+            best = self.way(arm, *tilt, command, from, tries, least).await?.or(best);
+        }
+        Ok(best)
     }
-    stance.gap = stance.gap.min(arm.gap(&now, Apart::All));
-    stance.postures.reverse();
-    let mut now = angles;
-    let steps = libm::ceil(out / CHECKED);
-    for step in 1..=steps as usize {
-        let world_from_tool = Translation3::from(axis * (out * step as f64 / steps)) * glass(seen);
-        let goal = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool, free: Some(axis) };
-        now = stance.go_on(arm, &goal, &now)?;
+}
+
+impl Ways {
+    /// Postures from beside the glass to around it by a grasp. `None` where the stance's score is not above `least`.
+    async fn way(
+        &self,
+        arm: &mut RightArm,
+        [about_x, about_y]: [f64; 2],
+        command: &BodyCommand,
+        from: &ArmAngles,
+        tries: usize,
+        least: f64,
+    ) -> Result<Option<Stance>, PolicyError> {
+        let Self { seen, grasp, out } = self;
+        let mut stance = Stance::of(command);
+        if stance.score() <= least {
+            return Ok(None);
+        }
+        let hand_from_glass = Isometry3::from_parts(
+            Translation3::from(grasp.hand_from_glass),
+            UnitQuaternion::from_euler_angles(about_x, about_y, 0.0),
+        );
+        let axis = seen.socket.rotation * Vector3::z();
+        let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
+        arm.assume(command, from);
+        let (angles, _) = arm.reach(&around, from, tries).await?;
+        arm.assume(command, &angles);
+        let (angles, error) = arm.reach(&around, &angles, 1).await?;
+        let around = arm.place(&angles);
+        (stance.world_from_hand, stance.postures) = (around, vec![angles]);
+        (stance.room, stance.error) = (arm.room(&angles), error);
+        stance.gap = arm.body_gap().await.min(arm.gap(&angles, Apart::Working).await);
+        let back = Vector3::from(grasp.back);
+        let mut now = angles;
+        let steps = libm::ceil(back.norm() / CHECKED);
+        for step in 1..=steps as usize {
+            if stance.score() <= least {
+                return Ok(None);
+            }
+            let world_from_tool = around * Translation3::from(back * (step as f64 / steps));
+            let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool, free: None };
+            now = stance.go_on(arm, &goal, &now).await?;
+            stance.postures.push(now);
+        }
+        stance.gap = stance.gap.min(arm.gap(&now, Apart::All).await);
+        stance.postures.reverse();
+        let mut now = angles;
+        let steps = libm::ceil(out / CHECKED);
+        for step in 1..=steps as usize {
+            if stance.score() <= least {
+                return Ok(None);
+            }
+            let world_from_tool = Translation3::from(axis * (out * step as f64 / steps)) * glass(seen);
+            let goal = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool, free: Some(axis) };
+            now = stance.go_on(arm, &goal, &now).await?;
+        }
+        Ok(Some(stance).filter(|stance| stance.score() > least))
     }
-    Ok(stance)
 }
 
 impl Skill for Remove {

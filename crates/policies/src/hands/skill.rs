@@ -13,6 +13,7 @@ use super::arm::{Angles, FINGERS, RightArm};
 pub(super) const CAP: f64 = 0.036259;
 
 /// Inputs of an expert in a control step.
+#[derive(Clone)]
 pub(super) struct Seen {
     /// Since the episode began, s.
     pub time: f64,

@@ -1,15 +1,19 @@
 //! Where the robot leans and the arm goes before the hand does something at the socket.
 //!
 //! The lean is searched: height, roll, pitch and yaw, by how well the arm reaches what follows. Then the arm goes to where nothing
-//! is in its way while the robot leans, the robot leans, and the arm goes on to the first posture of what follows.
+//! is in its way while the robot leans, the robot leans, and the arm goes on to the first posture of what follows. While something is
+//! searched, a slice in each control step, robot and arm stay where they are.
+
+use std::future::Future;
 
 use fiatlux_client::PolicyError;
+use fiatlux_kinematics::Search;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use super::arm::{Apart, RightArm, ToolGoal};
-use super::plan::ArmAngles;
+use super::plan::{ArmAngles, SLICE};
 use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
@@ -27,6 +31,11 @@ const MAX_LOOKS: u32 = 2;
 const NO_WAY: f64 = 2.0;
 /// Error of a posture from which it is no use to go on, m.
 const LOST: f64 = 0.012;
+/// Postures of the arm from which it is searched where a lean is changed.
+const IMPROVES: usize = 2;
+/// Room of the joints, rad, and gap, m, from which on more of it is not worth more.
+const MOST_ROOM: f64 = 0.35;
+const MOST_GAP: f64 = 0.02;
 
 /// Stances that are compared: all combinations, then steps from the best.
 #[derive(Debug, Clone, Deserialize)]
@@ -64,8 +73,18 @@ pub(super) struct Stance {
     pub error: f64,
 }
 
-/// Judges the arm in a stance: given the command, a posture from which it is searched, and how often it is tried.
-pub(super) type Judge<'a> = dyn Fn(&mut RightArm, &BodyCommand, &ArmAngles, usize) -> Result<Stance, PolicyError> + 'a;
+/// Judges how well the arm does its work in a stance.
+pub(super) trait Judge: Send + Sync + 'static {
+    /// The stance of a command, the arm searched from a posture in so many tries. `None` where its score is not above `least`.
+    fn judge(
+        &self,
+        arm: &mut RightArm,
+        command: &BodyCommand,
+        from: &ArmAngles,
+        tries: usize,
+        least: f64,
+    ) -> impl Future<Output = Result<Option<Stance>, PolicyError>> + Send;
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
@@ -105,6 +124,39 @@ pub(super) struct Taking {
     refused: Vec<BodyCommand>,
     /// The hand holds the bulb.
     holds: bool,
+    /// What is searched for now; robot and arm wait for it.
+    search: Option<Search<Result<Found, PolicyError>>>,
+}
+
+/// What is searched for.
+#[derive(Debug, Clone, Copy)]
+enum Question {
+    /// A stance, from the very beginning, and the way to where the robot may lean from a command.
+    Stance(BodyCommand),
+    /// The way to the first posture from a stance as the robot now stands, or a better stance.
+    Way { may_change: bool, may_search: bool },
+    /// The way to where the robot may go to the stance.
+    Haven,
+}
+
+enum Found {
+    Stance(BodyCommand, Option<(Stance, Vec<ArmAngles>)>),
+    /// A change of the lean; with the bulb in the hand, without a way to where the robot may go there.
+    Change(BodyCommand, Stance, Option<Vec<ArmAngles>>),
+    /// A way to the first posture, if there is one.
+    Way(Stance, Option<Vec<ArmAngles>>),
+    Haven(Vec<ArmAngles>),
+}
+
+/// Searches for stances and ways to them.
+struct Thinker<J> {
+    lean: Lean,
+    judge: J,
+    refused: Vec<BodyCommand>,
+    holds: bool,
+    /// The stance that was chosen before, and the command from which the robot goes there.
+    stance: Option<Stance>,
+    before: BodyCommand,
 }
 
 impl Lean {
@@ -129,26 +181,6 @@ impl Lean {
         all
     }
 
-    /// The stance that suits the arm best: the best of the combinations, then of its neighbours.
-    fn choose(
-        &self,
-        arm: &mut RightArm,
-        judge: &Judge<'_>,
-        refused: &[BodyCommand],
-    ) -> Result<Option<Stance>, PolicyError> {
-        let from = arm.angles();
-        let mut best: Option<(f64, Stance)> = None;
-        for command in self.commands() {
-            let stance = judge(arm, &command, &from, self.tries)?;
-            let is_refused = refused.iter().any(|refused| self.is_near(refused, &command));
-            let score = stance.score() - if is_refused { NO_WAY } else { 0.0 };
-            if best.as_ref().is_none_or(|(best, _)| score > *best) {
-                best = Some((score, stance));
-            }
-        }
-        best.map(|(_, best)| self.improve(arm, best, judge)).transpose()
-    }
-
     /// No other combination is nearer to a command.
     fn is_near(&self, command: &BodyCommand, combination: &BodyCommand) -> bool {
         let (of_command, of_combination) = (command.numbers(), combination.numbers());
@@ -157,19 +189,94 @@ impl Lean {
             values.iter().all(|value| off(of_combination[3 + axis]) <= off(*value))
         })
     }
+}
+
+impl<J: Judge> Thinker<J> {
+    async fn answer(&self, question: Question, arm: &mut RightArm) -> Result<Found, PolicyError> {
+        match question {
+            Question::Stance(before) => self.search(arm, before).await,
+            Question::Haven => Ok(match &self.stance {
+                Some(stance) => Found::Haven(self.way_to_haven(arm, &self.before, stance).await),
+                None => Found::Haven(Vec::new()),
+            }),
+            Question::Way { may_change, may_search } => match &self.stance {
+                Some(stance) => self.look(arm, stance, may_change, may_search).await,
+                None => self.search(arm, self.before).await,
+            },
+        }
+    }
+
+    /// Looks for the stance from the very beginning, and for the way to where the robot may lean from `before`.
+    async fn search(&self, arm: &mut RightArm, before: BodyCommand) -> Result<Found, PolicyError> {
+        let Some(stance) = self.choose(arm).await? else { return Ok(Found::Stance(before, None)) };
+        let way = self.way_to_haven(arm, &before, &stance).await;
+        Ok(Found::Stance(before, Some((stance, way))))
+    }
+
+    /// Looks for the way to the first posture of a stance that the robot has taken; where the arm does not reach it now, for another
+    /// stance.
+    async fn look(
+        &self,
+        arm: &mut RightArm,
+        before: &Stance,
+        may_change: bool,
+        may_search: bool,
+    ) -> Result<Found, PolicyError> {
+        let from = arm.angles();
+        let judged = self.judge.judge(arm, &before.command, &before.last(), self.lean.tries, f64::NEG_INFINITY).await?;
+        let mut stance = judged.unwrap_or_else(|| before.clone());
+        if stance.error > self.lean.reached && may_change {
+            stance = self.improve(arm, stance).await?;
+            if stance.command != before.command {
+                // With the bulb in the hand, S11 succeeds in fewer rooms by way of `Clear`.
+                let way = if self.holds { None } else { Some(self.way_to_haven(arm, &before.command, &stance).await) };
+                return Ok(Found::Change(before.command, stance, way));
+            }
+        }
+        if stance.error > LOST && may_search {
+            return self.search(arm, before.command).await;
+        }
+        arm.assume(&stance.command, &from);
+        for share in MARGINS {
+            let way = arm.way(&from, &stance.postures[0], share * self.lean.margin, self.apart()).await;
+            if way.is_some() {
+                return Ok(Found::Way(stance, way));
+            }
+        }
+        Ok(Found::Way(stance, None))
+    }
+
+    /// The stance that suits the arm best: the best of the combinations, then of its neighbours.
+    async fn choose(&self, arm: &mut RightArm) -> Result<Option<Stance>, PolicyError> {
+        let from = arm.angles();
+        let mut best: Option<(f64, Stance)> = None;
+        for command in self.lean.commands() {
+            let is_refused = self.refused.iter().any(|refused| self.lean.is_near(refused, &command));
+            let penalty = if is_refused { NO_WAY } else { 0.0 };
+            let least = best.as_ref().map_or(f64::NEG_INFINITY, |(best, _)| best + penalty);
+            if let Some(stance) = self.judge.judge(arm, &command, &from, self.lean.tries, least).await? {
+                best = Some((stance.score() - penalty, stance));
+            }
+        }
+        match best {
+            Some((_, best)) => self.improve(arm, best).await.map(Some),
+            None => Ok(None),
+        }
+    }
 
     /// The best that is found from a stance by changes of its command, each on its own.
-    fn improve(&self, arm: &mut RightArm, mut best: Stance, judge: &Judge<'_>) -> Result<Stance, PolicyError> {
-        let mut step = self.step;
-        while step > self.step / 4.0 {
+    async fn improve(&self, arm: &mut RightArm, mut best: Stance) -> Result<Stance, PolicyError> {
+        let mut step = self.lean.step;
+        while step > self.lean.step / 4.0 {
             let mut is_better = false;
             for (axis, sign) in (0..4).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]) {
                 let mut numbers = best.command.numbers();
-                let [low, high] = self.range(axis);
+                let [low, high] = self.lean.range(axis);
                 let number = &mut numbers[3 + axis];
                 *number = (*number + sign * step * (high - low)).clamp(low, high);
-                let stance = judge(arm, &numbers.into(), &best.last(), 2)?;
-                if stance.score() > best.score() {
+                if let Some(stance) =
+                    self.judge.judge(arm, &numbers.into(), &best.last(), IMPROVES, best.score()).await?
+                {
                     best = stance;
                     is_better = true;
                 }
@@ -180,6 +287,27 @@ impl Lean {
         }
         Ok(best)
     }
+
+    async fn way_to_haven(&self, arm: &mut RightArm, before: &BodyCommand, stance: &Stance) -> Vec<ArmAngles> {
+        let (from, to) = (arm.angles(), stance.postures[0]);
+        let stances = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| between(before, &stance.command, share));
+        let mut haven = None;
+        for share in [1.0, 0.5, 0.2] {
+            haven = arm.haven(&stances, [&from, &to], share * self.lean.clear, self.apart()).await;
+            if haven.is_some() {
+                break;
+            }
+        }
+        arm.assume(before, &from);
+        let mut way = arm.way(&from, &haven.unwrap_or(from), self.lean.margin, self.apart()).await.unwrap_or_default();
+        way.reverse();
+        way
+    }
+
+    /// Shapes from which its ways keep the arm apart.
+    fn apart(&self) -> Apart {
+        if self.holds { Apart::Carrying } else { Apart::All }
+    }
 }
 
 impl Stance {
@@ -187,15 +315,32 @@ impl Stance {
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);
-        self.room.min(0.35) + 10.0 * self.gap.min(0.02) - 50.0 * short - 0.1 * lean
+        self.room.min(MOST_ROOM) + 10.0 * self.gap.min(MOST_GAP) - 50.0 * short - 0.1 * lean
+    }
+
+    /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.
+    pub fn of(command: &BodyCommand) -> Self {
+        Self {
+            command: *command,
+            postures: Vec::new(),
+            world_from_hand: Isometry3::identity(),
+            room: f64::INFINITY,
+            gap: f64::INFINITY,
+            error: 0.0,
+        }
     }
 
     /// Goes on to a goal from a posture; room, gap and error are those of the worst so far.
-    pub fn go_on(&mut self, arm: &mut RightArm, goal: &ToolGoal, from: &ArmAngles) -> Result<ArmAngles, PolicyError> {
-        let (angles, error) = arm.reach(goal, from, 1)?;
+    pub async fn go_on(
+        &mut self,
+        arm: &mut RightArm,
+        goal: &ToolGoal,
+        from: &ArmAngles,
+    ) -> Result<ArmAngles, PolicyError> {
+        let (angles, error) = arm.reach(goal, from, 1).await?;
         self.error = self.error.max(error);
         self.room = self.room.min(arm.room(&angles));
-        self.gap = self.gap.min(arm.gap(&angles, Apart::Working));
+        self.gap = self.gap.min(arm.gap(&angles, Apart::Working).await);
         Ok(angles)
     }
 
@@ -230,6 +375,7 @@ impl Taking {
             looks: 0,
             refused: Vec::new(),
             holds,
+            search: None,
         }
     }
 
@@ -249,6 +395,7 @@ impl Taking {
     /// Looks for the way to the first posture once more, from where the arm is.
     pub fn again(&mut self) {
         (self.stage, self.leans_since, self.changes, self.searches) = (Stage::Lean, f64::NEG_INFINITY, 0, 1);
+        self.search = None;
     }
 
     pub fn stage(&self) -> String {
@@ -256,17 +403,27 @@ impl Taking {
     }
 
     /// One control step; true once the arm is in the first posture.
-    pub fn step(&mut self, seen: &Seen, arm: &mut RightArm, judge: &Judge<'_>) -> Result<bool, PolicyError> {
+    pub fn step<J: Judge>(
+        &mut self,
+        seen: &Seen,
+        arm: &mut RightArm,
+        judge: impl FnOnce() -> J,
+    ) -> Result<bool, PolicyError> {
+        if let Some(search) = &mut self.search {
+            let Some(found) = search.go_on(SLICE) else { return Ok(false) };
+            self.search = None;
+            if let Some(question) = self.take_up(found?, seen, arm)? {
+                self.ask(question, arm, judge());
+            }
+            return Ok(false);
+        }
         match self.stage {
+            Stage::Clear if self.stance.is_none() => {
+                self.upright.height = seen.pelvis.translation.z - arm.floor;
+                self.ask(Question::Stance(self.upright), arm, judge());
+            }
+            Stage::Clear if arm.gives_way() => self.ask(Question::Haven, arm, judge()),
             Stage::Clear => {
-                if self.stance.is_none() {
-                    self.upright.height = seen.pelvis.translation.z - arm.floor;
-                    self.search(arm, self.upright, judge)?;
-                    return Ok(false);
-                }
-                if arm.gives_way() {
-                    self.way = self.way_to_haven(arm);
-                }
                 if self.goes(arm) {
                     (self.stage, self.leans_since, self.bent) = (Stage::Lean, seen.time, 0.0);
                 }
@@ -276,39 +433,66 @@ impl Taking {
             }
             Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.wait() => {}
             Stage::Lean => {
-                let Some(before) = self.stance.clone() else { return Ok(false) };
-                let from = arm.angles();
-                let mut stance = judge(arm, &before.command, &before.last(), self.lean.tries)?;
-                if stance.error > self.lean.reached && self.changes < self.lean.changes {
-                    self.changes += 1;
-                    stance = self.lean.improve(arm, stance, judge)?;
-                    if stance.command != before.command {
-                        if self.holds {
-                            // With the bulb in the hand, S11 succeeds in fewer rooms by way of `Clear`.
-                            (self.stance, self.leans_since) = (Some(stance), seen.time);
-                        } else {
-                            self.clear_for(arm, before.command, stance);
-                        }
-                        return Ok(false);
-                    }
+                let may_change = self.changes < self.lean.changes;
+                let may_search = self.searches < self.lean.searches;
+                self.ask(Question::Way { may_change, may_search }, arm, judge());
+            }
+            Stage::Reach if !self.holds && seen.is_touched() => self.goes_back(),
+            Stage::Reach if arm.gives_way() => {
+                (self.blocks, self.failures) = (self.blocks + 1, self.failures + 1);
+                (self.stage, self.leans_since) = (Stage::Lean, seen.time);
+                if self.blocks.is_multiple_of(MAX_BLOCKS) {
+                    self.ask(Question::Stance(self.command()), arm, judge());
                 }
-                if stance.error > LOST && self.searches < self.lean.searches {
-                    self.search(arm, before.command, judge)?;
-                    return Ok(false);
+            }
+            Stage::Reach => return Ok(self.goes(arm)),
+        }
+        Ok(false)
+    }
+
+    /// Begins a search; until it ends, nothing moves.
+    fn ask<J: Judge>(&mut self, question: Question, arm: &RightArm, judge: J) {
+        let thinker = Thinker {
+            lean: self.lean.clone(),
+            judge,
+            refused: self.refused.clone(),
+            holds: self.holds,
+            stance: self.stance.clone(),
+            before: self.before,
+        };
+        let arm = arm.clone();
+        self.search = Some(Search::new(move |work| {
+            let mut arm = arm.searching(work);
+            async move { thinker.answer(question, &mut arm).await }
+        }));
+    }
+
+    /// Goes on with what a search found; what is to be searched for next, if anything.
+    fn take_up(&mut self, found: Found, seen: &Seen, arm: &mut RightArm) -> Result<Option<Question>, PolicyError> {
+        match found {
+            Found::Stance(before, found) => {
+                (self.searches, self.changes, self.before) = (self.searches + 1, 0, before);
+                if let Some((stance, way)) = found {
+                    (self.stance, self.stage, self.way) = (Some(stance), Stage::Clear, way);
                 }
+            }
+            Found::Change(before, stance, way) => {
+                self.changes += 1;
+                self.stance = Some(stance);
+                match way {
+                    Some(way) => (self.before, self.stage, self.way) = (before, Stage::Clear, way),
+                    None => self.leans_since = seen.time,
+                }
+            }
+            Found::Way(stance, way) => {
                 self.changes = 0;
-                arm.assume(&stance.command, &from);
-                let middle = stance.postures[stance.postures.len() / 2];
-                arm.rest_at(&middle)?;
-                let way = MARGINS
-                    .into_iter()
-                    .find_map(|share| arm.way(&from, &stance.postures[0], share * self.lean.margin, self.apart()));
+                arm.rest_at(&stance.postures[stance.postures.len() / 2])?;
                 let command = stance.command;
                 self.stance = Some(stance);
                 match way {
                     Some(mut way) => {
                         way.reverse();
-                        (self.way, self.stage, self.reaches_from, self.looks) = (way, Stage::Reach, from, 0);
+                        (self.way, self.stage, self.reaches_from, self.looks) = (way, Stage::Reach, arm.angles(), 0);
                     }
                     // From another posture there may be one.
                     None => {
@@ -317,22 +501,14 @@ impl Taking {
                         if !self.holds && self.looks >= MAX_LOOKS {
                             self.looks = 0;
                             self.refused.push(command);
-                            self.search(arm, command, judge)?;
+                            return Ok(Some(Question::Stance(command)));
                         }
                     }
                 }
             }
-            Stage::Reach if !self.holds && seen.is_touched() => self.goes_back(),
-            Stage::Reach if arm.gives_way() => {
-                (self.blocks, self.failures) = (self.blocks + 1, self.failures + 1);
-                (self.stage, self.leans_since) = (Stage::Lean, seen.time);
-                if self.blocks.is_multiple_of(MAX_BLOCKS) {
-                    self.search(arm, self.command(), judge)?;
-                }
-            }
-            Stage::Reach => return Ok(self.goes(arm)),
+            Found::Haven(way) => self.way = way,
         }
-        Ok(false)
+        Ok(None)
     }
 
     /// Until the arm's reach is looked at after the robot began to lean, s; longer with each failure.
@@ -344,40 +520,7 @@ impl Taking {
     /// Takes the arm back to where the way to the first posture began; it is looked for again there.
     pub fn goes_back(&mut self) {
         self.before = self.command();
-        (self.stage, self.way) = (Stage::Clear, vec![self.reaches_from]);
-    }
-
-    /// Looks for the stance from the very beginning, and for the way to where the robot may lean from `before`.
-    fn search(&mut self, arm: &mut RightArm, before: BodyCommand, judge: &Judge<'_>) -> Result<(), PolicyError> {
-        (self.searches, self.changes) = (self.searches + 1, 0);
-        self.before = before;
-        if let Some(stance) = self.lean.choose(arm, judge, &self.refused)? {
-            self.clear_for(arm, before, stance);
-        }
-        Ok(())
-    }
-
-    /// Looks for the way to where the robot may go from a command to a stance.
-    fn clear_for(&mut self, arm: &mut RightArm, before: BodyCommand, stance: Stance) {
-        (self.before, self.stance, self.stage) = (before, Some(stance), Stage::Clear);
-        self.way = self.way_to_haven(arm);
-    }
-
-    fn way_to_haven(&self, arm: &mut RightArm) -> Vec<ArmAngles> {
-        let Some(stance) = &self.stance else { return Vec::new() };
-        let (from, to) = (arm.angles(), stance.postures[0]);
-        let stances = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| between(&self.before, &stance.command, share));
-        let mut margins = [1.0, 0.5, 0.2].into_iter().map(|share| share * self.lean.clear);
-        let haven = margins.find_map(|margin| arm.haven(&stances, [&from, &to], margin, self.apart())).unwrap_or(from);
-        arm.assume(&self.before, &from);
-        let mut way = arm.way(&from, &haven, self.lean.margin, self.apart()).unwrap_or_default();
-        way.reverse();
-        way
-    }
-
-    /// Shapes from which its ways keep the arm apart.
-    fn apart(&self) -> Apart {
-        if self.holds { Apart::Carrying } else { Apart::All }
+        (self.stage, self.way, self.search) = (Stage::Clear, vec![self.reaches_from], None);
     }
 
     /// Moves the arm along the way; true at its end.
