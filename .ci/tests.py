@@ -13,6 +13,7 @@ import circles
 import features
 import hands
 import licences
+import room
 
 RULES = {
     "licenses": {"allow": ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception"]},
@@ -100,6 +101,30 @@ class Hands(unittest.TestCase):
         ]:
             with self.subTest(path=path, text=text):
                 self.assertEqual(list(hands.faults(["claw", "hook"], path, text)), lines)
+
+
+class Room(unittest.TestCase):
+    SCENE = {"bulb": {"seat_z": 0.036259, "mass": 0.035, "rings": [[0.0, 0.0202]]}, "ladder": {"top": [0.0, 0.1, 1.18]}, "start": {"carry": {"grip": 0.7468}, "turn": 0.08726646259971647}}
+
+    def test_numbers_that_count(self):
+        numbers = {"bulb.seat_z": 0.036259, "bulb.rings[0]": 0.0202, "ladder.top": (0.0, 0.1, 1.18)}
+        found = {name: value for name, value in room.named(self.SCENE) if value != (0.0, 0.0202)}
+        self.assertEqual(found, numbers)
+
+    def test_a_file_with_a_copy(self):
+        numbers = {value: name for name, value in room.named(self.SCENE)}
+        for path, text, lines in [
+            ("a/src/b.rs", "const A: f64 = 0.036_259;\n", ["a/src/b.rs:1: 0.036_259 is bulb.seat_z"]),
+            ("a/src/b.rs", "\nconst A: [f64; 3] = [0.0, 0.10, 1.18];\n", ["a/src/b.rs:2: [0.0, 0.10, 1.18] is ladder.top"]),
+            ("a/src/b.rs", "const A: f64 = -2.5; // not 0.036259\n", []),
+            ("a/src/b.rs", "const A: f64 = 10.036259 + x0.036259;\n", []),
+            ("a/b.toml", "seat = 0.0362590\n", ["a/b.toml:1: 0.0362590 is bulb.seat_z"]),
+            ("a/tests/it/b.rs", "0.036259", []),
+            ("docs/b.md", "0.036259", []),
+            (room.HOME, "seat_z = 0.036259", []),
+        ]:
+            with self.subTest(path=path, text=text):
+                self.assertEqual(list(room.faults(numbers, path, text)), lines)
 
 
 class Circles(unittest.TestCase):

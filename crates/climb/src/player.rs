@@ -22,7 +22,7 @@ const AHEAD: f64 = 0.1;
 /// A foot that may bear less than this part of the weight bears nothing.
 const MIN_SHARE: f64 = 0.02;
 /// Control step, s.
-const DT: f64 = 0.02;
+const DT: f64 = fiatlux_rules::CONTROL_DT;
 
 /// Balances a robot along a plan. It needs the robot's poses alone.
 #[derive(Debug, Clone)]

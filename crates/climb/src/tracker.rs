@@ -13,7 +13,7 @@ use crate::reference::{MOVED, Pose, Reference};
 /// Parts by which angles and speeds of the joints go to what is sensed in each control step: sensed speeds are noisy.
 const SHARES: (f64, f64) = (0.2, 0.1);
 /// Control step, s.
-const DT: f64 = 0.02;
+const DT: f64 = fiatlux_rules::CONTROL_DT;
 /// Radians of joint target for an action of 1: of a leg's hip pitch, roll and yaw, knee, ankle pitch and roll, and of the waist.
 const LEG_SCALES: [f64; 6] = [0.2, 0.2, 0.2, 0.15, 0.4, 0.4];
 const WAIST_SCALE: f64 = 0.15;

@@ -13,6 +13,7 @@ use fiatlux_climb::{
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
+use fiatlux_room::{bulb, ladder as ladder_numbers};
 use fiatlux_rules::Task;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -51,17 +52,16 @@ const ARM_RATE: f64 = 1.0;
 const STILL: f64 = 0.5;
 /// Speeds of the plans' times, up and down.
 const RATES: [f64; 2] = [2.0, 1.6];
-/// The ladder's top point in its frame, and the seat in the socket's, m: `top_point` of `[ladder]` and `seat_z` of `[bulb]` in
-/// `crates/world/scene.toml`. From a height of another part on, the plan is made to fit.
-const TOP: [f64; 3] = [0.0, 0.10, 1.18];
-const SEAT: f64 = 0.036_259;
+/// The ladder's top point in its frame, m.
+const TOP: [f64; 3] = ladder_numbers::TOP_POINT;
+/// From a ladder's height of another part on, the plan is made to fit.
 const OTHER_HEIGHT: f64 = 0.002;
 /// Part of its largest effort with which a finger presses on a bulb at most, and that by which the average of its angle goes to the
 /// sensed one in each control step.
 const PRESSES: f64 = 0.9;
 const SENSED: f64 = 0.1;
 /// Work of a search in a control step.
-const SLICE: u32 = 20_000;
+const SLICE: u32 = 40_000;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
@@ -254,7 +254,7 @@ impl Policy for Climb {
 pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result<f64, PolicyError> {
     let Some(distance) = seen.distances.first() else { return Ok(1.0) };
     let pose = |pose: &Option<Pose>| body::pose(policy, pose.as_ref());
-    let seat = pose(&seen.ladder)?.inverse() * pose(&seen.socket)? * Point3::new(0.0, 0.0, SEAT);
+    let seat = pose(&seen.ladder)?.inverse() * pose(&seen.socket)? * Point3::new(0.0, 0.0, bulb::SEAT_Z);
     let level = (seat.x - TOP[0]).powi(2) + (seat.y - TOP[1]).powi(2);
     Ok((seat.z - (distance.powi(2) - level).max(0.0).sqrt()) / TOP[2])
 }

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
+use fiatlux_room::ladder;
 use fiatlux_rules::Task;
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
@@ -39,7 +40,7 @@ const OUT_X: f64 = 0.95;
 const OUT_Y: f64 = 0.20;
 const STEPS_Y: f64 = -0.95;
 /// Top point of the ladder, y of its frame, and its distance from the fixture, m, and the ladder's tilt, rad, at which all is well.
-const TOP_Y: f64 = 0.10;
+const TOP_Y: f64 = ladder::TOP_POINT[1];
 const REACH_M: f64 = 0.66;
 const FLAT: f64 = 0.02;
 /// Distance from these places, m, and turn, rad, at which it is there.

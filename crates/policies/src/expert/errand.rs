@@ -2,6 +2,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Observation;
+use fiatlux_room::{crate_, ladder};
 use fiatlux_rules::{Bulb, Task, Thresholds};
 use nalgebra::{Isometry3, Vector3};
 
@@ -83,11 +84,11 @@ impl Facts {
     }
 }
 
-/// Half extents of the crate, outside, and a height above its rim, m: `[crate]` of `crates/world/scene.toml`.
-const CRATE_HALF: [f64; 2] = [0.30, 0.20];
+/// Half extents of the crate, outside, and a height above its rim, m.
+const CRATE_HALF: [f64; 2] = crate_::OUTER_HALF;
 const CRATE_HEIGHT: f64 = 0.25;
-/// The ladder's top point: `top_point` of `[ladder]` there.
-const LADDER_TOP: [f64; 3] = [0.0, 0.10, 1.18];
+/// The ladder's top point in its frame, m.
+const LADDER_TOP: [f64; 3] = ladder::TOP_POINT;
 /// Height of the pelvis above the floor from which on the robot is on the platform, even if it leans as low as `hands` does, m.
 const UP: f64 = 1.6;
 /// Lean at which the ladder is not ready, rad.

@@ -7,13 +7,14 @@
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::{Search, at_once};
 use fiatlux_proto::v3::Joint;
+use fiatlux_room::bench;
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
 use super::plan::{ArmAngles, SLICE};
-use super::skill::{CAP, Seen, Skill, parameters};
+use super::skill::{CAP, GLASS, Seen, Skill, parameters};
 use super::steps::{Steps, steps_to};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
@@ -59,8 +60,6 @@ struct Stand {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Grasp {
-    bench_height: f64,
-    glass_height: f64,
     hand_from_glass: [f64; 3],
     growth: [f64; 3],
     tilt: [f64; 2],
@@ -202,18 +201,18 @@ impl Grab {
 
     /// Size of a bulb that stands on the bench: its origin is below its cap, the farther the larger it is.
     fn size_of(&self, bulb: &Isometry3<f64>) -> f64 {
-        let size = (self.params.grasp.bench_height - bulb.translation.z) / CAP;
+        let size = (bench::SURFACE_HEIGHT - bulb.translation.z) / CAP;
         if is_upright(bulb) { size.clamp(SIZES[0], SIZES[1]) } else { 1.0 }
     }
 
     /// Of the pelvis: as low above the glass of a small bulb as above that of a published one. Higher, the knees would be straight.
     fn height(&self) -> f64 {
-        self.params.stand.height + (self.size.min(1.0) - 1.0) * (self.params.grasp.glass_height - CAP)
+        self.params.stand.height + (self.size.min(1.0) - 1.0) * (GLASS - CAP)
     }
 
     /// Centre of the glass.
     fn glass(&self, seen: &Seen) -> Point3<f64> {
-        seen.fresh_bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height * self.size)
+        seen.fresh_bulb * Point3::new(0.0, 0.0, GLASS * self.size)
     }
 
     /// The hand around the glass of a bulb that lies.

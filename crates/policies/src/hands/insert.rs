@@ -6,17 +6,20 @@
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
+use fiatlux_room::fixture;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, ToolGoal};
 use super::plan::ArmAngles;
-use super::room::{MOUTH, STOP};
 use super::skill::{CAP, Seen, Skill, parameters};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking};
 
+/// Heights above the seat: of the stop for the plug, and of the mouth, m.
+const STOP: f64 = fixture::STOP_HEIGHT;
+const MOUTH: f64 = fixture::MOUTH_HEIGHT;
 /// Length of a step along the way in that is checked beforehand, m.
 const CHECKED: f64 = 0.01;
 /// Distance at which the hand has arrived, m.

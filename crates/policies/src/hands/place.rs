@@ -8,19 +8,19 @@ use std::f64::consts::FRAC_PI_2;
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
+use fiatlux_room::{bulb, crate_};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Angles, FINGERS, Finger, RightArm, Torso, heading};
-use super::skill::{CAP, Seen, Skill, parameters};
+use super::skill::{CAP, GLASS, GLASS_RADIUS, Seen, Skill, parameters};
 use super::steps::{angle, steps_to};
 
-/// Radii of glass and cap, m.
-const GLASS_RADIUS: f64 = 0.0396;
-const CAP_RADIUS: f64 = 0.0076;
-/// Half extents of the crate, inside, m: `[crate]` of `crates/world/scene.toml`.
-const INTERIOR: [f64; 2] = [0.2873, 0.1876];
+/// Radius of the cap, m.
+const CAP_RADIUS: f64 = bulb::CAP_RING_RADIUS;
+/// Half extents of the crate, inside, m.
+const INTERIOR: [f64; 2] = crate_::INTERIOR_HALF;
 /// Places along a side that are compared, to either hand of its middle, and what a turn of the robot costs, m/rad.
 const PLACES: i32 = 20;
 const TURN_COST: f64 = 0.2;
@@ -75,7 +75,6 @@ struct Waypoint {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Grasp {
-    glass_height: f64,
     turn: f64,
     roll: f64,
     torque: f64,
@@ -195,13 +194,13 @@ impl Place {
         let down = self.params.way.last().map_or(0.0, |last| last.down);
         let hand = self.world_from_hand_rotation(spot.facing, down);
         let axis = hand * (hand_from_bulb.rotation * Vector3::z());
-        Point3::from(spot.glass.push(0.0) - axis * (self.params.grasp.glass_height - CAP))
+        Point3::from(spot.glass.push(0.0) - axis * (GLASS - CAP))
     }
 
     /// Finds the arm's postures, from the last one up, so that each is near the next one; false where it does not
     /// reach the last one.
     fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut RightArm) -> Result<bool, PolicyError> {
-        let glass = seen.old_bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height);
+        let glass = seen.old_bulb * Point3::new(0.0, 0.0, GLASS);
         let hand_from_glass = (arm.sensed_hand().inverse() * glass).coords;
         let here = seen.pelvis.translation.vector;
         let looks = heading(&seen.pelvis);
@@ -262,7 +261,7 @@ impl Place {
 
     /// Height of a bulb's lowest point, m.
     fn lowest(&self, bulb: &Isometry3<f64>) -> f64 {
-        let glass = (bulb * Point3::new(0.0, 0.0, self.params.grasp.glass_height)).z - GLASS_RADIUS;
+        let glass = (bulb * Point3::new(0.0, 0.0, GLASS)).z - GLASS_RADIUS;
         glass.min((bulb * Point3::new(0.0, 0.0, CAP)).z - CAP_RADIUS)
     }
 }

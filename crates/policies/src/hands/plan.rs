@@ -14,7 +14,7 @@ use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, headin
 pub(super) type ArmAngles = [f64; ARMS / 2];
 
 /// Work of a search in a control step.
-pub(super) const SLICE: u32 = 20_000;
+pub(super) const SLICE: u32 = 80_000;
 /// Work of measuring a gap besides that of its pairs of shapes.
 const GAP_WORK: usize = 40;
 /// Gaps from here on count as this, m.

@@ -11,8 +11,7 @@ use serde::Deserialize;
 
 use super::arm::{Angles, Apart, FINGERS, Finger, RightArm, ToolGoal};
 use super::plan::ArmAngles;
-use super::room::GLASS;
-use super::skill::{Seen, Skill, TOUCHED, parameters};
+use super::skill::{GLASS, Seen, Skill, TOUCHED, parameters};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking};
 

@@ -3,14 +3,20 @@
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
 use fiatlux_robot::Robot;
+use fiatlux_room::bulb;
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 use serde::de::DeserializeOwned;
 
 use super::arm::{Angles, FINGERS, RightArm};
 
-/// Bottom of the cap on a bulb's axis, m: `seat_z` of `[bulb]` in `crates/world/scene.toml`.
-pub(super) const CAP: f64 = 0.036259;
+/// Bottom of the cap on a bulb's axis, m.
+pub(super) const CAP: f64 = bulb::SEAT_Z;
+/// Height of the glass's centre on the bulb's axis, and radius of the glass there, m.
+pub(super) const GLASS: f64 = LARGEST[0];
+pub(super) const GLASS_RADIUS: f64 = LARGEST[2];
+/// The last of the balls that a bulb consists of.
+const LARGEST: [f64; 3] = bulb::SOLIDS[bulb::SOLIDS.len() - 1];
 
 /// Inputs of an expert in a control step.
 #[derive(Clone)]

@@ -1,5 +1,7 @@
 //! Postures for a ladder's height.
 
+use fiatlux_room::ladder;
+
 /// Height of the pelvis, m, and roll and pitch of the torso, rad.
 pub(super) type Posture = (f64, [f64; 2]);
 
@@ -7,7 +9,7 @@ pub(super) type Posture = (f64, [f64; 2]);
 pub(super) const UPRIGHT: Posture = (0.74, [0.0, 0.0]);
 /// Height of the platform's underside as published, m, and the postures for it: bent, below the platform without touching it, and
 /// with the ladder.
-pub(super) const PLATFORM_Z: f64 = 1.15;
+pub(super) const PLATFORM_Z: f64 = ladder::PLATFORM_HEIGHT - ladder::PLATFORM_THICKNESS;
 const BENT: Posture = (0.65, [0.0, 0.5]);
 const LOW: Posture = (0.57, [0.0, 0.0]);
 const CARRYING: Posture = (0.70, [0.0, 0.0]);
