@@ -15,7 +15,9 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_room::{bulb, ladder as ladder_numbers};
 use fiatlux_rules::Task;
-use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
+use fiatlux_skills::path::wrapped;
+use fiatlux_skills::{GAIN, Slew, heading, towards};
+use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::body;
@@ -43,9 +45,9 @@ const BEHIND: f64 = 0.6;
 const CLEAR: f64 = 0.75;
 /// Turn from which it stays where it is while it turns, rad.
 const TURNS: f64 = 0.4;
-/// Largest speeds, m/s and rad/s, and their changes, m/s^2 and rad/s^2.
+/// Largest speeds, m/s and rad/s, and their changes.
 const FASTEST: (f64, f64) = (0.25, 0.6);
-const GAIN: (f64, f64) = (0.6, 1.2);
+const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 /// Rate of the arms' angles before it climbs, rad/s.
 const ARM_RATE: f64 = 1.0;
 /// Time for which it stands still before it climbs, s.
@@ -278,10 +280,8 @@ impl Episode {
         let mut command = BodyCommand::default();
         let Some(goal) = self.plan.keyframes.first().filter(|_| step >= SETTLES) else { return command };
         let goal = goal.pelvis.translation.vector - Vector3::x() * BEFORE;
-        let heading = here.rotation * Vector3::x();
-        let heading = libm::atan2(heading.y, heading.x);
-        let error = std::f64::consts::PI - heading;
-        let error = libm::atan2(libm::sin(error), libm::cos(error));
+        let heading = heading(here);
+        let error = wrapped(std::f64::consts::PI - heading);
         let aim = if error.abs() > TURNS { start.translation.vector } else { around(&here.translation.vector, &goal) };
         let away = aim - here.translation.vector;
         let is_there = error.abs() < ARRIVED.1 && (goal - here.translation.vector).xy().norm() < ARRIVED.0;
@@ -292,14 +292,11 @@ impl Episode {
         }
         let (sin, cos) = (libm::sin(heading), libm::cos(heading));
         let wanted = [
-            (1.5 * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
-            (1.5 * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
-            (1.5 * error).clamp(-FASTEST.1, FASTEST.1),
+            (GAIN * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
+            (GAIN * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
+            (GAIN * error).clamp(-FASTEST.1, FASTEST.1),
         ];
-        for (axis, gain) in [GAIN.0, GAIN.0, GAIN.1].into_iter().enumerate() {
-            let most = gain * CONTROL_DT;
-            self.velocity[axis] += (wanted[axis] - self.velocity[axis]).clamp(-most, most);
-        }
+        self.velocity = SLEW.step(self.velocity, wanted);
         command.velocity = self.velocity;
         command
     }
@@ -309,7 +306,7 @@ impl Episode {
     fn move_arms(&mut self) {
         if self.fingers.is_empty() {
             let arms = self.walker.targets.iter_mut().zip(&self.q0).take(BODY).skip(MOVED);
-            arms.for_each(|(now, to)| *now += (to - *now).clamp(-ARM_RATE * CONTROL_DT, ARM_RATE * CONTROL_DT));
+            arms.for_each(|(now, to)| *now = towards(*now, *to, ARM_RATE));
         }
     }
 

@@ -13,7 +13,6 @@ mod shape;
 mod skill;
 mod socket;
 mod stance;
-mod steps;
 
 use std::sync::Arc;
 

@@ -13,6 +13,8 @@ use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_room::ladder;
 use fiatlux_rules::Task;
+use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn, wrapped};
+use fiatlux_skills::{GAIN, Slew, towards};
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
 use self::posture::{PLATFORM_Z, Posture, Postures, UPRIGHT};
@@ -20,7 +22,6 @@ use self::site::{choose_site, outside};
 use crate::body;
 use crate::climb::relative_height;
 use crate::entry::Entry;
-use crate::path::{Map, Point, distance, planar, rectangle, turn, wrapped};
 use crate::whole_body::WholeBody;
 
 /// As a program makes it.
@@ -77,10 +78,12 @@ const AVERAGE_S: f64 = 1.0;
 const TILT_M: f64 = 1.0;
 /// Distance ahead on its path at which the robot aims, m.
 const AHEAD_M: f64 = 0.35;
-/// Largest speeds, m/s and rad/s, and their changes, m/s^2 and rad/s^2: alone, walking in, and with the ladder.
-const ALONE: Pace = Pace { speed: 0.45, turn: 0.7, gain: [0.6, 1.2] };
-const INSIDE: Pace = Pace { speed: 0.25, turn: 0.4, gain: [0.6, 1.2] };
-const LOADED: Pace = Pace { speed: 0.30, turn: 0.3, gain: [0.3, 0.6] };
+/// Largest changes of the velocity without the ladder.
+const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
+/// Largest speeds, m/s and rad/s, and their changes: alone, walking in, and with the ladder.
+const ALONE: Pace = Pace { speed: 0.45, turn: 0.7, slew: SLEW };
+const INSIDE: Pace = Pace { speed: 0.25, turn: 0.4, slew: SLEW };
+const LOADED: Pace = Pace { speed: 0.30, turn: 0.3, slew: Slew { linear: 0.3, turn: 0.6 } };
 /// Distance to the goal from which the robot turns to its heading there, m.
 const NEAR_M: f64 = 0.4;
 /// Distance from the ladder's place, m, and turn, rad, at which it is put down; and where it waits until it is turned, m.
@@ -103,7 +106,7 @@ const SPEEDS: [f64; 2] = [-0.3, 0.45];
 struct Pace {
     speed: f64,
     turn: f64,
-    gain: [f64; 2],
+    slew: Slew,
 }
 
 /// Position and heading on the floor.
@@ -434,14 +437,11 @@ impl Episode {
 
     /// Sets the velocity towards a point and a turn, in bounds.
     fn go(&mut self, (here, heading): Place, aim: Point, turn: f64, pace: Pace) {
-        let way = crate::path::turn(heading, here, aim);
-        let speed = (1.5 * distance(here, aim)).min(pace.speed);
-        let wanted = [speed * libm::cos(way), speed * libm::sin(way), (1.5 * turn).clamp(-pace.turn, pace.turn)];
-        for (axis, gain) in [pace.gain[0], pace.gain[0], pace.gain[1]].into_iter().enumerate() {
-            let most = gain * CONTROL_DT;
-            let now = &mut self.command.velocity[axis];
-            *now += (wanted[axis].clamp(SPEEDS[0], SPEEDS[1]) - *now).clamp(-most, most);
-        }
+        let way = fiatlux_skills::path::turn(heading, here, aim);
+        let speed = (GAIN * distance(here, aim)).min(pace.speed);
+        let wanted = [speed * libm::cos(way), speed * libm::sin(way), (GAIN * turn).clamp(-pace.turn, pace.turn)];
+        let wanted = wanted.map(|part| part.clamp(SPEEDS[0], SPEEDS[1]));
+        self.command.velocity = pace.slew.step(self.command.velocity, wanted);
     }
 
     fn stop(&mut self) {
@@ -481,11 +481,6 @@ impl Episode {
         self.body.targets[MOVED..BODY].copy_from_slice(&self.arms);
         self.arms == wanted
     }
-}
-
-/// A control step at a bounded rate.
-fn towards(now: f64, to: f64, rate: f64) -> f64 {
-    now + (to - now).clamp(-rate * CONTROL_DT, rate * CONTROL_DT)
 }
 
 /// x and y of a body's upwards axis in the world.

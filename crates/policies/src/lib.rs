@@ -9,7 +9,6 @@ mod foreign;
 mod hands;
 mod hold;
 mod ladder;
-mod path;
 mod random;
 mod registry;
 mod replay;

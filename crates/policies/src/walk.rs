@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_rules::{Task, Thresholds};
+use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn};
+use fiatlux_skills::{GAIN, Slew};
 use fiatlux_wbc::{Network, Swing};
 
 use super::body;
-use super::path::{Map, Point, distance, planar, rectangle, turn};
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
@@ -30,8 +31,8 @@ const REPLAN: u64 = 25;
 const AHEAD_M: f64 = 0.35;
 /// Largest speed along the path, m/s, and about the vertical, rad/s.
 const FASTEST: (f64, f64) = (0.45, 0.7);
-/// Largest change of the velocity, m/s^2 and rad/s^2, so that an object in the hand is not jerked.
-const GAIN: (f64, f64) = (0.6, 1.2);
+/// Largest changes of the velocity.
+const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 /// Control steps for which the robot stands first, while the controller takes over the staged posture.
 const SETTLES: u64 = 25;
 /// Room around the robot before it turns, m, and the control steps after which it turns all the same: its hands reach ahead, and
@@ -192,12 +193,8 @@ impl Policy for Walk {
 impl EpisodeState {
     /// Limits the change of the velocity, except for a stop.
     fn gently(&mut self, wanted: fiatlux_wbc::BodyCommand, step: u64) -> fiatlux_wbc::BodyCommand {
-        let rates = [GAIN.0, GAIN.0, GAIN.1].map(|rate| rate * fiatlux_wbc::CONTROL_DT);
         let goes = wanted.walks() && step >= SETTLES;
-        for (axis, rate) in rates.into_iter().enumerate() {
-            let change = (wanted.velocity[axis] - self.velocity[axis]).clamp(-rate, rate);
-            self.velocity[axis] = if goes { self.velocity[axis] + change } else { 0.0 };
-        }
+        self.velocity = if goes { SLEW.step(self.velocity, wanted.velocity) } else { [0.0; 3] };
         fiatlux_wbc::BodyCommand { velocity: self.velocity, ..wanted }
     }
 
@@ -224,7 +221,7 @@ impl EpisodeState {
             return Ok(command);
         }
         if is_near {
-            command.velocity[2] = (1.5 * faces).clamp(-0.5, 0.5);
+            command.velocity[2] = (GAIN * faces).clamp(-0.5, 0.5);
             return Ok(command);
         }
         let leaves = self.goal != Goal::Ladder && !self.has_room && step <= LEAVES;
@@ -249,7 +246,7 @@ impl EpisodeState {
         command.velocity = [
             (speed * libm::cos(way)).max(-0.3),
             (speed * libm::sin(way)).clamp(-0.3, 0.3),
-            (1.5 * look).clamp(-FASTEST.1, FASTEST.1),
+            (GAIN * look).clamp(-FASTEST.1, FASTEST.1),
         ];
         Ok(command)
     }

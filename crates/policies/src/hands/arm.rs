@@ -8,6 +8,7 @@ use fiatlux_dynamics::{BodyId, Mechanics, Model, ModelBuilder, ShapeId, Site, St
 use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Work, at_once};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
+use fiatlux_skills::towards;
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
@@ -323,7 +324,7 @@ impl RightArm {
     fn follow(&mut self, angles: &[f64; ARMS / 2], rate: f64) -> f64 {
         let mut left = 0.0_f64;
         for (now, wanted) in self.angles.iter_mut().zip(angles) {
-            *now += (wanted - *now).clamp(-rate * CONTROL_DT, rate * CONTROL_DT);
+            *now = towards(*now, *wanted, rate);
             left = left.max((wanted - *now).abs());
         }
         left
@@ -522,10 +523,4 @@ fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [V
     let of_body =
         |&(a, b): &(ShapeId, ShapeId)| body(a) == BodyId::WORLD && is_body(b) || body(b) == BodyId::WORLD && is_body(a);
     [all, carrying, working, model.shape_pairs().filter(of_body).collect()]
-}
-
-/// Turn about the vertical of a pose's x axis, rad.
-pub(super) fn heading(pose: &Isometry3<f64>) -> f64 {
-    let ahead = pose.rotation * Vector3::x();
-    libm::atan2(ahead.y, ahead.x)
 }

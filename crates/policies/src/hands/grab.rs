@@ -8,14 +8,14 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::{Search, at_once};
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::bench;
+use fiatlux_skills::{Steps, heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm, heading};
+use super::arm::{Angles, FINGERS, Finger, RightArm};
 use super::plan::{ArmAngles, SLICE};
 use super::skill::{CAP, GLASS, Seen, Skill, parameters};
-use super::steps::{Steps, steps_to};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
 const TURNS: u32 = 11;

@@ -9,13 +9,14 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::{bulb, crate_};
+use fiatlux_skills::path::wrapped;
+use fiatlux_skills::{heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm, Torso, heading};
+use super::arm::{Angles, FINGERS, Finger, RightArm, Torso};
 use super::skill::{CAP, GLASS, GLASS_RADIUS, Seen, Skill, parameters};
-use super::steps::{angle, steps_to};
 
 /// Radius of the cap, m.
 const CAP_RADIUS: f64 = bulb::CAP_RING_RADIUS;
@@ -179,7 +180,7 @@ impl Place {
                 let is_inside = aside.abs() < wide - stand.margin
                     && cap.x.abs() < deep - 0.5 * stand.margin
                     && cap.y.abs() < wide - stand.margin;
-                let cost = (spot.pelvis - here).norm() + TURN_COST * angle(facing - looks).abs();
+                let cost = (spot.pelvis - here).norm() + TURN_COST * wrapped(facing - looks).abs();
                 if is_inside && best.is_none_or(|(least, _)| cost < least) {
                     best = Some((cost, spot));
                 }
@@ -277,7 +278,7 @@ impl Skill for Place {
             None => *self.spot.insert(self.spot(seen, arm)),
         };
         let steps = steps_to(&seen.pelvis, &spot.pelvis, spot.facing, stand.speed);
-        let off = angle(spot.facing - heading(&seen.pelvis)).abs();
+        let off = wrapped(spot.facing - heading(&seen.pelvis)).abs();
         let on_way = CONTROL_DT / params.bend.time;
         let next = match self.phase {
             Phase::StepUp => {

@@ -3,12 +3,13 @@
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::Site;
 use fiatlux_kinematics::Goal;
-use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT, LEGS, MOVED};
+use fiatlux_skills::{heading, towards};
+use fiatlux_wbc::{ARMS, BodyCommand, LEGS, MOVED};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
-use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal, heading};
+use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal};
 
 /// Angles of the arm from the shoulder down, rad.
 pub(super) type ArmAngles = [f64; ARMS / 2];
@@ -75,7 +76,7 @@ impl RightArm {
     pub fn put_left_arm(targets: &mut [f64], is_away: bool) {
         let goal = if is_away { LEFT_AWAY } else { LEFT_DOWN };
         for (target, wanted) in targets[MOVED..].iter_mut().zip(goal) {
-            *target += (wanted - *target).clamp(-LEFT_RATE * CONTROL_DT, LEFT_RATE * CONTROL_DT);
+            *target = towards(*target, wanted, LEFT_RATE);
         }
     }
 
@@ -202,7 +203,7 @@ impl RightArm {
                 lower + (upper - lower) * unit(&mut random)
             });
             let (node, _) = nearest(&trees[grows], &sample);
-            let grown = towards(&trees[grows][node].0, &sample, STEP);
+            let grown = moved(&trees[grows][node].0, &sample, STEP);
             if !self.is_clear(&trees[grows][node].0, &grown, margin, apart).await {
                 continue;
             }
@@ -210,7 +211,7 @@ impl RightArm {
             let (mut node, _) = nearest(&trees[other], &grown);
             loop {
                 let last = trees[other][node].0;
-                let next = towards(&last, &grown, STEP);
+                let next = moved(&last, &grown, STEP);
                 if !self.is_clear(&last, &next, margin, apart).await {
                     break;
                 }
@@ -300,7 +301,7 @@ fn nearest(tree: &[(ArmAngles, usize)], to: &ArmAngles) -> (usize, f64) {
     distances.fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-fn towards(from: &ArmAngles, to: &ArmAngles, step: f64) -> ArmAngles {
+fn moved(from: &ArmAngles, to: &ArmAngles, step: f64) -> ArmAngles {
     let length = from.iter().zip(to).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
     if length <= step {
         return *to;

@@ -3,7 +3,7 @@
 use fiatlux_proto::v3::Pose;
 
 use super::{HALF, Place};
-use crate::path::{Map, Point, rectangle, wrapped};
+use fiatlux_skills::path::{Map, Point, rectangle, wrapped};
 
 /// Distances of the ladder's centre from the fixture, m: below the ceiling, and from a wall, which the rear feet must not touch.
 const STANDOFF: (f64, f64) = (0.48, 0.645);

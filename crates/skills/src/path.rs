@@ -6,7 +6,7 @@ use std::collections::BinaryHeap;
 use fiatlux_proto::v3::{Pose, SessionInfo};
 
 /// x and y in the world frame, m.
-pub(crate) type Point = [f64; 2];
+pub type Point = [f64; 2];
 
 /// Side of a grid cell, m.
 const CELL_M: f64 = 0.05;
@@ -16,31 +16,32 @@ const MORE_M: f64 = 0.03;
 /// Number of cells from the robot to the grid's edge in each direction: 8 m, the longer side of the floor that layouts use.
 const REACH: i32 = 160;
 
-pub(crate) fn distance(one: Point, other: Point) -> f64 {
+/// Distance of two points, m.
+pub fn distance(one: Point, other: Point) -> f64 {
     libm::hypot(one[0] - other[0], one[1] - other[1])
 }
 
 /// Position and heading of a pose on the floor; `None` for a pose that lacks numbers.
-pub(crate) fn planar(pose: Option<&Pose>) -> Option<(Point, f64)> {
+pub fn planar(pose: Option<&Pose>) -> Option<(Point, f64)> {
     let pose = pose?;
     let (&[x, y, _], &[w, i, j, k]) = (pose.position.as_slice(), pose.quaternion.as_slice()) else { return None };
     Some(([x, y], libm::atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))))
 }
 
 /// Corners of a rectangle about a place and heading, counter-clockwise.
-pub(crate) fn rectangle(([x, y], turned): (Point, f64), [a, b]: [f64; 2]) -> Vec<Point> {
+pub fn rectangle(([x, y], turned): (Point, f64), [a, b]: [f64; 2]) -> Vec<Point> {
     let (sin, cos) = (libm::sin(turned), libm::cos(turned));
     let corners = [[-a, -b], [a, -b], [a, b], [-a, b]];
     corners.map(|[along, across]| [x + cos * along - sin * across, y + sin * along + cos * across]).into()
 }
 
 /// Angle between a heading and a point, rad.
-pub(crate) fn turn(heading: f64, here: Point, there: Point) -> f64 {
+pub fn turn(heading: f64, here: Point, there: Point) -> f64 {
     wrapped(libm::atan2(there[1] - here[1], there[0] - here[0]) - heading)
 }
 
 /// The same angle between -pi and pi.
-pub(crate) fn wrapped(angle: f64) -> f64 {
+pub fn wrapped(angle: f64) -> f64 {
     libm::atan2(libm::sin(angle), libm::cos(angle))
 }
 
@@ -78,13 +79,14 @@ impl Outline {
 
 /// Obstacles on the floor: convex outlines by name.
 #[derive(Debug, Clone)]
-pub(crate) struct Map {
+pub struct Map {
     outlines: Vec<Outline>,
     /// Preferred distance from obstacles, m; below half of it a path costs ten times as much.
     clear_m: f64,
 }
 
 impl Map {
+    /// Of these obstacles; a path keeps `clear_m` away from them where it can. Outlines of less than three corners are left out.
     pub fn new(outlines: impl Iterator<Item = (String, Vec<Point>)>, clear_m: f64) -> Self {
         Self { outlines: outlines.filter(|(_, corners)| corners.len() > 2).map(Outline::new).collect(), clear_m }
     }
