@@ -113,7 +113,7 @@ pub struct Planner<'a> {
     roll: f64,
     /// Heading of the pelvis before a step and when its weight has moved, and now, rad, where the robot turns round.
     turn: Option<([f64; 2], f64)>,
-    /// What its searches may do; by default all.
+    /// Budget of its searches; unlimited by default.
     pub work: Work,
 }
 

@@ -28,8 +28,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::task::{Context, Poll, Waker};
 
-/// What is left of a slice, in units of work. One unit is about the work of looking at one pair of shapes: a few tenths of a
-/// microsecond.
+/// The rest of a slice, in units of work. A unit is about the work of looking at one pair of shapes: a tenth of a microsecond.
 #[derive(Debug, Clone, Default)]
 pub struct Work {
     /// Below 0 a search stands still; `None` for one that is not sliced.
@@ -121,7 +120,7 @@ mod tests {
         costs.len()
     }
 
-    /// What a slice overdraws is missing in the next ones, so that the average is bounded.
+    /// Work beyond a slice is missing in the next ones, so that the average is bounded.
     #[test]
     fn a_large_piece_of_work_takes_several_slices() {
         let mut search = Search::new(|work| places(work, &[25, 5]));

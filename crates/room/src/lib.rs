@@ -15,7 +15,7 @@ include!(concat!(env!("OUT_DIR"), "/numbers.rs"));
 mod tests {
     use super::*;
 
-    /// What the build script reads is what TOML says.
+    /// The build script reads the same as a parser of TOML.
     #[test]
     fn the_numbers_are_those_of_the_scene() {
         let scene: toml::Table = include_str!("../../world/scene.toml").parse().expect("TOML");

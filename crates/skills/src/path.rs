@@ -142,6 +142,8 @@ impl Map {
         let mut weights = vec![f64::NAN; side * side];
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;
+        let steps = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+        let steps = steps.map(|(dx, dy)| (dx, dy, CELL_M * libm::hypot(f64::from(dx), f64::from(dy))));
         // Costs are whole micrometres, because floats have no total order.
         open.push((Reverse(0_u64), 0, 0));
         while let Some((Reverse(key), x, y)) = open.pop() {
@@ -152,12 +154,12 @@ impl Map {
             if is_goal(point(x, y)) {
                 return trace(&from, (x, y), index, point);
             }
-            for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)] {
+            for (dx, dy, length) in steps {
                 let (x, y, before) = (x + dx, y + dy, (x, y));
                 if x.abs() > REACH || y.abs() > REACH {
                     continue;
                 }
-                let (cell, length) = (index(x, y), CELL_M * libm::hypot(f64::from(dx), f64::from(dy)));
+                let cell = index(x, y);
                 // No weight is below 1.
                 if cost + length >= costs[cell] {
                     continue;

@@ -103,7 +103,7 @@ pub(super) struct RightArm {
     names: Vec<String>,
     /// Of the drives, N m/rad.
     stiffness: Vec<f64>,
-    /// What its searches may do.
+    /// Budget of its searches.
     pub work: Work,
 }
 

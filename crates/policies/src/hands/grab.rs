@@ -169,7 +169,7 @@ pub(super) struct Grab {
     search: Option<Search<Result<Option<Choice>, PolicyError>>>,
 }
 
-/// How the hand comes to the bulb.
+/// A way of the hand to the bulb.
 #[derive(Debug, Clone, Copy)]
 struct Choice {
     turn: f64,

@@ -34,8 +34,8 @@ const LOST: f64 = 0.012;
 /// Postures of the arm from which it is searched where a lean is changed.
 const IMPROVES: usize = 2;
 /// Room of the joints, rad, and gap, m, from which on more of it is not worth more.
-const MOST_ROOM: f64 = 0.35;
-const MOST_GAP: f64 = 0.02;
+const MAX_ROOM: f64 = 0.35;
+const MAX_GAP: f64 = 0.02;
 
 /// Stances that are compared: all combinations, then steps from the best.
 #[derive(Debug, Clone, Deserialize)]
@@ -124,11 +124,11 @@ pub(super) struct Taking {
     refused: Vec<BodyCommand>,
     /// The hand holds the bulb.
     holds: bool,
-    /// What is searched for now; robot and arm wait for it.
+    /// The search under way; robot and arm wait for it.
     search: Option<Search<Result<Found, PolicyError>>>,
 }
 
-/// What is searched for.
+/// A question to a search.
 #[derive(Debug, Clone, Copy)]
 enum Question {
     /// A stance, from the very beginning, and the way to where the robot may lean from a command.
@@ -139,6 +139,7 @@ enum Question {
     Haven,
 }
 
+/// The answer of a search.
 enum Found {
     Stance(BodyCommand, Option<(Stance, Vec<ArmAngles>)>),
     /// A change of the lean; with the bulb in the hand, without a way to where the robot may go there.
@@ -315,7 +316,7 @@ impl Stance {
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);
-        self.room.min(MOST_ROOM) + 10.0 * self.gap.min(MOST_GAP) - 50.0 * short - 0.1 * lean
+        self.room.min(MAX_ROOM) + 10.0 * self.gap.min(MAX_GAP) - 50.0 * short - 0.1 * lean
     }
 
     /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.
