@@ -9,6 +9,9 @@
 //! assert!(bulb::SEAT_Z > 0.0 && ladder::TOP_POINT[2] == ladder::PLATFORM_HEIGHT);
 //! ```
 
+// The numbers stand as the scene has them.
+#![allow(clippy::approx_constant, clippy::excessive_precision)]
+
 include!(concat!(env!("OUT_DIR"), "/numbers.rs"));
 
 #[cfg(test)]
