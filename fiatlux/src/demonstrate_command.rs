@@ -52,6 +52,9 @@ pub struct DemonstrateArgs {
     /// Also make a LeRobot data set in OUT/lerobot. Needs a Python with the Fiatlux wheel and its extra `lerobot`.
     #[arg(long)]
     lerobot: bool,
+    /// Record no pictures: bags of a fraction of the size, in a fraction of the time.
+    #[arg(long, conflicts_with = "record")]
+    no_pictures: bool,
     /// With --lerobot: that Python [default: python3].
     #[arg(long, value_name = "PROGRAM", requires = "lerobot")]
     python: Option<PathBuf>,
@@ -97,7 +100,8 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
     }
     // Before an hour is spent on bags.
     let lerobot = args.lerobot.then(|| LeRobot::find(args.python.as_deref(), &args.out)).transpose()?;
-    let mut session = args.session.clone().recording("camera");
+    let session = args.session.clone();
+    let mut session = if args.no_pictures { session } else { session.recording("camera") };
     let options = DemonstrateOptions {
         evaluation: EvaluateOptions {
             policies,
@@ -179,14 +183,27 @@ fn print(args: &DemonstrateArgs, done: &Demonstrated, data_set: Option<&PathBuf>
     Ok(())
 }
 
+/// Steps of all episodes, if those that are left take as long as those that ended. Episodes end long before their time-out.
+fn expected_steps(progress: &RunProgress, done: usize) -> u64 {
+    let playing: u64 = progress.playing.iter().map(|playing| playing.step).sum();
+    let ended = progress.steps.saturating_sub(playing);
+    let left = progress.episodes.saturating_sub(done + progress.lost) as u64;
+    ended + ended.div_ceil(done as u64) * left
+}
+
 fn look(line: &ProgressLine, rooms: usize, progress: &RunProgress) -> String {
-    let RunProgress { episodes, done, lost, successes, steps, steps_left, .. } = progress;
+    let RunProgress { episodes, done, lost, successes, steps, .. } = progress;
     let before = rooms.saturating_sub(*episodes);
     let finished = before + done + lost;
     let text = format!("{finished}/{rooms} rooms");
     if *steps == 0 {
         return text;
     }
-    let (rate, left) = (line.rate(*steps), line.left(*steps, steps + steps_left));
+    let left = match done {
+        // Before one has ended, only the longest time is known.
+        0 => return format!("{text}, {:.0} steps/s", line.rate(*steps)),
+        done => line.left(*steps, (*steps).max(expected_steps(progress, *done))),
+    };
+    let rate = line.rate(*steps);
     format!("{text}, {successes} of {done} succeeded, {rate:.0} steps/s, about {left} left")
 }

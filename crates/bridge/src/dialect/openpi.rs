@@ -150,6 +150,14 @@ pub(super) fn read(answer: &Value, dialect: Dialect, rows: usize) -> Result<Mode
     let found = keys.iter().find_map(|key| entry(answer, key));
     let value = match dialect {
         Dialect::Roboarena => found.unwrap_or(answer),
+        // A server of the challenge may answer one step at a time.
+        _ if found.is_none() && dialect == Dialect::Behavior && entry(answer, "action").is_some() => {
+            let problem = format!(
+                "it has an 'action' and no 'action_chunk' of {rows} rows: the server answers one step at a time; in a copy of the \
+                 mapping set horizon = 1 and prefix = 1 (--mapping FILE), or let the server answer chunks"
+            );
+            return Err(BridgeError::malformed("an answer", problem));
+        }
         _ => found.ok_or_else(|| {
             let problem = format!("it has no '{}': {}", keys.join("' or '"), described(answer));
             BridgeError::malformed("an answer", problem)
