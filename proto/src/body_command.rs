@@ -39,6 +39,9 @@ macro_rules! names {
 }
 
 impl BodyCommand {
+    /// Speeds ahead, to the left (m/s) and about the vertical (rad/s) below which it asks to stand.
+    pub const STANDS_BELOW: [f64; 3] = STANDS_BELOW;
+
     names!("vx", "vy", "wz", "height", "roll", "pitch", "yaw");
 
     /// Its parts in the chunk of an action, as KEY:NUMBERS, in the order of its numbers.

@@ -60,7 +60,7 @@ def is_users(module: str | None, home: str) -> bool:
 
 
 def imported(module: str, name: str, package: str | None, home: str) -> Any:
-    """What a function imports: a module of the user's, or a thing in one; none for a library's, and for what cannot be imported."""
+    """The thing that a function imports: a module of the user's, or a thing in one; none for a library's, and for what cannot be imported."""
     try:
         full = importlib.util.resolve_name(module, package)
         if full not in sys.modules:
@@ -191,7 +191,7 @@ def _text(value: Any) -> bytes:
 
 
 class Uses:
-    """What a function's code mentions and changes.
+    """The names that a function's code mentions and changes.
 
     Attributes:
         names: Names of variables from outside the function.
@@ -349,7 +349,7 @@ def code_bytes(code: CodeType) -> Iterator[bytes]:
 
 
 def unwrapped(function: Any) -> Any:
-    """What a decorator of a library keeps of the function that it wraps."""
+    """The function that a decorator of a library wraps, if it keeps it."""
     for name in ("__wrapped__", "py_func"):
         inner = inspect.getattr_static(function, name, None)
         inner = getattr(function, name, None) if inner is not None else None

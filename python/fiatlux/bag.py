@@ -1,13 +1,36 @@
 """Recorded episodes as arrays."""
 
-from collections.abc import Iterator, Mapping
+import difflib
+import io
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from os import PathLike
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
+from .settings import ActionForm
+from .spaces import Layout, ObservationForm
+
+ROWS_PER_SECOND = 50
+"""Control steps in a second."""
+
+_PICTURES = ("camera", "chest_camera")
+
+
+class Columns(dict[str, Any]):
+    """The columns of a topic by name."""
+
+    def __init__(self, topic: str, columns: Mapping[str, Any]) -> None:
+        super().__init__(columns)
+        self._topic = topic
+
+    def __missing__(self, name: str) -> Any:
+        close = difflib.get_close_matches(str(name), self, 3, 0.4)
+        hint = f"; did you mean {', '.join(map(repr, close))}?" if close else f"; it has {', '.join(self)}"
+        raise KeyError(f"topic {self._topic!r} has no column {name!r}{hint}")
 
 
 class Bag(Mapping[str, dict[str, Any]]):
@@ -36,6 +59,92 @@ class Bag(Mapping[str, dict[str, Any]]):
         """True if the bag holds the whole episode."""
         return self._bag.is_whole
 
+    @property
+    def steps(self) -> int:
+        """Number of control steps, and of actions; there is one row and one observation more."""
+        return len(self["/state"]["step"]) - 1
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of the sensors that the policy saw as numbers in every step; pictures are in :meth:`images`."""
+        sensed = [sensor["name"] for sensor in self.header["sensors"] if not sensor.get("bag_only")]
+        return [name for name in sensed if name not in _PICTURES]
+
+    def observations(self, sensors: Sequence[str] | None = None, *, observation: ObservationForm = "dict") -> Any:
+        """The observations of the policy, one for each row, with the names, the shapes and the numbers that :class:`fiatlux.Env` and vectors give.
+
+        ``actions()[k]`` answers observation ``k``; the last observation has no action. A sensor with a rate of its own keeps its
+        last numbers in between.
+
+        Args:
+            sensors: Names of the sensors; observations have them in the simulator's order. By default :attr:`sensors`.
+            observation: ``"dict"``: a dictionary of arrays with a row for each observation. ``"flat"``: one array.
+
+        Raises:
+            ValueError: The bag does not have a sensor in its observations.
+        """
+        if isinstance(sensors, str):
+            raise ValueError(f"sensors is {sensors!r}; give a list of names, [{sensors!r}]")
+        names = self.sensors if sensors is None else list(sensors)
+        for name in names:
+            if name in _PICTURES:
+                raise ValueError(f"sensors: pictures of {name!r} are in images(), by row; leave it out here")
+            if name not in self.sensors and name in _native.sensors():
+                raise ValueError(
+                    f"sensors: the bag has no {name!r} in its observations; it has {', '.join(self.sensors)}"
+                )
+        fields, numbers = self._bag.observations(names)
+        layout = Layout(
+            {"observation": fields, "actions": [], "action_range": np.zeros((0, 2)), "rewards": []}, observation
+        )
+        return layout.show(numbers.reshape(self.steps + 1, layout.length), copy=False)
+
+    def actions(self, form: ActionForm = "action") -> NDArray[np.float64]:
+        """The action that acted in each step, steps x joints, in action units or as joint targets, rad.
+
+        Those of experts are here too. In an episode with a delay the action of a step was sent before it.
+        """
+        acted = np.asarray(self["/state"]["action"], np.float64)[1:]
+        if form == "action":
+            return acted
+        if form != "joint_target":
+            raise ValueError(f"form is {form!r}; known ones are action, joint_target")
+        return np.asarray(self["/state"]["joint_target"], np.float64)[1:]
+
+    def commands(self) -> NDArray[np.float32] | None:
+        """The command to the whole-body controller with each action, steps x 7: vx, vy, wz, height, roll, pitch, yaw.
+
+        ``None`` where an action of the episode has none: the policy moves the joints itself, for a while or always.
+        """
+        return commands_of(self)
+
+    def images(self) -> dict[str, dict[int, NDArray[np.uint8]]]:
+        """Recorded pictures by sensor and row, height x width x 3; needs Pillow for ``camera``."""
+        found: dict[str, dict[int, NDArray[np.uint8]]] = {}
+        camera = self["/camera"]
+        if camera:
+            from PIL import Image
+
+            seconds = np.asarray(camera["timestamp.seconds"]) + np.asarray(camera["timestamp.nanos"]) / 1e9
+            rows = np.rint(seconds * ROWS_PER_SECOND).astype(int)
+            found["camera"] = {
+                int(row): np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+                for row, data in zip(rows, camera["data"])
+            }
+        observation = self["/observation"]
+        if "chest_camera.rgb" in observation:
+            data = observation["chest_camera.rgb"]
+            rows = observation.get("chest_camera.rgb.rows", range(len(data)))
+            shape = (int(observation["chest_camera.height"][0]), int(observation["chest_camera.width"][0]), 3)
+            found["chest_camera"] = {
+                int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)
+            }
+        return found
+
+    def __repr__(self) -> str:
+        header, end = self.header, "whole" if self.is_whole else "cut"
+        return f"<fiatlux.Bag {header['task']}, seed {header['seed']}, {header['policy']}: {self.steps} steps, {end}>"
+
     def row(self, index: int) -> dict[str, Any]:
         """A recorded row in the form of :meth:`fiatlux.Env.row`, from which :meth:`fiatlux.VectorEnv.reset_worlds` begins."""
         states = self["/state"]
@@ -56,7 +165,7 @@ class Bag(Mapping[str, dict[str, Any]]):
 
     def __getitem__(self, topic: str) -> dict[str, Any]:
         if topic not in self._read:
-            self._read[topic] = self._bag.columns(topic)
+            self._read[topic] = Columns(topic, self._bag.columns(topic))
         return self._read[topic]
 
     def __iter__(self) -> Iterator[str]:
@@ -64,3 +173,16 @@ class Bag(Mapping[str, dict[str, Any]]):
 
     def __len__(self) -> int:
         return len(self._bag.topics())
+
+
+def commands_of(bag: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32] | None:
+    """As :meth:`Bag.commands`, of topics as a bag has them."""
+    actions, steps = bag["/action"], len(bag["/state"]["step"]) - 1
+    if "action.whole_body.vx" in actions and "action.whole_body.vx.rows" not in actions:
+        parts = [actions[f"action.whole_body.{name}"] for name in _native.BODY_COMMAND]
+        return np.stack(parts, axis=1).astype(np.float32)
+    values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
+    wanted = [_native.BODY_COMMAND_KEYS] * steps
+    if not isinstance(values, np.ndarray) or values.shape != (steps, 7) or keys != wanted:
+        return None
+    return values.astype(np.float32)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from . import _native
 from ._numbers import seed_of, seeds_of
 from .fingerprint import digest_of
-from .policy import Player, PolicyLike, is_stateful, name_of, settings_for
-from .settings import Settings, complete
+from .policy import Player, PolicyLike, check_policy, is_stateful, name_of, settings_for
+from .settings import Settings, complete, spelt_out
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
 
@@ -55,6 +55,7 @@ class Client:
         files = [None if file is None else fspath(file) for file in (config, token, known_servers)]
         self._client = _native.Client(endpoints, files[0], files[1], server_key, files[2])
 
+    @spelt_out(Settings)
     def run(
         self,
         policy: PolicyLike,
@@ -81,11 +82,13 @@ class Client:
             record: Sensors to record in the bag, such as ``"camera"``; the episode then waits for a recorder.
             settings: See :class:`fiatlux.Settings`.
         """
+        check_policy(policy)
         asked = complete(task, observation, settings_for(policy, settings))
         player = Player(policy, observation)
         place = (task, seed_of(seed), seed_of(episode, "episode"))
         return self._client.run(player, name or name_of(policy), server, *place, asked, list(record))
 
+    @spelt_out(Settings)
     def evaluate(
         self,
         policy: PolicyLike,
@@ -128,6 +131,7 @@ class Client:
             progress: Called a few times a second with a dictionary of counts.
             settings: See :class:`fiatlux.Settings`.
         """
+        check_policy(policy)
         asked = complete(None, observation, settings_for(policy, settings))
         drawn = () if hosted_seeds else seeds_of(seeds, record=Path(run_file).with_suffix(".seeds"))
         run = {

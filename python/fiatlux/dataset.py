@@ -1,7 +1,6 @@
 """Exports bags as a LeRobot data set."""
 
 import fcntl
-import io
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,10 +14,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._progress import Line, duration
-from .bag import Bag
-
-ROWS_PER_SECOND = 50
-"""Control steps in a second."""
+from .bag import ROWS_PER_SECOND, Bag, commands_of
 
 _CHOSEN = {
     "policy": "policy",
@@ -42,6 +38,9 @@ _SENSED = (
 COMMAND = tuple(_native.BODY_COMMAND)
 """A command to a whole-body controller: m/s and rad/s, m, rad."""
 
+_UNITED = ("next.reward_terms", "episode.conditions")
+"""Columns with a number for each name of any of the bags."""
+
 ActionForm = Literal["joints", "command"]
 """Actions in action units, or commands of velocity, height and torso."""
 
@@ -63,7 +62,8 @@ def export_lerobot(
     included), the action in action units (``action``) and its age (``next.action_delay_s``), the instruction (``task``), and the
     reward and outcome of the step (``next.reward``, ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` holds
     for the whole episode: the judge's verdict, the settings, and in ``episode.conditions`` the numbers that were drawn; the data
-    set's features give their names. Recorded images become videos (``observation.images.*``); between two images the older one
+    set's features give their names. Bags of several tasks make one set: a reward term that a task lacks is 0, and a number that it does
+    not draw NaN. Recorded images become videos (``observation.images.*``); between two images the older one
     is repeated.
 
     The folder appears when it is whole. Until then finished bags are kept in ``OUT.part``: the same call goes on with them.
@@ -105,6 +105,12 @@ def export_lerobot(
         of_bag, robot_of_bag = _features(bag, path, state, action, "image" if vcodec is None else "video")
         if features is None:
             features, robot = of_bag, robot_of_bag
+        # Tasks pay by other terms, and draw other numbers.
+        for name in _UNITED:
+            united = list(dict.fromkeys([*features[name]["names"], *of_bag[name]["names"]]))
+            features[name] = of_bag[name] = {**of_bag[name], "shape": (len(united),), "names": united}
+        if features == of_bag and robot == robot_of_bag:
+            pass
         elif features != of_bag or robot != robot_of_bag:
             differ = (
                 sorted(set(features) ^ set(of_bag))
@@ -124,7 +130,9 @@ def export_lerobot(
         for count, index in enumerate(missing, len(paths) - len(missing)):
             fresh = _emptied(part / "unfinished")
             data = LeRobotDataset.create(repo_id, fps, features, root=fresh, robot_type=robot, **video)
-            for frame in _frames(Bag(paths[index]), state, action, ROWS_PER_SECOND // fps):
+            assert features is not None
+            names = [features[name]["names"] for name in _UNITED]
+            for frame in _frames(Bag(paths[index]), state, action, ROWS_PER_SECOND // fps, *names):
                 data.add_frame(frame)
             data.save_episode()
             data.finalize()
@@ -214,9 +222,7 @@ def _features(
     if len(observation.get("proprioception.joint_position", ())) != len(bag["/state"]["step"]):
         raise ValueError(f"{path} has no proprioception in every row; record sessions that observe it in every step")
     if action == "command" and _commands(bag) is None:
-        raise ValueError(
-            f"{path} has no command with every action; record a policy on a whole-body controller, such as walk"
-        )
+        raise no_command(bag, path, "export the joints of this task (action='joints')", "walk")
     if action == "command" and _delay(bag) >= len(bag["/state"]["step"]) - 1:
         raise ValueError(f"{path} ended before its first command acted; leave it out, or export joints")
 
@@ -260,14 +266,25 @@ def _features(
 
 def _commands(bag: Bag) -> NDArray[np.float32] | None:
     """The command with each action, rows x 7; ``None`` if any action of the bag lacks it."""
+    return commands_of(bag)
+
+
+def _commanded(bag: Bag) -> int:
+    """Number of actions that have a command."""
     actions = bag["/action"]
-    if "action.whole_body.vx" in actions and "action.whole_body.vx.rows" not in actions:
-        return np.stack([actions[f"action.whole_body.{name}"] for name in COMMAND], axis=1).astype(np.float32)
-    values, keys = actions.get("action.chunk.values"), actions.get("action.chunk.keys")
-    rows = len(bag["/state"]["step"]) - 1
-    if not isinstance(values, np.ndarray) or values.shape != (rows, 7) or keys != [_native.BODY_COMMAND_KEYS] * rows:
-        return None
-    return values
+    rows = actions.get("action.whole_body.vx.rows")
+    if rows is None and "action.chunk.values" in actions:
+        rows = actions.get("action.chunk.values.rows", ())
+    return 0 if rows is None else len(rows)
+
+
+def no_command(bag: Bag, path: Path, instead: str, policy: str) -> ValueError:
+    """The error for a bag in which an action has no command."""
+    with_one, steps = _commanded(bag), len(bag["/state"]["step"]) - 1
+    return ValueError(
+        f"{path} has no command with every action: {bag.header.get('task')} by {bag.header.get('policy')} has one with {with_one} of {steps}; "
+        f"{instead}, or record a policy that commands the whole-body controller in every step, such as {policy}"
+    )
 
 
 def _has_commands(bag: Bag, action: ActionForm) -> bool:
@@ -290,7 +307,14 @@ def _ages(bag: Bag) -> NDArray[np.float32]:
     return (np.maximum(ages, 0) / ROWS_PER_SECOND).astype(np.float32)
 
 
-def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> Iterator[dict[str, Any]]:
+def _frames(
+    bag: Bag,
+    terms: Sequence[str],
+    action: ActionForm,
+    stride: int,
+    reward_terms: Sequence[str] | None = None,
+    conditions: Sequence[str] | None = None,
+) -> Iterator[dict[str, Any]]:
     header, observation, rewards = bag.header, bag["/observation"], bag["/reward"]
     verdict = (bag.result or {})[header["episode_protocol"]]
     rows = len(bag["/state"]["step"]) - 1
@@ -302,14 +326,17 @@ def _frames(bag: Bag, terms: Sequence[str], action: ActionForm, stride: int) -> 
     ages = _ages(bag)
     sensed = [np.reshape(observation[f"proprioception.{name}"], (rows + 1, -1)) for name in terms]
     state = np.concatenate(sensed, axis=1).astype(np.float32)
-    paid = np.stack([rewards[f"terms.{name}.reward"] for name in _reward_terms(bag)], axis=1)
+    # A term that the task does not have pays nothing; what was not drawn is NaN.
+    none, drawn = np.zeros(rows), _drawn(header)
+    names = _reward_terms(bag) if reward_terms is None else reward_terms
+    paid = np.stack([rewards.get(f"terms.{name}.reward", none) for name in names], axis=1)
     whole_episode = {
         "episode.success": np.array([bool(verdict["success"])]),
         "episode.gate_progress": np.array([verdict["gate_progress"]], np.float32),
         "episode.seed": np.array([header["seed"]], np.int64),
         "episode.number": np.array([header["episode"]], np.int64),
         **{f"episode.{name}": header[field] for name, field in _CHOSEN.items()},
-        "episode.conditions": np.array(list(_drawn(header).values()), np.float32),
+        "episode.conditions": np.array([drawn.get(name, np.nan) for name in conditions or drawn], np.float32),
     }
     images = {f"observation.images.{name}": seen for name, seen in _images(bag).items()}
     latest: dict[str, NDArray[np.uint8]] = {}
@@ -360,20 +387,4 @@ def _flatten(path: str, value: Any, found: dict[str, float]) -> None:
 
 def _images(bag: Bag) -> dict[str, dict[int, NDArray[np.uint8]]]:
     """Recorded images by camera and row."""
-    found: dict[str, dict[int, NDArray[np.uint8]]] = {}
-    camera = bag["/camera"]
-    if camera:
-        from PIL import Image
-
-        seconds = np.asarray(camera["timestamp.seconds"]) + np.asarray(camera["timestamp.nanos"]) / 1e9
-        rows = np.rint(seconds * ROWS_PER_SECOND).astype(int)
-        found["camera"] = {
-            int(row): np.asarray(Image.open(io.BytesIO(data)).convert("RGB")) for row, data in zip(rows, camera["data"])
-        }
-    observation = bag["/observation"]
-    if "chest_camera.rgb" in observation:
-        data = observation["chest_camera.rgb"]
-        rows = observation.get("chest_camera.rgb.rows", range(len(data)))
-        shape = (int(observation["chest_camera.height"][0]), int(observation["chest_camera.width"][0]), 3)
-        found["chest_camera"] = {int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)}
-    return found
+    return Bag.images(bag)

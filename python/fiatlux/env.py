@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from . import _native
 from ._numbers import seed_of, size_of
 from .kinematics import Contacts
-from .settings import Settings, complete
-from .spaces import Layout, ObservationForm, as_actions
+from .settings import Settings, complete, spelt_out
+from .spaces import Layout, ObservationForm, as_actions, joint_groups
 from .tasks import TASKS, Task
 
 if TYPE_CHECKING:
@@ -21,6 +21,32 @@ if TYPE_CHECKING:
 
 TRAINING_SEEDS = (1000, 2**31)
 """Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
+
+
+_JUDGED = {"success": "success", "clean": "clean", "gate_progress": "progress", "steps": "steps", "end": "end"}
+"""The verdicts of each judge on an episode, and how its name goes on after ``strict_`` and ``published_``."""
+
+
+def _in_force(summary: dict[str, Any]) -> dict[str, Any]:
+    """A summary whose plain names are of the judge that ended the episode."""
+    made = dict(summary)
+    for name, ending in _JUDGED.items():
+        made[f"published_{ending}"] = summary[name]
+        if summary["strict_success"] is not None:
+            made[name] = summary[f"strict_{ending}"]
+    if summary["strict_success"] is not None and made["end"] is not None and made["end"] not in made["causes"]:
+        made["causes"] = [made["end"]]
+    return made
+
+
+def check_camera(name: str | None, robot: str) -> None:
+    """Refuses the name of a camera that a robot does not have."""
+    if name is None:
+        return
+    cameras = _native.camera_names(robot)
+    if name not in [known for pair in cameras for known in pair]:
+        known = ", ".join(f"{mount!r} (sensor {sensor!r})" if sensor else repr(mount) for mount, sensor in cameras)
+        raise ValueError(f"render_camera is {name!r}; the cameras of {robot} are {known}, and None shows the robot")
 
 
 @dataclass(frozen=True)
@@ -45,12 +71,14 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
         render_mode: ``"rgb_array"`` or ``None``.
         render_size: Width and height of rendered pictures, pixels.
-        render_camera: Name of one of the robot's cameras; ``None`` shows the robot from its side.
+        render_camera: Name of one of the robot's cameras, or of the sensor that it takes pictures for: ``"head_camera"`` or
+            ``"camera"``, ``"chest_camera"``. ``None`` shows the robot from its side.
         settings: See :class:`fiatlux.Settings`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
 
+    @spelt_out(Settings)
     def __init__(
         self,
         task: str,
@@ -66,7 +94,9 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self.render_mode = render_mode
         self._render_size, self._render_camera = size_of("render_size", render_size), render_camera
         self._task = task
-        self._settings = complete(task, observation, settings)
+        arguments = ("observation", "render_mode", "render_size", "render_camera")
+        self._settings = complete(task, observation, settings, arguments)
+        check_camera(render_camera, self._settings["robot"])
         self._seed: int | None = None
         self._index = 0
         self._closed = False
@@ -105,13 +135,18 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._observation(), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``."""
+        """Takes a control step of 20 ms. A wrong shape, NaN or a step after the end raises ``ValueError``.
+
+        ``info`` has ``reward_terms``. At the end of an episode it has the fields of :meth:`summary`, where ``success``, ``clean``,
+        ``gate_progress``, ``steps`` and ``end`` are of the judge in force, the one that ``protocol`` names. Those of the
+        published judge are then ``published_success`` and so on, those of the strict one ``strict_success`` and so on.
+        """
         self._check_begun()
         array = as_actions(action, self.action_space.shape or ())
         reward, terminated, truncated = self._episode.step(array)
         info: dict[str, Any] = {"reward_terms": self._episode.reward_terms()}
         if terminated or truncated:
-            info |= self._episode.summary()
+            info |= _in_force(self._episode.summary())
         return self._observation(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -121,7 +156,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             return None
         width, height = self._render_size
         pixels = self._episode.render(width, height, self._render_camera)
-        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
+        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()
 
     def close(self) -> None:
         """Closes the environment; every later call raises an error."""
@@ -136,7 +171,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     def summary(self) -> dict[str, Any]:
         """Summary of the episode so far: the fields of ``results.json`` that follow from its rows.
 
-        Plain names are of the published judge, those with ``strict_`` of the strict one, ``None`` if the protocol is published.
+        As in ``results.json``, plain names are of the published judge, those with ``strict_`` of the strict one, ``None`` if the
+        protocol is published. ``info`` of the last step has plain names of the judge in force.
         """
         self._check_begun()
         return self._episode.summary()
@@ -187,6 +223,18 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     def action_names(self) -> list[str]:
         """Name of each number of an action."""
         return self._layout.action_names
+
+    @property
+    def joint_groups(self) -> dict[str, NDArray[np.int64]]:
+        """Where the joints of legs, waist, arms and hands are in an action, by the names of :data:`fiatlux.spaces.JOINT_GROUPS`."""
+        return joint_groups(self.action_names)
+
+    def __repr__(self) -> str:
+        episode = f"seed {self._seed}, episode {self._index}" if self._begun else "no episode has begun"
+        if self._closed:
+            episode = "closed"
+        task, robot, protocol = self.task.short_id, self._settings["robot"], self._settings["protocol"]
+        return f"<fiatlux.Env {task}, {robot}, {protocol} judge: {episode}>"
 
     def _observation(self) -> Any:
         numbers = np.empty(self._layout.length, np.float32)

@@ -1,5 +1,6 @@
 """Runs the benchmark in this process."""
 
+import html
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,8 +14,8 @@ from . import _native
 from ._numbers import seeds_of
 from .client import run_of
 from .env import Env
-from .policy import Player, PolicyLike, settings_for
-from .settings import Settings, complete
+from .policy import Player, PolicyLike, check_policy, settings_for
+from .settings import Settings, complete, spelt_out
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
 
@@ -25,7 +26,7 @@ SCORES = ("seeds", "score", "score_strict", "subtasks", "missing", "overall", "e
 """Fields of ``results.json`` that are scores."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """The result of a policy in the benchmark."""
 
@@ -39,6 +40,15 @@ class Evaluation:
     """Episodes of a recorded evaluation that are missing, with the reason."""
     is_run: bool = False
     """True for a recorded evaluation, which is a run: in S a subtask that was not asked for counts 0."""
+
+    def __repr__(self) -> str:
+        strict = sum(bool(episode.get("strict_success")) for episode in self.episodes)
+        published = sum(bool(episode.get("success")) for episode in self.episodes)
+        return f"<fiatlux.Evaluation: {len(self.episodes)} episodes, success strict {strict}, published {published}; see table()>"
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        return f"<pre>{html.escape(self.table())}</pre>"
 
     def table(self) -> str:
         """The scores as a text table."""
@@ -73,6 +83,7 @@ class Evaluation:
         return f"over {counted} of {len(SUBTASKS)} subtasks{rest}"
 
 
+@spelt_out(Settings)
 def evaluate(
     policy: PolicyLike,
     tasks: Sequence[str] = SUBTASKS,
@@ -110,6 +121,9 @@ def evaluate(
             counts.
         settings: See :class:`fiatlux.Settings`.
     """
+    if isinstance(tasks, str):
+        raise ValueError(f"tasks is {tasks!r}; give a list, [{tasks!r}]")
+    check_policy(policy)
     seeds = seeds_of(seeds, record=None if out is None else Path(out) / "seeds.txt")
     chosen = settings_for(policy, settings)
     if out is not None:

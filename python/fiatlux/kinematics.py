@@ -1,5 +1,6 @@
 """Kinematics and dynamics of many states at once, by the code that steps the worlds."""
 
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from .settings import ROBOTS
+from ._numbers import seed_of
+from .settings import ROBOTS, Gains
 
 Array = NDArray[np.float64]
 
@@ -117,9 +119,10 @@ class Kinematics:
     """
 
     def __init__(
-        self, task: str | None = None, *, seed: int = 0, robot: str = ROBOTS[0], gains: str = "fiatlux"
+        self, task: str | None = None, *, seed: int = 0, robot: str = ROBOTS[0], gains: Gains = "fiatlux"
     ) -> None:
-        self._native = _native.Kinematics(task, seed, robot, gains)
+        self._native = _native.Kinematics(task, seed_of(seed), robot, gains)
+        self._made_for = f"task={task!r}, seed={seed}, robot={robot!r}"
         layout = self._native.layout()
         self.nq: int = layout["nq"]
         """Length of ``qpos``."""
@@ -146,7 +149,18 @@ class Kinematics:
         """Names of the sites of the soles, each with half its length and half its width, m."""
         self.reference: Array = np.array(layout["reference"])
         """``qpos`` with all angles 0 and all things where the room has them."""
+        glass, grip = layout["grasp"] or (float("nan"), {})
+        self.glass_height: float = glass
+        """Height of the centre of a bulb's glass above its origin, on its axis, for bulbs of the published size, m."""
+        self.grip: dict[str, float] = grip
+        """Targets of the right hand's joints that hold a bulb, rad: as episodes begin with one in the hand. Empty without fingers."""
         self._free = {"robot": layout["root"]} | {name: (at, dof) for name, at, dof in layout["free_bodies"]}
+        qpos, qvel, turns = layout["mujoco"]
+        self._mujoco_qpos, self._mujoco_qvel = np.array(qpos), np.array(qvel)
+        self._mujoco_turns: list[tuple[int, int]] = turns
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.Kinematics {self._made_for}: {len(self.joints)} joints, nq {self.nq}, nv {self.nv}>"
 
     def state(self, row: Mapping[str, ArrayLike]) -> tuple[Array, Array]:
         """``qpos`` and ``qvel`` of rows, such as those of ``env.row()``: arrays by name, with any leading axes.
@@ -155,9 +169,15 @@ class Kinematics:
         quaternion), ``robot_linear_velocity`` and ``robot_angular_velocity``. What is missing is as in :attr:`reference`, at rest.
 
         Raises:
-            ValueError: An array has another shape.
+            ValueError: An array has another shape, or a name is not one of a row.
         """
         fields = {name: np.asarray(field, np.float64) for name, field in row.items() if name != "step"}
+        for name in fields:
+            body = next((name.removesuffix(part) for part in _OF_BODIES if name.endswith(part)), None)
+            if name not in _OF_JOINTS and body not in (*_BODIES, *self._free):
+                close = difflib.get_close_matches(name, (*_OF_JOINTS, *(b + p for b in _BODIES for p in _OF_BODIES)), 1)
+                hint = f"; did you mean {close[0]!r}?" if close else ""
+                raise ValueError(f"state: a row has no part {name!r}{hint}")
         places: list[tuple[int, str, Any]] = [
             (0, "joint_position", self.joint_qpos),
             (1, "joint_velocity", self.joint_dof),
@@ -175,12 +195,90 @@ class Kinematics:
             made[which][..., place] = field
         return made
 
+    @property
+    def mujoco_joints(self) -> list[str]:
+        """Names of the joints in the order of MuJoCo's ``qpos`` and ``qvel``; a free body's has the body's name."""
+        names = {int(at): name for name, at in zip(self.joints, self.joint_qpos)}
+        names |= {int(at): name for name, (at, _) in self._free.items()}
+        return [names[at] for at in self._mujoco_qpos.tolist() if at in names]
+
+    def to_mujoco(self, qpos: ArrayLike, qvel: ArrayLike | None = None, *, model: Any = None) -> tuple[Array, Array]:
+        """``qpos`` and ``qvel`` of MuJoCo for the scene of :meth:`fiatlux.Env.to_mjcf`; without ``qvel``, at rest.
+
+        The lengths are the same and the orders are not: MuJoCo goes through the bodies depth first, and a free body's angular velocity
+        is in its own axes there, in the world's here. Positions, quaternions (w first) and velocities are the same.
+
+        Args:
+            qpos: States, with any leading axes.
+            qvel: Their velocities.
+            model: A ``mujoco.MjModel``. If it is given, its joints must be those of :attr:`mujoco_joints`, in this order.
+
+        Raises:
+            ValueError: An array has another shape, a quaternion's length is not 1, or the model has other joints or another order.
+        """
+        self._check_model(model)
+        rows, lead = self._rows("qpos", qpos)
+        speeds, of_speeds = self._rows("qvel", np.zeros((*lead, self.nv)) if qvel is None else qvel)
+        if of_speeds != lead:
+            raise ValueError(f"qvel: leading axes {of_speeds} are not those of qpos, {lead}")
+        positions, speeds = rows[:, self._mujoco_qpos], speeds[:, self._mujoco_qvel]
+        for turn, spin in self._mujoco_turns:
+            quaternion = self._unit(positions[:, turn : turn + 4]) * [1.0, -1.0, -1.0, -1.0]
+            speeds[:, spin : spin + 3] = _rotated(quaternion, speeds[:, spin : spin + 3])
+        return positions.reshape(*lead, self.nq), speeds.reshape(*lead, self.nv)
+
+    def from_mujoco(self, qpos: ArrayLike, qvel: ArrayLike | None = None, *, model: Any = None) -> tuple[Array, Array]:
+        """``qpos`` and ``qvel`` of MuJoCo in the order and the axes of this class: the reverse of :meth:`to_mujoco`.
+
+        Raises:
+            ValueError: As for :meth:`to_mujoco`.
+        """
+        self._check_model(model)
+        rows, lead = self._rows("qpos", qpos)
+        given, of_speeds = self._rows("qvel", np.zeros((*lead, self.nv)) if qvel is None else qvel)
+        if of_speeds != lead:
+            raise ValueError(f"qvel: leading axes {of_speeds} are not those of qpos, {lead}")
+        given = given.copy()
+        for turn, spin in self._mujoco_turns:
+            quaternion = self._unit(rows[:, turn : turn + 4])
+            given[:, spin : spin + 3] = _rotated(quaternion, given[:, spin : spin + 3])
+        positions, speeds = np.empty_like(rows), np.empty_like(given)
+        positions[:, self._mujoco_qpos], speeds[:, self._mujoco_qvel] = rows, given
+        return positions.reshape(*lead, self.nq), speeds.reshape(*lead, self.nv)
+
+    def _check_model(self, model: Any) -> None:
+        if model is None:
+            return
+        wanted = self.mujoco_joints
+        found = [model.joint(joint).name for joint in range(model.njnt)]
+        if (model.nq, model.nv) != (self.nq, self.nv) or found != wanted:
+            at = next(
+                (at for at, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]), min(len(found), len(wanted))
+            )
+            names = [f"{names[at]!r}" if at < len(names) else "none" for names in (found, wanted)]
+            raise ValueError(
+                f"model: nq {model.nq}, nv {model.nv}, joint {at} is {names[0]}, but here nq {self.nq}, nv {self.nv}, joint {at} "
+                f"is {names[1]}; make it from to_mjcf() of the same task and robot, or move the numbers by their joints' names"
+            )
+
+    @staticmethod
+    def _unit(quaternion: Array) -> Array:
+        length = np.linalg.norm(quaternion, axis=-1)
+        if (np.abs(length - 1.0) > 1e-6).any():
+            raise ValueError(
+                f"qpos: a quaternion has length {length[np.argmax(np.abs(length - 1.0))]:.6g}; is the state in the other order "
+                "(to_mujoco, from_mujoco)?"
+            )
+        return quaternion
+
     def poses(self, qpos: ArrayLike, sites: Sequence[str]) -> Array:
         """Positions, m, and quaternions of sites or links, shape (..., sites, 7)."""
+        _refuse_text("sites", sites)
         return self._call("poses", (len(sites), 7), [qpos], list(sites))
 
     def velocities(self, qpos: ArrayLike, qvel: ArrayLike, sites: Sequence[str]) -> Array:
         """Velocities, m/s, and angular velocities of sites or links, world axes, shape (..., sites, 6)."""
+        _refuse_text("sites", sites)
         return self._call("velocities", (len(sites), 6), [qpos, qvel], list(sites))
 
     def jacobian(self, qpos: ArrayLike, site: str) -> Array:
@@ -358,5 +456,29 @@ class Kinematics:
             raise ValueError(f"{name}: shape {goal.shape} does not end with 3 numbers of a position or 7 of a pose")
         whole = np.zeros((*lead, 7))
         whole[..., 3] = 1.0
-        whole[..., :width] = goal
+        try:
+            whole[..., :width] = goal
+        except ValueError as error:
+            raise ValueError(f"{name}: leading axes {goal.shape[:-1]} do not fit those of qpos, {lead}") from error
+        if width == 7 and (np.linalg.norm(goal[..., 3:], axis=-1) < 1e-9).any():
+            raise ValueError(f"{name}: the quaternion has length 0; give w, x, y, z, such as 1, 0, 0, 0")
         return whole.reshape(-1, 7)
+
+
+_OF_JOINTS = ("joint_position", "joint_velocity", "joint_target", "joint_effort", "action")
+_OF_BODIES = ("_pose", "_linear_velocity", "_angular_velocity", "_seated")
+_BODIES = ("robot", "ladder", "old_bulb", "fresh_bulb")
+"""Parts of a row: of the joints, and of bodies that may not be in every scene."""
+
+
+def _refuse_text(name: str, value: Sequence[str]) -> None:
+    if isinstance(value, str):
+        raise ValueError(f"{name} is {value!r}; give a list of names, [{value!r}]")
+
+
+def _rotated(quaternion: Array, vector: Array) -> Array:
+    """Vectors turned by quaternions, w first."""
+    w, axis = quaternion[:, :1], quaternion[:, 1:]
+    across = 2.0 * np.cross(axis, vector)
+    turned: Array = vector + w * across + np.cross(axis, across)
+    return turned

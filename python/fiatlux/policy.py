@@ -25,6 +25,22 @@ PolicyLike = Policy | Callable[[Any], Any] | type
 """A policy. A class is instantiated without arguments for each episode; an object plays all of them."""
 
 
+def check_policy(policy: Any) -> None:
+    """Refuses what cannot be called with an observation."""
+    if isinstance(policy, type) and not any("__call__" in vars(kind) for kind in policy.__mro__):
+        raise TypeError(f"policy: {policy.__name__} has no method __call__(self, observation)")
+    if callable(policy):
+        return
+    if callable(getattr(policy, "predict", None)):
+        remedy = "give lambda observation: model.predict(observation, deterministic=True)[0]"
+        raise TypeError(
+            f"policy: a {type(policy).__name__} answers by predict; {remedy}, with observation='flat' for a flat model"
+        )
+    raise TypeError(
+        f"policy: a {type(policy).__name__} cannot be called; give a function from an observation to an action"
+    )
+
+
 def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that are given, with those that the policy has of its own."""
     settings = dict(given)

@@ -4,7 +4,8 @@ Each episode is a Ray task, which runs on a free core of any node, and is repeat
 depends only on task, seed, episode and policy, so the results are those of :func:`fiatlux.evaluate` in one process, on any nodes.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import ray
 from ._numbers import seeds_of
 from .env import Env
 from .evaluation import Evaluation, collect, play, steps
-from .policy import PolicyLike, settings_for
+from .policy import PolicyLike, check_policy, settings_for
 from .settings import Settings
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
@@ -37,7 +38,8 @@ def evaluate(
     num_gpus: float = 0,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
-    """Like :func:`fiatlux.evaluate` without bags, on the cluster that ``ray.init`` has joined.
+    """Like :func:`fiatlux.evaluate` without bags, on the cluster that ``ray.init`` has joined. Ctrl-C, and an exception of the policy or
+    of ``progress``, end all work on the cluster.
 
     Args:
         policy: Pickled and sent to each node once; each episode begins with a fresh copy of it.
@@ -46,11 +48,13 @@ def evaluate(
         num_cpus, num_gpus: What an episode needs on its node.
     """
     jobs = [(task, seed) for task in tasks for seed in seeds_of(seeds)]
+    check_policy(policy)
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
     chosen = settings_for(policy, settings)
     running = {remote.remote(shared, task, seed, observation, max_steps, chosen): (task, seed) for task, seed in jobs}
-    return collect(jobs, _as_they_end(running), progress)
+    with _ended(running):
+        return collect(jobs, _as_they_end(running), progress)
 
 
 def rollouts(
@@ -72,8 +76,9 @@ def rollouts(
     shared = ray.put(policy)
     chosen = settings_for(policy, settings)
     running = [remote.remote(shared, task, seed, max_steps, chosen) for seed in seeds_of(seeds)]
-    for reference in running:
-        yield ray.get(reference)
+    with _ended(running):
+        for reference in running:
+            yield ray.get(reference)
 
 
 def rollout(
@@ -102,6 +107,17 @@ def _episode(
 @ray.remote(max_retries=LOST_NODES)
 def _rollout(policy: PolicyLike, task: str, seed: int, max_steps: int | None, settings: Any) -> dict[str, Any]:
     return rollout(policy, task, seed, max_steps, **settings)
+
+
+@contextmanager
+def _ended(running: Iterable[Any]) -> Iterator[None]:
+    """Work that its caller no longer waits for ends: after Ctrl-C, an exception, or a rollout that nobody reads to its end."""
+    try:
+        yield
+    except BaseException:
+        for reference in list(running):
+            ray.cancel(reference, force=True)
+        raise
 
 
 def _as_they_end(running: dict[Any, tuple[str, int]]) -> Iterator[tuple[tuple[str, int], dict[str, Any]]]:

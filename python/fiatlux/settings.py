@@ -1,14 +1,25 @@
 """Settings of episodes: the same keys for single environments, vectors of worlds, and sessions on a server."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import difflib
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike, fspath
-from typing import Any, TypedDict
+from typing import Any, Literal, NoReturn, TypedDict, TypeVar
+
+import numpy as np
 
 from . import _native
 from ._numbers import size_of, whole
 
 ROBOTS: tuple[str, ...] = tuple(_native.robots())
 """Names of all robots. The first is the benchmark's."""
+
+
+ActionForm = Literal["action", "joint_target"]
+Reward = Literal["benchmark", "training"]
+Protocol = Literal["strict", "published"]
+Gains = Literal["fiatlux", "sonic"]
+Fixed = Literal["layout", "start", "hand-friction", "light", "tint", "noise", "episodes"]
 
 
 class EpisodeSettings(TypedDict, total=False):
@@ -37,15 +48,15 @@ class EpisodeSettings(TypedDict, total=False):
 
     sensors: Sequence[str] | None
     privileged: bool
-    action_form: str
-    reward: str
-    protocol: str
+    action_form: ActionForm
+    reward: Reward
+    protocol: Protocol
     noise: bool
     robot: str
-    gains: str
+    gains: Gains
     image_size: tuple[int, int]
     weights: str | PathLike[str] | None
-    fix: Sequence[str]
+    fix: Sequence[Fixed]
     prop_scale: str | Mapping[str, float]
     thresholds: Mapping[str, float]
     end_on: Sequence[str]
@@ -86,17 +97,62 @@ _DEFAULTS: dict[str, Any] = {
 }
 
 
-def complete(task: str | None, observation: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """All settings in the form that the native part takes; refuses an unknown key. Without a task, ``privileged`` is refused
-    unless the sensors are named."""
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def spelt_out(*kinds: Any, **defaults: Any) -> Callable[[Function], Function]:
+    """Lets the signature of a function show the arguments that it takes as ``**settings``, so that editors and ``help`` name them.
+
+    Args:
+        kinds: Classes of settings, of which ``**settings`` is made.
+        defaults: Where they are not the usual ones.
+    """
+
+    def wrap(function: Function) -> Function:
+        signature = inspect.signature(function)
+        own = [part for part in signature.parameters.values() if part.kind is not inspect.Parameter.VAR_KEYWORD]
+        known = {part.name for part in own}
+        for kind in kinds:
+            for name, type_of in kind.__annotations__.items():
+                if name not in known:
+                    default = defaults.get(name, _DEFAULTS.get(name))
+                    own.append(
+                        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=type_of)
+                    )
+                    known.add(name)
+        function.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
+        return function
+
+    return wrap
+
+
+def refuse_argument(name: str, known: Iterable[str]) -> NoReturn:
+    """Refuses an argument that a call does not have, with the nearest one that it has."""
+    known = list(dict.fromkeys(known))
+    close = difflib.get_close_matches(name, known, 1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    raise TypeError(f"unexpected argument {name!r}{hint}; the arguments are {', '.join(known)}")
+
+
+def complete(
+    task: str | None, observation: str, given: Mapping[str, Any], others: Iterable[str] = ()
+) -> dict[str, Any]:
+    """All settings in the form that the native part takes; refuses an unknown key, and names ``others`` as known ones too. Without a
+    task, ``privileged`` is refused unless the sensors are named."""
     for name in given:
         if name not in _DEFAULTS:
-            raise TypeError(f"unexpected argument {name!r}; settings are {', '.join(_DEFAULTS)}")
+            refuse_argument(name, (*others, *_DEFAULTS))
     settings = {**_DEFAULTS, **given}
     settings["sensors"] = _sensors(task, observation, settings["sensors"], settings.pop("privileged"))
     settings["image_size"] = size_of("image_size", settings["image_size"])
+    if not isinstance(settings["noise"], (bool, np.bool_)):
+        raise ValueError(f"noise is {settings['noise']!r}; give True or False (a factor goes into ranges)")
+    settings["noise"] = bool(settings["noise"])
+    for name in ("robot", "gains", "protocol", "reward", "action_form"):
+        if not isinstance(settings[name], str):
+            raise ValueError(f"{name} is {settings[name]!r}; give a name")
     for name in ("fix", "end_on"):
-        if isinstance(settings[name], str):
+        if isinstance(settings[name], str) or not all(isinstance(part, str) for part in settings[name]):
             raise ValueError(f"{name} is {settings[name]!r}; give a list of names")
         settings[name] = list(settings[name])
     sizes = settings["prop_scale"]

@@ -1,6 +1,6 @@
 """Spaces of actions and observations, and the conversion of vectors to them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -13,6 +13,25 @@ published benchmark, 6,543 numbers (6,453 in ``climb``), with the features of th
 
 _UNBOUNDED = 1e9
 """Bound of unbounded numbers: no row has larger ones, and checkers warn about infinite bounds."""
+
+
+JOINT_GROUPS = ("left_leg", "right_leg", "waist", "left_arm", "right_arm", "left_hand", "right_hand")
+"""Groups of a robot's joints."""
+
+_LIMBS = {"hip": "leg", "knee": "leg", "ankle": "leg", "shoulder": "arm", "elbow": "arm", "wrist": "arm"}
+
+
+def joint_groups(names: Sequence[str]) -> dict[str, NDArray[np.int64]]:
+    """Where the joints of each group are in a list of joints, such as the numbers of an action; groups without joints are left out."""
+    found: dict[str, list[int]] = {group: [] for group in JOINT_GROUPS}
+    for index, name in enumerate(names):
+        side, _, rest = name.partition("_")
+        # Joints of some hands.
+        side = {"L": "left", "R": "right"}.get(side, side)
+        group = "waist" if side == "waist" else f"{side}_{_LIMBS.get(rest.partition('_')[0], 'hand')}"
+        if group in found:
+            found[group].append(index)
+    return {group: np.array(indices, np.int64) for group, indices in found.items() if indices}
 
 
 class Layout:

@@ -26,6 +26,10 @@ class StableBaselinesVecEnv(VecEnv):
 
     def __init__(self, env: VectorEnv | WalkingVectorEnv) -> None:
         check_trainer(env, "StableBaselinesVecEnv")
+        if env._final is None:
+            raise ValueError(
+                "StableBaselinesVecEnv: the library learns from the last observation of each episode; make env with final_obs=True"
+            )
         self.env = env
         self.render_mode = None
         self._actions: np.ndarray | None = None

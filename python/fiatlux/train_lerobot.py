@@ -61,7 +61,7 @@ def episode(path: Path) -> tuple[Any, Any, Any, Any]:
     commands, sensed = dataset._commands(bag), bag["/observation"]
     if commands is None:
         raise SystemExit(
-            f"{path} has no command with every action; record a policy on a whole-body controller, such as hands"
+            str(dataset.no_command(bag, path, "train on a task that is done by hand, such as S06", "hands"))
         )
     images = dataset._images(bag).get("camera", {})
     steps = [step for step in sorted(images) if step % STRIDE == 0 and step < len(commands)]

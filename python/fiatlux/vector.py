@@ -1,8 +1,9 @@
 """Steps many worlds in one call, for training."""
 
+import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
@@ -13,10 +14,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _native
-from ._numbers import MAX_SEED, seed_of, seeds_of, whole
+from ._numbers import MAX_SEED, seed_of, seeds_of, size_of, whole
+from .env import check_camera
 from .kinematics import Contacts
-from .settings import EpisodeSettings, by_preset, complete
-from .spaces import Layout, ObservationForm, as_actions
+from .settings import EpisodeSettings, Gains, by_preset, complete, refuse_argument, spelt_out
+from .spaces import Layout, ObservationForm, as_actions, joint_groups
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 
 ROOMS = range(1000, 1016)
 """Rooms of the benchmark's seeds over which worlds are spread by default."""
+
+EPISODES = 4
+"""Starts in each room by default."""
 
 
 def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
@@ -69,6 +74,7 @@ class SharedSettings(TypedDict, total=False):
             Gymnasium's ``AutoresetMode``. Gymnasium's vector observation wrappers need ``"next_step"``.
         judge: A reward and an end of your own: called after each step with the observation that it led to, before any episode begins
             anew, and with ``info``; returns rewards and ends.
+        render_mode, render_size, render_camera: As of :class:`fiatlux.Env`, for :meth:`VectorEnv.render`.
     """
 
     num_threads: int | None
@@ -84,6 +90,9 @@ class SharedSettings(TypedDict, total=False):
     final_obs: bool
     autoreset_mode: AutoresetMode | str
     judge: Judgement | None
+    render_mode: str | None
+    render_size: tuple[int, int]
+    render_camera: str | None
 
 
 class VectorSettings(SharedSettings, EpisodeSettings, total=False):
@@ -104,6 +113,9 @@ _SHARED: dict[str, Any] = {
     "final_obs": True,
     "autoreset_mode": AutoresetMode.SAME_STEP,
     "judge": None,
+    "render_mode": None,
+    "render_size": (640, 480),
+    "render_camera": None,
 }
 
 
@@ -129,6 +141,19 @@ def _native_settings(num_envs: int, shared: Mapping[str, Any]) -> dict[str, Any]
 
 
 @dataclass(frozen=True)
+class Rollout:
+    """Results of :meth:`VectorEnv.rollout`; the first axis is that of steps, the next one that of worlds."""
+
+    observation: Any
+    """Of the last step, without the axis of steps; of each step with ``observations=True``."""
+    reward: NDArray[np.float32]
+    reward_terms: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    success: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Start:
     """Where episodes begin, for :class:`VectorEnv`.
 
@@ -148,6 +173,8 @@ class Start:
 
 def _expanded(task: str, rooms: Sequence[int], episodes: int, starts: Sequence[Start]) -> list[Any]:
     """Each single start: task, room, episode, weight, and parts of its row."""
+    if not len(starts):
+        raise ValueError("starts is empty; leave it out for the task's own starts")
     expanded: list[Any] = []
     for start in starts:
         if start.seed is not None and start.seed not in rooms:
@@ -176,14 +203,25 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     A copy or a pickle is made from the same arguments and continues from the same state.
     """
 
-    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+    metadata: dict[str, Any] = {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": ["rgb_array"],
+        "render_fps": 50,
+    }
 
     def __init__(self, kind: str, arguments: Sequence[Any], num_envs: int, given: Mapping[str, Any]) -> None:
         for name in given:
             if name not in _SHARED:
-                raise TypeError(f"unexpected argument {name!r}; those of all vectors are {', '.join(_SHARED)}")
+                refuse_argument(name, inspect.signature(type(self)).parameters)
         shared = {**_SHARED, **given}
         copy, judge = shared["copy"], shared["judge"]
+        render_mode, camera = shared["render_mode"], shared["render_camera"]
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode is {render_mode!r}; known ones are None, 'rgb_array'")
+        self.render_mode = render_mode
+        self._render_size, self._render_camera = size_of("render_size", shared["render_size"]), camera
+        check_camera(camera, arguments[-1]["robot"])
+        self._made_for = arguments[0] if kind == "rulebook" else kind
         self._batch = batch = _native.Batch(kind, (*arguments, _native_settings(num_envs, shared)))
         self._judge: Judgement | None = judge
         self._has_contacts = bool(shared["contacts"])
@@ -213,7 +251,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed.
+        """Begins an episode in every world; with a seed, everything after it is as in a new batch with that seed: each world draws its
+        starts and all else from a stream of its own, which the seed and its number give. The rooms stay those of ``seeds``.
 
         ``options={"reset_mask": mask}``, a boolean array with a number for each world, resets the marked worlds alone. Without it,
         ``info["drawn"]`` is what :meth:`drawn` returns.
@@ -276,7 +315,10 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._check_open()
         if steps is None:
             steps = np.random.default_rng(0).integers(0, self.horizon_steps, self.num_envs)
-        self._batch.shorten_episodes([whole("steps", number, 0, MAX_SEED) for number in steps])
+        steps = [whole("steps", number, 0, MAX_SEED) for number in steps]
+        if len(steps) != self.num_envs:
+            raise ValueError(f"steps has {len(steps)} numbers; give one for each of {self.num_envs} worlds")
+        self._batch.shorten_episodes(steps)
 
     def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
         """A boolean for each world, some of them true."""
@@ -288,7 +330,10 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _part(self, name: str, numbers: Any) -> NDArray[np.float64]:
         """A part of a row as an array with an axis of worlds."""
-        array = np.asarray(numbers, np.float64)
+        try:
+            array = np.asarray(numbers, np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"like: {name} cannot be read as numbers ({error})") from error
         if array.ndim == 1:
             array = np.broadcast_to(array, (self.num_envs, *array.shape))
         if array.ndim != 2 or len(array) != self.num_envs:
@@ -301,7 +346,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Takes a control step of 20 ms in every world.
 
         Actions count as ``float64``, as those of :class:`fiatlux.Env` do. ``info`` has ``reward_terms`` (worlds x terms, named by
-        :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended.
+        :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended. ``success`` is of the judge in force, the one that
+        ``protocol`` names, as in :class:`fiatlux.Env`. Ctrl-C is raised when the step is done, and the next one can follow.
         """
         self._check_open()
         array = as_actions(actions, self.action_space.shape or ())
@@ -334,10 +380,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             last[ended] = self._final[ended]
         reward, ends = judge(self._layout.show(last, copy=False), info)
         if reward is not None:
-            self._reward[:] = reward
+            paid = self._judged("reward", reward, np.float32)
+            if not np.isfinite(paid).all():
+                world = int(np.argmin(np.isfinite(paid)))
+                raise ValueError(f"judge: the reward of world {world} is {paid[world]}; give finite numbers")
+            self._reward[:] = paid
             self._reward[self._was_over] = 0.0
         if ends is not None:
-            ends = np.asarray(ends, np.bool_) & ~ended & ~self._was_over
+            ends = self._judged("end", ends, np.bool_) & ~ended & ~self._was_over
             if ends.any():
                 self._batch.end_episodes(ends, self._observation)
                 self._terminated |= ends
@@ -345,6 +395,95 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
                     self._final[ends] = last[ends]
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._was_over = self._terminated | self._truncated
+
+    def _judged(self, what: str, values: Any, dtype: Any) -> NDArray[Any]:
+        array = np.asarray(values, dtype)
+        if array.shape != (self.num_envs,):
+            raise ValueError(f"judge: {what} has shape {array.shape}; give one for each of {self.num_envs} worlds")
+        return array
+
+    def rollout(self, actions: Any, *, observations: bool = False) -> "Rollout":
+        """Takes a control step for each list of actions, in one call: for planners, which would spend their time in Python.
+
+        What it does is what :meth:`step` does with one list after the other. Where an episode ends, the next one begins as the
+        autoreset mode says.
+
+        Args:
+            actions: Shape (steps, worlds, numbers of an action), or (steps, numbers) for the same in all worlds.
+            observations: Whether to return the observation of each step, and not of the last one alone.
+
+        Raises:
+            ValueError: A wrong shape, or an action that is refused; no step was taken then. The vector has a judge of its own, or
+                the autoreset mode ``"disabled"``, in which a step may be refused.
+        """
+        self._check_open()
+        if self._judge is not None:
+            raise ValueError(
+                "rollout: a judge of your own is called after each step; use step, or make the vector without it"
+            )
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            raise ValueError(
+                "rollout: with autoreset_mode='disabled' an ended episode waits for reset; use another mode"
+            )
+        worlds, width = self.num_envs, self._layout.length
+        array = np.asarray(actions)
+        single = self.single_action_space.shape or ()
+        if array.ndim == 2:
+            array = np.broadcast_to(array[:, None], (len(array), worlds, *array.shape[1:]))
+        if array.ndim != 3 or not len(array):
+            raise ValueError(f"action: shape {array.shape} instead of (steps, {worlds}, {single[0]})")
+        steps = len(array)
+        array = as_actions(array, (steps, worlds, *single))
+        shape = (steps, worlds)
+        seen = np.zeros((steps, worlds, width), np.float32) if observations else self._observation
+        rollout = Rollout(
+            None,
+            np.zeros(shape, np.float32),
+            np.zeros((*shape, len(self.reward_terms)), np.float32),
+            *(np.zeros(shape, np.bool_) for _ in range(3)),
+        )
+        self._batch.rollout(
+            steps,
+            array,
+            seen,
+            rollout.reward,
+            rollout.reward_terms,
+            rollout.terminated,
+            rollout.truncated,
+            rollout.success,
+        )
+        if observations:
+            self._observation[:] = seen[-1]
+        return replace(rollout, observation=self._layout.show(seen, self.copies and not observations))
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of each world, height x width x 3; ``None`` without ``render_mode="rgb_array"``."""
+        self._check_open()
+        if self.render_mode is None:
+            return None
+        return tuple(self.render_world(world) for world in range(self.num_envs))
+
+    def render_world(self, world: int) -> NDArray[np.uint8]:
+        """A picture of one world, height x width x 3, from where ``render_camera`` says."""
+        self._check_open()
+        width, height = self._render_size
+        number = whole("world", world, 0, self.num_envs - 1)
+        pixels = self._batch.render(number, width, height, self._render_camera)
+        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()
+
+    @property
+    def action_names(self) -> list[str]:
+        """Name of each number of an action."""
+        return self._layout.action_names
+
+    @property
+    def joint_groups(self) -> dict[str, NDArray[np.int64]]:
+        """Where the joints of legs, waist, arms and hands are in an action, as of :attr:`fiatlux.Env.joint_groups`."""
+        return joint_groups(self.action_names)
+
+    def __repr__(self) -> str:
+        form = "closed" if self._is_closed else f"{self._layout.form} observation of {self._layout.length} numbers"
+        return f"<fiatlux.{type(self).__name__} {self._made_for}: {self.num_envs} worlds, {form}>"
 
     @property
     def reward_terms(self) -> list[str]:
@@ -435,20 +574,21 @@ class VectorEnv(_Batch):
         num_envs: Number of worlds.
         seeds: The benchmark's seeds of the rooms. The worlds are spread over the rooms and stay in them, so there must be at
             least as many worlds as rooms. By default the rooms are 1000 to 1015, or as many of them as there are worlds.
-        episodes: Number of start states in each room; an episode begins at one of them.
+        episodes: Number of start states in each room; each episode draws one of them.
         starts: Where episodes begin, mixed by weight; by default at the task's own starts.
         horizon_steps: Control steps until time-out, at most the task's own.
         reward_weights: Weights of the reward's terms where they are not to be the usual ones; :attr:`reward_weights` has all.
         settings: See :class:`SharedSettings` and :class:`EpisodeSettings`.
     """
 
+    @spelt_out(SharedSettings, EpisodeSettings, **{**_SHARED, "observation": "dict", "variations": 16})
     def __init__(
         self,
         task: str,
         num_envs: int = 1,
         *,
         seeds: Sequence[int] | None = None,
-        episodes: int = 1,
+        episodes: int = EPISODES,
         starts: Sequence[Start] | None = None,
         horizon_steps: int | None = None,
         reward_weights: Mapping[str, float] | None = None,
@@ -460,7 +600,8 @@ class VectorEnv(_Batch):
         rooms = seeds_of(ROOMS[:num_envs] if seeds is None else seeds, num_envs)
         episodes = whole("episodes", episodes, 1, _native.MAX_STARTS // max(len(rooms), 1))
         own = {name: value for name, value in settings.items() if name not in _SHARED}
-        given = complete(task, shared["observation"], own)
+        arguments = ("num_envs", "seeds", "episodes", "starts", "horizon_steps", "reward_weights", *_SHARED)
+        given = complete(task, shared["observation"], own, arguments)
         given["horizon_steps"] = None if horizon_steps is None else whole("horizon_steps", horizon_steps, 1, MAX_SEED)
         given["reward_weights"] = dict(reward_weights or {})
         expanded = _expanded(task, rooms, episodes, [Start()] if starts is None else starts)
@@ -489,6 +630,7 @@ class WalkingVectorEnv(_Batch):
     :attr:`reward_weights` has the weight of each term.
     """
 
+    @spelt_out(SharedSettings, **_SHARED)
     def __init__(
         self,
         num_envs: int = 1,
@@ -506,7 +648,7 @@ class WalkingVectorEnv(_Batch):
         noise: bool = True,
         scene: Literal["floor", "room"] = "floor",
         robot: str = "g1_bare",
-        gains: str = "fiatlux",
+        gains: Gains = "fiatlux",
         **shared: "Unpack[SharedSettings]",
     ) -> None:
         settings: dict[str, Any] = {
@@ -548,6 +690,7 @@ class ClimbingVectorEnv(_Batch):
     :attr:`reward_weights` has the weight of each term.
     """
 
+    @spelt_out(SharedSettings, **_SHARED)
     def __init__(
         self,
         num_envs: int = 1,
@@ -563,7 +706,7 @@ class ClimbingVectorEnv(_Batch):
         reward_weights: Mapping[str, float] | None = None,
         noise: bool = True,
         robot: str = "g1_bare",
-        gains: str = "fiatlux",
+        gains: Gains = "fiatlux",
         **shared: "Unpack[SharedSettings]",
     ) -> None:
         settings: dict[str, Any] = {

@@ -3,6 +3,7 @@
 import itertools
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any
 
@@ -12,11 +13,37 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._numbers import whole
 
+
+@dataclass(frozen=True)
+class Reached:
+    """Angles that take hands to their goals, and how near they can come. It counts as the array of its angles."""
+
+    angles: NDArray[np.float64]
+    """Of the joints of both arms, in joint order, rad, shape (14,): for the next control step."""
+    position_error: NDArray[np.float64]
+    """For the left and the right hand, the distance between the goal and the nearest pose that was found for the arm alone, m; NaN for a
+    hand without a goal. What stays above some millimetres is out of reach: step, bend or turn."""
+    rotation_error: NDArray[np.float64]
+    """The same of the turn, rad."""
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.angles, dtype)
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.angles[index]
+
+
 LEGS_AND_WAIST = 15
 """Number of joints that the controller moves, the first ones in joint order. The policy moves the others: arms and hands."""
 
 ARMS = 14
 """Number of joints of both arms, which come next."""
+
+DEAD_ZONE: tuple[float, float, float] = tuple(_native.STANDS_BELOW)  # type: ignore[assignment]
+"""Speeds ahead and to the left, m/s, and about the vertical, rad/s. Where all three of a command are below, the robot stands."""
 
 
 class WholeBody:
@@ -57,6 +84,9 @@ class WholeBody:
         self._last: dict[str, NDArray[np.float64]] = {}
         """The targets that each method returned last, of the joints of legs, waist and arms; NaN for those it does not move."""
         self._has_warned = False
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.WholeBody: legs, waist and arms, {len(self.joint_names)} joints>"
 
     def reset(self) -> None:
         """Resets the controller for another episode."""
@@ -114,8 +144,8 @@ class WholeBody:
         left: ArrayLike | None = None,
         right: ArrayLike | None = None,
         firmness: ArrayLike = (1.0, 1.0, 1.0),
-    ) -> NDArray[np.float64]:
-        """Returns angles of both arms that take the hands to poses; call it once for each observation.
+    ) -> Reached:
+        """Returns angles of both arms that take the hands to poses, and what remains; call it once for each observation.
 
         Give the angles to :meth:`hold_arms`, which adds what the arms weigh. A hand that is blocked presses, and does not press
         more with time; it comes back as soon as its goal does.
@@ -138,7 +168,9 @@ class WholeBody:
                     f"{side}: shape {given.shape} instead of (7,); give position and quaternion of the palm"
                 )
             goals.append(None if given is None else (given.tolist(), firm))
-        return np.array(self._native.reach(position, goals))
+        angles, left_over = self._native.reach(position, goals)
+        errors = np.array([(np.nan, np.nan) if rest is None else rest for rest in left_over])
+        return Reached(np.array(angles), errors[:, 0], errors[:, 1])
 
     def __call__(
         self,
@@ -156,7 +188,8 @@ class WholeBody:
 
         Args:
             observation: Fields by name; only those of proprioception and ``last_action`` are read.
-            vx, vy, wz: Velocity of the pelvis forwards and to the left, m/s, and about the vertical, rad/s.
+            vx, vy, wz: Velocity of the pelvis forwards and to the left, m/s, and about the vertical, rad/s. Where all three are
+                below :data:`fiatlux.whole_body.DEAD_ZONE` (0.05), the robot stands still: it takes no smaller steps.
             height: Height of the pelvis above the floor, m.
             roll, pitch, yaw: Angles of the torso, rad, relative to upright axes that point where the pelvis points.
 
@@ -240,6 +273,9 @@ class WholeBodies:
         self.num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
         threads = whole("num_threads", num_threads, 1, _native.MAX_THREADS)
         self._native = _native.WholeBodies(self.num_envs, threads, None if weights is None else fspath(weights))
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.WholeBodies: {self.num_envs} worlds>"
 
     def reset(self, mask: Any = None) -> None:
         """Resets the controllers of the marked worlds for another episode; by default all."""

@@ -1,22 +1,29 @@
 //! Bags as NumPy arrays, topic by topic.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use fiatlux_bag::{Bag as File, BagError, Completeness, Messages};
 use fiatlux_proto::v3::{ContactMeasure, EpisodeHeader};
 use fiatlux_proto::{DESCRIPTORS, Message};
-use fiatlux_rules::manifest;
-use numpy::IntoPyArray;
+use fiatlux_rules::{RobotLayout, UnknownProtocol, manifest};
+use fiatlux_sensing::{Sensor, Sensors, Setup, term_messages};
+use numpy::{IntoPyArray, PyArray1};
 use prost::Name;
 use prost_reflect::{DescriptorPool, DynamicMessage, MapKey, ReflectMessage, Value};
-use pyo3::exceptions::{PyFileNotFoundError, PyKeyError};
+use pyo3::exceptions::{PyFileNotFoundError, PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
-use crate::fault::{failed, guarded};
+use crate::build;
+use crate::fault::{failed, guarded, refused};
+use crate::numbers::{Numbers, described as described_term};
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
+
+/// Fields, and numbers of all observations.
+type Observed<'py> = (Vec<(String, Vec<usize>, f32, f32, bool)>, Bound<'py, PyArray1<f32>>);
 
 /// A bag, whose topics are read on first use.
 #[pyclass(module = "fiatlux._native", frozen)]
@@ -57,6 +64,39 @@ impl Bag {
     #[staticmethod]
     fn topics() -> Vec<&'static str> {
         TOPICS.into()
+    }
+
+    /// The fields of what a policy with these sensors saw, and their numbers: a row for each observation, flat.
+    fn observations<'py>(&self, py: Python<'py>, sensors: Vec<String>) -> PyResult<Observed<'py>> {
+        let header = self.file.header();
+        let chosen = sensors.iter().try_fold(Sensors::NONE, |set, name| {
+            let sensor = Sensor::by_name(name);
+            let sensor = sensor.ok_or_else(|| {
+                PyValueError::new_err(format!("sensors: '{name}' is not a sensor; known ones are {}", Sensor::names()))
+            })?;
+            Ok::<_, PyErr>(set.with(sensor))
+        })?;
+        let setup = Setup {
+            task: build::task(&header.task)?,
+            protocol: header.episode_protocol.parse().map_err(|error: UnknownProtocol| refused(&error))?,
+            layout: RobotLayout {
+                joints: header.joint_names.len(),
+                hand_bodies_per_side: header.hand_bodies.len() / 2,
+            },
+            image_size: [header.image_width as usize, header.image_height as usize],
+        };
+        let terms = term_messages(chosen, &setup);
+        let read = || {
+            let (mut numbers, mut rows) = (Numbers::new(terms.iter()), Vec::new());
+            for observation in self.file.observations() {
+                numbers.take(&observation?);
+                rows.extend_from_slice(numbers.latest());
+            }
+            Ok::<_, BagError>(rows)
+        };
+        let rows = py.detach(|| guarded(read))?.map_err(|error| failed(&error))?;
+        py.check_signals()?;
+        Ok((terms.iter().map(described_term).collect(), rows.into_pyarray(py)))
     }
 
     /// All messages of a topic as columns.
@@ -117,7 +157,130 @@ struct Column {
     rows: Vec<usize>,
     /// Number of values in each message; `None` for a single value.
     lengths: Vec<Option<usize>>,
-    values: Vec<Value>,
+    values: Values,
+}
+
+/// Values of one kind: numbers take no more than in an array.
+enum Values {
+    F64(Vec<f64>),
+    F32(Vec<f32>),
+    Bool(Vec<bool>),
+    U64(Vec<u64>),
+    I64(Vec<i64>),
+    U32(Vec<u32>),
+    I32(Vec<i32>),
+    Other(Vec<Value>),
+}
+
+impl Default for Values {
+    fn default() -> Self {
+        Self::Other(Vec::new())
+    }
+}
+
+/// Does the same with the list of each kind.
+macro_rules! each_kind {
+    ($values:expr, $list:ident => $done:expr) => {
+        match $values {
+            Values::F64($list) => $done,
+            Values::F32($list) => $done,
+            Values::Bool($list) => $done,
+            Values::U64($list) => $done,
+            Values::I64($list) => $done,
+            Values::U32($list) => $done,
+            Values::I32($list) => $done,
+            Values::Other($list) => $done,
+        }
+    };
+}
+
+impl Values {
+    fn push(&mut self, value: Value) {
+        if let Self::Other(others) = self
+            && others.is_empty()
+        {
+            *self = match value {
+                Value::F64(_) => Self::F64(Vec::new()),
+                Value::F32(_) => Self::F32(Vec::new()),
+                Value::Bool(_) => Self::Bool(Vec::new()),
+                Value::U64(_) => Self::U64(Vec::new()),
+                Value::I64(_) => Self::I64(Vec::new()),
+                Value::U32(_) => Self::U32(Vec::new()),
+                Value::I32(_) | Value::EnumNumber(_) => Self::I32(Vec::new()),
+                _ => Self::Other(Vec::new()),
+            };
+        }
+        // All values of a field have one kind.
+        match (self, value) {
+            (Self::F64(list), Value::F64(value)) => list.push(value),
+            (Self::F32(list), Value::F32(value)) => list.push(value),
+            (Self::Bool(list), Value::Bool(value)) => list.push(value),
+            (Self::U64(list), Value::U64(value)) => list.push(value),
+            (Self::I64(list), Value::I64(value)) => list.push(value),
+            (Self::U32(list), Value::U32(value)) => list.push(value),
+            (Self::I32(list), Value::I32(value) | Value::EnumNumber(value)) => list.push(value),
+            (Self::Other(list), value) => list.push(value),
+            _ => {}
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        each_kind!(self, list => list.is_empty())
+    }
+
+    /// An empty list of the same kind.
+    fn alike(&self) -> Self {
+        match self {
+            Self::F64(_) => Self::F64(Vec::new()),
+            Self::F32(_) => Self::F32(Vec::new()),
+            Self::Bool(_) => Self::Bool(Vec::new()),
+            Self::U64(_) => Self::U64(Vec::new()),
+            Self::I64(_) => Self::I64(Vec::new()),
+            Self::U32(_) => Self::U32(Vec::new()),
+            Self::I32(_) => Self::I32(Vec::new()),
+            Self::Other(_) => Self::Other(Vec::new()),
+        }
+    }
+
+    /// Adds a part of another list of the same kind, as far as it has it; returns how many.
+    fn extend_from(&mut self, other: &Self, range: Range<usize>) -> usize {
+        fn part<T>(list: &[T], range: Range<usize>) -> &[T] {
+            list.get(range).unwrap_or_default()
+        }
+        match (self, other) {
+            (Self::F64(list), Self::F64(from)) => extended(list, part(from, range)),
+            (Self::F32(list), Self::F32(from)) => extended(list, part(from, range)),
+            (Self::Bool(list), Self::Bool(from)) => extended(list, part(from, range)),
+            (Self::U64(list), Self::U64(from)) => extended(list, part(from, range)),
+            (Self::I64(list), Self::I64(from)) => extended(list, part(from, range)),
+            (Self::U32(list), Self::U32(from)) => extended(list, part(from, range)),
+            (Self::I32(list), Self::I32(from)) => extended(list, part(from, range)),
+            (Self::Other(list), Self::Other(from)) => extended(list, part(from, range)),
+            _ => 0,
+        }
+    }
+
+    /// All of them as an array; what is no number, as a list.
+    fn into_array(self, py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+        Ok(match self {
+            Self::F64(list) => list.into_pyarray(py).into_any(),
+            Self::F32(list) => list.into_pyarray(py).into_any(),
+            Self::Bool(list) => list.into_pyarray(py).into_any(),
+            Self::U64(list) => list.into_pyarray(py).into_any(),
+            Self::I64(list) => list.into_pyarray(py).into_any(),
+            Self::U32(list) => list.into_pyarray(py).into_any(),
+            Self::I32(list) => list.into_pyarray(py).into_any(),
+            Self::Other(list) => {
+                let list: PyResult<Vec<_>> = list.iter().map(|value| object(py, value)).collect();
+                PyList::new(py, list?)?.into_any()
+            }
+        })
+    }
+}
+
+fn extended<T: Clone>(list: &mut Vec<T>, from: &[T]) -> usize {
+    list.extend_from_slice(from);
+    from.len()
 }
 
 impl Table {
@@ -151,7 +314,7 @@ impl Table {
         let column = self.columns.entry(path).or_default();
         column.rows.push(self.rows);
         column.lengths.push(length);
-        column.values.extend(values);
+        values.into_iter().for_each(|value| column.values.push(value));
     }
 
     /// Columns of rows by the names of things and contact measures.
@@ -193,14 +356,14 @@ impl Column {
         let mut first = 0;
         measures.map(move |measure| {
             let length = measure.parts as usize * if measure.vectors { 3 } else { 1 };
-            let mut values = self.values.as_slice();
-            let mut part = Column { rows: self.rows.clone(), ..Column::default() };
+            let mut part = Column { rows: self.rows.clone(), values: self.values.alike(), ..Column::default() };
+            let mut start = 0;
             for row in &self.lengths {
-                let (list, rest) = values.split_at(row.unwrap_or(1));
-                let list = list.get(first..first + length).unwrap_or_default();
-                part.values.extend_from_slice(list);
-                part.lengths.push((length > 1).then_some(list.len()));
-                values = rest;
+                let row = row.unwrap_or(1);
+                let end = (start + row).min(start + first + length);
+                let found = part.values.extend_from(&self.values, start + first..end);
+                part.lengths.push((length > 1).then_some(found));
+                start += row;
             }
             first += length;
             (measure.name.clone(), part)
@@ -211,46 +374,29 @@ impl Column {
     fn array<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let Self { lengths, values, .. } = self;
         let is_even = lengths.windows(2).all(|pair| pair[0] == pair[1]);
-        let numbers = match values.first() {
-            Some(Value::F64(_)) => Some(column(py, &values, Value::as_f64)),
-            Some(Value::F32(_)) => Some(column(py, &values, Value::as_f32)),
-            Some(Value::Bool(_)) => Some(column(py, &values, Value::as_bool)),
-            Some(Value::U64(_)) => Some(column(py, &values, Value::as_u64)),
-            Some(Value::I64(_)) => Some(column(py, &values, Value::as_i64)),
-            Some(Value::U32(_)) => Some(column(py, &values, Value::as_u32)),
-            Some(Value::I32(_)) => Some(column(py, &values, Value::as_i32)),
-            Some(Value::EnumNumber(_)) => Some(column(py, &values, Value::as_enum_number)),
-            _ => None,
-        };
-        match numbers {
-            Some(numbers) if is_even => match lengths[0] {
-                Some(length) => numbers?.call_method1("reshape", ((lengths.len(), length),)),
-                None => numbers,
-            },
-            _ => {
-                let list = PyList::empty(py);
-                let mut values = values.iter();
-                for length in lengths {
-                    match length {
-                        Some(length) => {
-                            let part = values.by_ref().take(length).map(|value| object(py, value));
-                            list.append(part.collect::<PyResult<Vec<_>>>()?)?;
-                        }
-                        None => values.next().map_or(Ok(()), |value| list.append(object(py, value)?))?,
-                    }
-                }
-                Ok(list.into_any())
-            }
+        let is_numbers = !matches!(values, Values::Other(_));
+        let whole = values.into_array(py)?;
+        if is_numbers && is_even {
+            return match lengths.first() {
+                Some(Some(length)) => whole.call_method1("reshape", ((lengths.len(), *length),)),
+                _ => Ok(whole),
+            };
         }
+        let whole = if is_numbers { whole.call_method0("tolist")? } else { whole };
+        let whole = whole.cast_into::<PyList>()?;
+        if lengths.iter().all(Option::is_none) {
+            return Ok(whole.into_any());
+        }
+        let (parts, mut start) = (PyList::empty(py), 0);
+        for length in lengths {
+            match length {
+                Some(length) => parts.append(whole.get_slice(start, start + length))?,
+                None => parts.append(whole.get_item(start)?)?,
+            }
+            start += length.unwrap_or(1);
+        }
+        Ok(parts.into_any())
     }
-}
-
-fn column<'py, T: numpy::Element>(
-    py: Python<'py>,
-    values: &[Value],
-    number: fn(&Value) -> Option<T>,
-) -> PyResult<Bound<'py, PyAny>> {
-    Ok(values.iter().filter_map(number).collect::<Vec<T>>().into_pyarray(py).into_any())
 }
 
 fn dictionary<'py>(py: Python<'py>, message: &DynamicMessage) -> PyResult<Bound<'py, PyDict>> {

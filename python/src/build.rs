@@ -94,7 +94,26 @@ fn take<'py, T: FromPyObjectOwned<'py>>(settings: &Bound<'py, PyDict>, key: &str
     settings.del_item(key)?;
     match value.extract() {
         Ok(value) => Ok(Some(value)),
-        Err(_) => Err(PyValueError::new_err(format!("{key} is {value}; it has another type"))),
+        Err(_) => Err(PyValueError::new_err(format!("{key} is {value}; give {}", wanted(key)))),
+    }
+}
+
+/// The values that a key of ranges or disturbances takes, in words.
+fn wanted(key: &str) -> &'static str {
+    match key {
+        "com_shift_m" => "a number, m: the largest shift",
+        "linear" => "a number, m/s: the largest push",
+        "angular" => "a number, rad/s",
+        "force_n" => "a number, N",
+        "torque_nm" => "a number, N m",
+        "light" => "True or False",
+        "link" => "the name of a link",
+        "preset" => "the name of one",
+        "friction" => "a dictionary of (least, most) for each surface",
+        "thing_mass" => "a dictionary of (least, most) for each thing",
+        "pushes" | "wrenches" => "a dictionary",
+        "action_delay" => "(least, most), whole ms",
+        _ => "(least, most)",
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use fiatlux_access::PublicKey;
-use fiatlux_batch::{ActionForm, Field};
+use fiatlux_batch::ActionForm;
 use fiatlux_carrier::Carrier;
 use fiatlux_cli::in_full;
 use fiatlux_client::{
@@ -22,6 +22,7 @@ use pyo3::types::PyDict;
 
 use crate::build;
 use crate::fault::{check_process, failed, not_contiguous, refused};
+use crate::numbers::{Numbers, described};
 use crate::settings::Settings;
 use crate::watch::watch;
 
@@ -280,22 +281,12 @@ struct Player {
     name: String,
     form: ActionForm,
     failure: Failure,
-    terms: Vec<Part>,
-    /// The latest numbers of each term: a term that is not due keeps its last ones.
-    numbers: Vec<f32>,
-}
-
-/// The place of a term in a field of the observation.
-struct Part {
-    sensor: String,
-    field: String,
-    offset: usize,
-    length: usize,
+    numbers: Numbers,
 }
 
 impl Player {
     fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
-        Self { object, name, form, failure, terms: Vec::new(), numbers: Vec::new() }
+        Self { object, name, form, failure, numbers: Numbers::default() }
     }
 
     fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
@@ -311,16 +302,12 @@ impl Player {
         spec.set_item("action_range", vec![[-1.0, 1.0]; names.len()])?;
         spec.set_item("actions", names)?;
         spec.set_item("rewards", Vec::<String>::new())?;
-        let fields = seen(info).map(|term| {
-            let shape: Vec<usize> = term.shape.iter().map(|extent| *extent as usize).collect();
-            Field::of_sensor(&term.sensor, &term.name, &shape, [term.low, term.high], term.noise, term.scale)
-        });
-        spec.set_item("observation", fields.map(|field| build::described(&field)).collect::<Vec<_>>())?;
+        spec.set_item("observation", seen(info).map(described).collect::<Vec<_>>())?;
         self.object.call_method1(py, "begin", (dict, spec)).map(|_| ())
     }
 
     fn answer(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
-        let numbers = PyArray1::from_slice(py, &self.numbers);
+        let numbers = PyArray1::from_slice(py, self.numbers.latest());
         let action = self.object.call_method1(py, "act", (numbers,))?;
         let action: PyReadonlyArray1<'_, f64> = action.extract(py)?;
         Ok(action.as_slice().map_err(|_| not_contiguous("action"))?.to_vec())
@@ -339,40 +326,12 @@ impl Policy for Player {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.terms = seen(info)
-            .map(|term| Part {
-                sensor: term.sensor.clone(),
-                field: term.field.clone(),
-                offset: term.offset as usize,
-                length: term.length(),
-            })
-            .collect();
-        self.numbers = vec![0.0; self.terms.iter().map(|term| term.length).sum()];
+        self.numbers = Numbers::new(seen(info));
         Python::attach(|py| self.begin(info, first, py)).map_err(|error| self.failure.note(error))
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let mut rest = self.numbers.as_mut_slice();
-        for sensor in self.terms.chunk_by(|one, next| one.sensor == next.sensor) {
-            let (mut found, mut is_due) = (Vec::new(), false);
-            let mut field: (&str, Vec<f64>) = ("", Vec::new());
-            for part in sensor {
-                if field.0 != part.field {
-                    field = (&part.field, observation.numbers(&part.field));
-                }
-                is_due |= !field.1.is_empty();
-                match field.1.get(part.offset..part.offset + part.length) {
-                    Some(numbers) => found.extend(numbers.iter().map(|number| *number as f32)),
-                    // A single number is not sent if it is zero.
-                    None => found.resize(found.len() + part.length, 0.0),
-                }
-            }
-            let (places, others) = rest.split_at_mut(found.len());
-            rest = others;
-            if is_due {
-                places.copy_from_slice(&found);
-            }
-        }
+        self.numbers.take(observation);
         let numbers = Python::attach(|py| self.answer(py)).map_err(|error| self.failure.note(error))?;
         Ok(match self.form {
             ActionForm::Action => Command::Action(numbers),

@@ -5,23 +5,19 @@ use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
 use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
-use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
+use fiatlux_render::{Lighting, Visuals};
 use fiatlux_rules::Protocol;
 use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig, delay_steps, noise_scale};
-use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
-use crate::fault::{failed, guarded, not_contiguous, refused};
+use crate::fault::{failed, guarded, not_contiguous, own, own_mut, refused};
+use crate::painter::Painter;
 use crate::settings::Settings;
 use crate::state::{Contacts, describe_contacts, describe_row};
 use crate::{bag, build};
-
-/// Position of the camera of rendered pictures relative to the robot, m, and its vertical field of view, rad.
-const EYE: [f64; 3] = [2.6, -2.2, 1.2];
-const FIELD_OF_VIEW: f64 = 0.9;
 
 /// One episode of the benchmark, with the same rows and digest as on a server.
 #[pyclass(module = "fiatlux._native")]
@@ -39,7 +35,7 @@ pub(crate) struct Episode {
     /// Steps in which all criteria of the published gate held, up to the published end.
     steps_in_gate: u64,
     visuals: Option<Arc<Visuals>>,
-    renderer: Option<Renderer>,
+    painter: Painter,
 }
 
 #[pymethods]
@@ -92,7 +88,7 @@ impl Episode {
             form,
             steps_in_gate: 0,
             visuals,
-            renderer: None,
+            painter: Painter::default(),
         };
         if let Some(actions) = &actions {
             let actions = actions.as_slice().map_err(|_| not_contiguous("actions"))?;
@@ -120,24 +116,26 @@ impl Episode {
             suite: self.suite.clone(),
             spec: self.spec.clone(),
             visuals: self.visuals.clone(),
-            renderer: None,
+            painter: Painter::default(),
             ..*self
         }
     }
 
     #[getter]
-    fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        build::describe(py, &self.spec)
+    fn spec<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
+        build::describe(py, &this.spec)
     }
 
     /// Writes the observation of the present row.
-    fn observe(&mut self, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
+    fn observe(slf: &Bound<'_, Self>, mut observation: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
+        own_mut!(slf, this);
         let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
-        let (expected, found) = (self.spec.observation_length(), observation.len());
+        let (expected, found) = (this.spec.observation_length(), observation.len());
         if found != expected {
             return Err(refused(&fiatlux_batch::BatchError::Length { field: "observation", found, expected }));
         }
-        let Self { play, suite, sensors, .. } = self;
+        let Self { play, suite, sensors, .. } = this;
         let mut rest = observation;
         guarded(|| {
             for sensor in sensors.iter() {
@@ -151,17 +149,19 @@ impl Episode {
     }
 
     /// Takes a control step; returns reward, terminated, truncated.
-    fn step(&mut self, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
+    fn step(slf: &Bound<'_, Self>, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
+        own_mut!(slf, this);
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
-        py.detach(|| guarded(|| self.advance(action)))?.map_err(|error| refused(&error))?;
-        let end = self.play.end();
-        Ok((self.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
+        py.detach(|| guarded(|| this.advance(action)))?.map_err(|error| refused(&error))?;
+        let end = this.play.end();
+        Ok((this.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
     }
 
     /// Value of each term of the reward in the last step.
-    fn reward_terms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    fn reward_terms<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
         let terms = PyDict::new(py);
-        self.play.terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
+        this.play.terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
         Ok(terms)
     }
 
@@ -172,17 +172,19 @@ impl Episode {
     }
 
     /// Domain sample of the episode, as the header of its bag has it.
-    fn drawn<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        bag::described(py, &fiatlux_wire::domain_sample_message(&self.play.domain_sample()))
+    fn drawn<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
+        bag::described(py, &fiatlux_wire::domain_sample_message(&this.play.domain_sample()))
     }
 
     /// Summary of the episode so far: the fields of `results.json` that follow from its rows.
-    fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (judges, spec) = (self.play.judges(), self.play.spec());
+    fn summary<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
+        let (judges, spec) = (this.play.judges(), this.play.spec());
         let summary = judges.of(Protocol::Published).summary();
         let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
         // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
-        let end = summary.end.or(self.play.end());
+        let end = summary.end.or(this.play.end());
         let dict = PyDict::new(py);
         dict.set_item("task", spec.task.short_id())?;
         dict.set_item("seed", spec.seed)?;
@@ -203,14 +205,15 @@ impl Episode {
         dict.set_item("strict_progress", strict.map(|strict| strict.gate_progress))?;
         dict.set_item("strict_end", strict.and_then(|strict| strict.end).map(|end| end.cause().name()))?;
         dict.set_item("strict_steps", strict.map(|strict| strict.steps))?;
-        dict.set_item("steps_in_gate", self.steps_in_gate)?;
-        dict.set_item("state_digest", self.digest())?;
+        dict.set_item("steps_in_gate", this.steps_in_gate)?;
+        dict.set_item("state_digest", this.digest())?;
         Ok(dict)
     }
 
     /// The parts of the present row that a learner or a test reads.
-    fn row<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        describe_row(py, self.play.row())
+    fn row<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
+        describe_row(py, this.play.row())
     }
 
     /// Contact points of the last physics step, as of [`Batch::contacts`](crate::batch::Batch).
@@ -222,49 +225,38 @@ impl Episode {
     }
 
     /// The scene as MJCF for MuJoCo; its keyframe `start` is the present state with the present targets.
-    fn mjcf(&self, nearest: bool) -> PyResult<String> {
-        let (scene, row) = (self.play.scene(), self.play.row());
+    fn mjcf(slf: &Bound<'_, Self>, nearest: bool) -> PyResult<String> {
+        own!(slf, this);
+        let (scene, row) = (this.play.scene(), this.play.row());
         let mut targets = vec![0.0; scene.model.drives().len()];
         for (ids, target) in scene.robot_ids.joints.iter().zip(&row.joint_target) {
             targets[ids.drive] = *target;
         }
         let options = MjcfOptions {
-            name: self.play.spec().task.short_id().into(),
+            name: this.play.spec().task.short_id().into(),
             timestep: PHYSICS_DT,
             option_set: if nearest { OptionSet::Nearest } else { OptionSet::Defaults },
             names: Names::of_scene(scene),
         };
-        guarded(|| to_mjcf(&scene.model, self.play.world().state(), &targets, &options))
+        guarded(|| to_mjcf(&scene.model, this.play.world().state(), &targets, &options))
     }
 
     /// A picture for display, RGB, row by row from the top: from the robot's side, or from one of its cameras.
     #[pyo3(signature = (width, height, camera=None))]
     fn render<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         width: usize,
         height: usize,
         camera: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
-        let row = self.play.row();
-        let view = match camera {
-            Some(name) => Camera::mounted(&self.play.scene().robot, name, row)
-                .map_err(|error| refused(&error))?
-                .fitted(width, height),
-            None => {
-                let target = row.robot.pose.translation.vector;
-                Camera::look_at(target + Vector3::from(EYE), target, FIELD_OF_VIEW, width as f64 / height as f64)
-            }
-        };
-        let scene = self.play.scene();
-        let visuals = self.visuals.get_or_insert_with(|| Arc::new(Visuals::new(scene)));
-        let fits = self.renderer.as_ref().is_some_and(|r| (r.image().width(), r.image().height()) == (width, height));
-        if !fits {
-            self.renderer = None;
+        own_mut!(slf, this);
+        let scene = Arc::clone(this.play.scene());
+        let light = Lighting::of(&this.play.spec().light());
+        if let Some(visuals) = &this.visuals {
+            this.painter.share(&scene, visuals);
         }
-        let renderer = self.renderer.get_or_insert_with(|| Renderer::new(width, height));
-        guarded(|| renderer.render(visuals, row, &view, &Lighting::of(&self.play.spec().light())))?;
-        Ok(PyBytes::new(py, renderer.image().rgb()))
+        this.painter.paint(py, &scene, this.play.row(), &light, [width, height], camera)
     }
 }
 

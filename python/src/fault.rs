@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 create_exception!(
-    _native,
+    fiatlux,
     FiatluxError,
     PyException,
     "The simulator refused a request. The message names the field and the remedy."
@@ -33,6 +33,31 @@ pub(crate) fn not_contiguous(field: &str) -> PyErr {
 pub(crate) fn guarded<T>(work: impl FnOnce() -> T) -> PyResult<T> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
         .map_err(|_| PyRuntimeError::new_err("fiatlux has a fault, described on stderr; please report it"))
+}
+
+/// Borrows an object of a method that changes it: `own_mut!(slf, this)` makes `this` of `slf`.
+macro_rules! own_mut {
+    ($slf:ident, $this:ident) => {
+        let mut held = $slf.try_borrow_mut().map_err(|_| $crate::fault::busy($slf))?;
+        let $this = &mut *held;
+    };
+}
+
+/// The same of a method that reads.
+macro_rules! own {
+    ($slf:ident, $this:ident) => {
+        let held = $slf.try_borrow().map_err(|_| $crate::fault::busy($slf))?;
+        let $this = &*held;
+    };
+}
+
+pub(crate) use {own, own_mut};
+
+/// The error for an object that another thread uses.
+pub(crate) fn busy<T>(object: &Bound<'_, T>) -> PyErr {
+    let name = object.as_any().get_type().name().map_or_else(|_| "object".to_owned(), |name| name.to_string());
+    let remedy = "let one thread at a time call it (threading.Lock), or give each thread its own copy (copy.deepcopy)";
+    PyRuntimeError::new_err(format!("another thread is in a call of this {name}; {remedy}"))
 }
 
 /// Refuses a forked child of the process that first used the network: it lacks Zenoh's threads, and would wait for ever.

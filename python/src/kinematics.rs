@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::build;
-use crate::fault::{guarded, not_contiguous, refused};
+use crate::fault::{guarded, not_contiguous, own, own_mut, refused};
 use crate::settings;
 use crate::state::{Contacts, describe_contacts};
 
@@ -30,7 +30,14 @@ pub(crate) struct Kinematics {
     sites: BTreeMap<String, Site>,
     shapes: BTreeMap<String, ShapeId>,
     mechanics: Mechanics,
+    /// Height of the glass's centre above a bulb's origin, and targets of the closed hand's joints; none without fingers.
+    grasp: Option<(f64, BTreeMap<String, f64>)>,
+    /// Constructor call that copies repeat.
+    recipe: Recipe,
 }
+
+/// Task, seed, robot and gains.
+type Recipe = (Option<String>, u64, String, String);
 
 /// A goal of inverse kinematics: a site or, without a name, the centre of mass; a pose for each state; its weights.
 #[derive(FromPyObject)]
@@ -60,6 +67,7 @@ type SupportOf = (String, [f64; 3], [f64; 3], f64, f64);
 impl Kinematics {
     #[new]
     fn new(task: Option<&str>, seed: u64, robot: &str, gains: &str) -> PyResult<Self> {
+        let recipe = (task.map(str::to_owned), seed, robot.to_owned(), gains.to_owned());
         let (robot, gains) = settings::robot(robot, gains)?;
         let spec = match task {
             Some(task) => EpisodeSpec::new(build::task(task)?, seed, 0).scene(gains),
@@ -70,26 +78,49 @@ impl Kinematics {
         for (link, ids) in scene.robot.links().iter().zip(&scene.robot_ids.links) {
             sites.entry(link.name.clone()).or_insert(Site { body: ids.body, body_from_site: ids.body_from_link });
         }
+        let grasp = grasp_of(&scene).map(|(site, glass_height, grip)| {
+            sites.insert("right_grasp".into(), site);
+            (glass_height, grip)
+        });
         let shapes = scene.model.shapes().iter().enumerate();
         let shapes = shapes.map(|(index, shape)| (shape.name.clone(), ShapeId(index))).collect();
         let mechanics = Mechanics::new(&scene.model);
-        Ok(Self { scene, sites, shapes, mechanics })
+        Ok(Self { scene, sites, shapes, mechanics, grasp, recipe })
+    }
+
+    /// A copy is made anew: it keeps nothing from call to call.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyAny>, Recipe) {
+        (py.get_type::<Self>().into_any(), self.recipe.clone())
     }
 
     /// Lengths, indices and names, and the reference configuration.
-    fn layout<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (model, ids, robot) = (&self.scene.model, &self.scene.robot_ids, &self.scene.robot);
+    fn layout<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own!(slf, this);
+        let (model, ids, robot) = (&this.scene.model, &this.scene.robot_ids, &this.scene.robot);
         let dict = PyDict::new(py);
         let joints = robot.joints().iter().zip(&ids.joints);
         let joints: Vec<_> = joints.map(|(joint, ids)| (joint.name.clone(), ids.qpos, ids.dof)).collect();
         let free = model.bodies().iter().filter(|body| body.spec.joint == Joint::Free).skip(1);
         let free = free.map(|body| (body.spec.name.clone(), body.qpos_start, body.dof_start));
+        // Where each number of MuJoCo's state is in ours; and of each free body, where its turn and its angular velocity are there.
+        let (mut qpos, mut qvel, mut turns) = (Vec::new(), Vec::new(), Vec::new());
+        for body in fiatlux_mjcf::body_order(model) {
+            let body = &model.bodies()[body];
+            let (positions, speeds) = if body.spec.joint == Joint::Free { (7, 6) } else { (1, 1) };
+            if positions == 7 {
+                turns.push((qpos.len() + 3, qvel.len() + 3));
+            }
+            qpos.extend(body.qpos_start..body.qpos_start + positions);
+            qvel.extend(body.dof_start..body.dof_start + speeds);
+        }
+        dict.set_item("mujoco", (qpos, qvel, turns))?;
+        dict.set_item("grasp", this.grasp.clone())?;
         dict.set_item("nq", model.nq())?;
         dict.set_item("nv", model.nv())?;
         dict.set_item("root", (ids.root_qpos, ids.root_dof))?;
         dict.set_item("joints", joints)?;
         dict.set_item("free_bodies", free.collect::<Vec<_>>())?;
-        dict.set_item("sites", self.sites.keys().cloned().collect::<Vec<_>>())?;
+        dict.set_item("sites", this.sites.keys().cloned().collect::<Vec<_>>())?;
         let body = |shape: &fiatlux_dynamics::ShapeSpec| model.bodies()[shape.body.0].spec.name.clone();
         let shapes = model.shapes().iter().map(|shape| (shape.name.clone(), body(shape)));
         dict.set_item("shapes", shapes.collect::<Vec<_>>())?;
@@ -107,9 +138,10 @@ impl Kinematics {
     }
 
     /// Position and quaternion of each site.
-    fn poses<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, sites: Vec<String>) -> Computed<'py> {
-        let sites = self.find_sites(&sites)?;
-        self.each(py, &qpos, None, 7 * sites.len(), |_, mechanics, _, out| {
+    fn poses<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>, sites: Vec<String>) -> Computed<'py> {
+        own_mut!(slf, this);
+        let sites = this.find_sites(&sites)?;
+        this.each(py, &qpos, None, 7 * sites.len(), |_, mechanics, _, out| {
             for (site, out) in sites.iter().zip(out.chunks_mut(7)) {
                 let pose = mechanics.world_from_site(site);
                 let (p, q) = (pose.translation.vector, pose.rotation);
@@ -120,14 +152,15 @@ impl Kinematics {
 
     /// Linear and angular velocity of each site.
     fn velocities<'py>(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'py>,
         qpos: Array<'py>,
         qvel: Array<'py>,
         sites: Vec<String>,
     ) -> Computed<'py> {
-        let sites = self.find_sites(&sites)?;
-        self.each(py, &qpos, Some(&qvel), 6 * sites.len(), |_, mechanics, _, out| {
+        own_mut!(slf, this);
+        let sites = this.find_sites(&sites)?;
+        this.each(py, &qpos, Some(&qvel), 6 * sites.len(), |_, mechanics, _, out| {
             for (site, out) in sites.iter().zip(out.chunks_mut(6)) {
                 let velocity = mechanics.site_velocity(site);
                 out[..3].copy_from_slice(velocity.linear.as_slice());
@@ -136,46 +169,57 @@ impl Kinematics {
         })
     }
 
-    fn jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, site: String) -> Computed<'py> {
-        let site = self.find_sites(&[site])?[0];
-        let nv = self.scene.model.nv();
-        self.each(py, &qpos, None, 6 * nv, |scene, mechanics, _, out| mechanics.jacobian(&scene.model, &site, out))
+    fn jacobian<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>, site: String) -> Computed<'py> {
+        own_mut!(slf, this);
+        let site = this.find_sites(&[site])?[0];
+        let nv = this.scene.model.nv();
+        this.each(py, &qpos, None, 6 * nv, |scene, mechanics, _, out| mechanics.jacobian(&scene.model, &site, out))
     }
 
-    fn center_of_mass<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
-        self.each(py, &qpos, None, 3, |scene, mechanics, _, out| {
+    fn center_of_mass<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
+        own_mut!(slf, this);
+        this.each(py, &qpos, None, 3, |scene, mechanics, _, out| {
             out.copy_from_slice(mechanics.center_of_mass(&scene.model, scene.robot_ids.root).1.as_slice());
         })
     }
 
-    fn com_jacobian<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
-        let nv = self.scene.model.nv();
-        self.each(py, &qpos, None, 3 * nv, |scene, mechanics, _, out| {
+    fn com_jacobian<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
+        own_mut!(slf, this);
+        let nv = this.scene.model.nv();
+        this.each(py, &qpos, None, 3 * nv, |scene, mechanics, _, out| {
             mechanics.com_jacobian(&scene.model, scene.robot_ids.root, out);
         })
     }
 
-    fn mass_matrix<'py>(&mut self, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
-        let nv = self.scene.model.nv();
-        self.each(py, &qpos, None, nv * nv, |scene, mechanics, state, out| {
+    fn mass_matrix<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>) -> Computed<'py> {
+        own_mut!(slf, this);
+        let nv = this.scene.model.nv();
+        this.each(py, &qpos, None, nv * nv, |scene, mechanics, state, out| {
             mechanics.update_equation(&scene.model, state);
             mechanics.mass_matrix(&scene.model, out);
         })
     }
 
-    fn bias_force<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, qvel: Array<'py>) -> Computed<'py> {
-        let nv = self.scene.model.nv();
-        self.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
+    fn bias_force<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>, qvel: Array<'py>) -> Computed<'py> {
+        own_mut!(slf, this);
+        let nv = this.scene.model.nv();
+        this.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
             mechanics.update_equation(&scene.model, state);
             out.copy_from_slice(mechanics.bias_force());
         })
     }
 
     /// Signed distance, nearest points and normal of each pair of shapes: 10 numbers.
-    fn nearest<'py>(&mut self, py: Python<'py>, qpos: Array<'py>, pairs: Vec<(String, String)>) -> Computed<'py> {
-        let pairs = pairs.iter().map(|(a, b)| Ok((self.find_shape(a)?, self.find_shape(b)?)));
+    fn nearest<'py>(
+        slf: &Bound<'_, Self>,
+        py: Python<'py>,
+        qpos: Array<'py>,
+        pairs: Vec<(String, String)>,
+    ) -> Computed<'py> {
+        own_mut!(slf, this);
+        let pairs = pairs.iter().map(|(a, b)| Ok((this.find_shape(a)?, this.find_shape(b)?)));
         let pairs = pairs.collect::<PyResult<Vec<_>>>()?;
-        self.each(py, &qpos, None, 10 * pairs.len(), |scene, mechanics, _, out| {
+        this.each(py, &qpos, None, 10 * pairs.len(), |scene, mechanics, _, out| {
             for (&(a, b), out) in pairs.iter().zip(out.chunks_mut(10)) {
                 out.fill(f64::NAN);
                 if let Some(nearest) = mechanics.nearest(&scene.model, a, b, f64::INFINITY) {
@@ -189,8 +233,9 @@ impl Kinematics {
     }
 
     /// Contact points with a gap of at most `margin` m: the shapes; and the state, distance, point, normal and a force of 0: 11 numbers each.
-    fn contacts<'py>(&self, py: Python<'py>, qpos: Array<'py>, margin: f64) -> PyResult<Contacts<'py>> {
-        let model = &self.scene.model;
+    fn contacts<'py>(slf: &Bound<'_, Self>, py: Python<'py>, qpos: Array<'py>, margin: f64) -> PyResult<Contacts<'py>> {
+        own!(slf, this);
+        let model = &this.scene.model;
         let positions = contiguous("qpos", &qpos, model.nq(), count(&qpos))?;
         let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
         for (state, qpos) in positions.chunks(model.nq()).enumerate() {
@@ -203,15 +248,16 @@ impl Kinematics {
 
     /// Generalised forces of accelerations.
     fn inverse_dynamics<'py>(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'py>,
         qpos: Array<'py>,
         qvel: Array<'py>,
         qacc: Array<'py>,
     ) -> Computed<'py> {
-        let nv = self.scene.model.nv();
+        own_mut!(slf, this);
+        let nv = this.scene.model.nv();
         let mut rows = rows("qacc", &qacc, nv, count(&qpos))?;
-        self.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
+        this.each(py, &qpos, Some(&qvel), nv, |scene, mechanics, state, out| {
             mechanics.update_equation(&scene.model, state);
             mechanics.inverse_dynamics(&scene.model, rows.next().unwrap_or_default(), out);
         })
@@ -219,21 +265,22 @@ impl Kinematics {
 
     /// New configurations; whether each is reached (1 or 0), and its errors of position, rotation and clearance.
     fn inverse<'py>(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'py>,
         qpos: Array<'py>,
         goals: Vec<GoalOf<'py>>,
         search: Search,
     ) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
-        let nq = self.scene.model.nq();
-        let mut solver = self.solver(&search)?;
-        let parts: Vec<Part> = goals.iter().map(|goal| self.part(goal)).collect::<PyResult<_>>()?;
+        own_mut!(slf, this);
+        let nq = this.scene.model.nq();
+        let mut solver = this.solver(&search)?;
+        let parts: Vec<Part> = goals.iter().map(|goal| this.part(goal)).collect::<PyResult<_>>()?;
         let count = count(&qpos);
         let poses: Vec<&[f64]> =
             goals.iter().map(|goal| contiguous("a goal", &goal.1, 7, count)).collect::<PyResult<_>>()?;
         let weights: Vec<_> = goals.iter().map(|goal| (goal.2, goal.3)).collect();
         let starts = contiguous("qpos", &qpos, nq, count)?;
-        let model = &self.scene.model;
+        let model = &this.scene.model;
         let solved = py.detach(|| {
             guarded(|| {
                 let (mut found, mut ends) = (Vec::with_capacity(4 * count), Vec::with_capacity(nq * count));
@@ -261,21 +308,22 @@ impl Kinematics {
 
     /// Forces of supports, and for each joint effort and target; NaN where the supports cannot bear the robot.
     fn supports<'py>(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'py>,
         qpos: Array<'py>,
         qvel: Array<'py>,
         supports: Vec<SupportOf>,
         acceleration: Array<'py>,
     ) -> Computed<'py> {
-        let supports = supports.iter().map(|support| self.support(support)).collect::<PyResult<Vec<_>>>()?;
-        let model = &self.scene.model;
+        own_mut!(slf, this);
+        let supports = supports.iter().map(|support| this.support(support)).collect::<PyResult<Vec<_>>>()?;
+        let model = &this.scene.model;
         let mut wanted = rows("acceleration", &acceleration, 6, count(&qpos))?;
-        let mut solver = SupportSolver::new(model, self.scene.robot_ids.root).map_err(|error| refused(&error))?;
-        let (joints, forces) = (self.scene.robot_ids.joints.len(), 3 * supports.len());
+        let mut solver = SupportSolver::new(model, this.scene.robot_ids.root).map_err(|error| refused(&error))?;
+        let (joints, forces) = (this.scene.robot_ids.joints.len(), 3 * supports.len());
         let (mut posture, mut targets) = (vec![0.0; model.drives().len()], vec![0.0; model.drives().len()]);
         let mut failed = None;
-        let made = self.each(py, &qpos, Some(&qvel), forces + 2 * joints, |scene, mechanics, state, out| {
+        let made = this.each(py, &qpos, Some(&qvel), forces + 2 * joints, |scene, mechanics, state, out| {
             let model = &scene.model;
             mechanics.update_equation(model, state);
             let row = wanted.next().unwrap_or(&[0.0; 6]);
@@ -334,7 +382,14 @@ impl Kinematics {
 
     fn find_sites(&self, names: &[String]) -> PyResult<Vec<Site>> {
         let find = |name: &String| {
-            let unknown = || PyValueError::new_err(format!("site '{name}' is unknown; Kinematics.sites has all names"));
+            let unknown = || {
+                let near =
+                    self.sites.keys().filter(|known| known.contains(name.as_str()) || name.contains(known.as_str()));
+                let near: Vec<_> = near.map(|known| format!("'{known}'")).take(5).collect();
+                let hint =
+                    if near.is_empty() { String::new() } else { format!(" (did you mean {}?)", near.join(", ")) };
+                PyValueError::new_err(format!("site '{name}' is unknown{hint}; Kinematics.sites has all names"))
+            };
             self.sites.get(name).copied().ok_or_else(unknown)
         };
         names.iter().map(find).collect()
@@ -388,6 +443,30 @@ impl Kinematics {
         let normal = Unit::new_normalize(Vector3::from(*normal));
         Ok(Support { body, point, normal, friction: *friction, most: *most })
     }
+}
+
+/// The right hand around a bulb as episodes begin with one in it: the place of the glass's centre with the bulb's axes, its height on the
+/// bulb's axis, and the targets of the hand's joints. By the robot's file, else by the scene's; none without fingers.
+fn grasp_of(scene: &Scene) -> Option<(Site, f64, BTreeMap<String, f64>)> {
+    let (robot, carry) = (&scene.robot, &scene.config.start.carry);
+    let names = robot.joints();
+    let (link, center, height, tilt, grip) = match robot.bulb_grasp() {
+        Some(own) => {
+            let grip = own.grip.iter().map(|(joint, angle)| (names[*joint].name.clone(), *angle)).collect();
+            (own.link, own.glass_center, own.glass_height, own.glass_tilt, grip)
+        }
+        None => {
+            let grip: BTreeMap<_, _> = carry.grip.iter().map(|(name, angle)| (name.clone(), *angle)).collect();
+            (robot.link_index(&carry.hand_link)?, carry.glass_center, carry.glass_height, carry.glass_tilt, grip)
+        }
+    };
+    if grip.keys().any(|name| robot.joint_index(name).is_none()) {
+        return None;
+    }
+    let turn = UnitQuaternion::from_euler_angles(std::f64::consts::PI + tilt[0], tilt[1], 0.0);
+    let link_from_glass = Isometry3::from_parts(Translation3::from(Vector3::from(center)), turn);
+    let ids = &scene.robot_ids.links[link];
+    Some((Site { body: ids.body, body_from_site: ids.body_from_link * link_from_glass }, height, grip))
 }
 
 fn count(array: &Array<'_>) -> usize {

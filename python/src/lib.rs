@@ -10,6 +10,8 @@ mod episode;
 mod evaluate;
 mod fault;
 mod kinematics;
+mod numbers;
+mod painter;
 mod score;
 mod settings;
 mod state;
@@ -28,6 +30,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MAX_THREADS", fiatlux_batch::MAX_THREADS)?;
     module.add("MAX_STARTS", fiatlux_batch::MAX_STARTS)?;
     module.add("BODY_COMMAND", fiatlux_wbc::BodyCommand::NAMES)?;
+    module.add("STANDS_BELOW", fiatlux_wbc::BodyCommand::STANDS_BELOW)?;
     module.add("BODY_COMMAND_KEYS", fiatlux_wbc::BodyCommand::CHUNK_KEYS)?;
     module.add("BENCHMARK_VERSION", fiatlux_rules::BENCHMARK_VERSION)?;
     module.add_class::<bag::Bag>()?;
@@ -41,6 +44,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::robots, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
+    module.add_function(wrap_pyfunction!(painter::camera_names, module)?)?;
     module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::parse_seeds, module)?)?;

@@ -205,6 +205,16 @@ pub(crate) fn delay_steps(ms: u32) -> PyResult<usize> {
     Ok((ms / step_ms) as usize)
 }
 
+/// Flags of the programs, and the arguments of the same meaning.
+const FLAGS: [(&str, &str); 6] = [
+    ("--sensors", "sensors"),
+    ("--record", "record"),
+    ("--fix", "fix"),
+    ("--prop-scale", "prop_scale"),
+    ("--range", "ranges"),
+    ("--end-on", "end_on"),
+];
+
 /// Parses lists as the programs' flags do.
 fn session_args(lists: &[(&str, &[String])]) -> PyResult<SessionArgs> {
     #[derive(clap::Parser)]
@@ -217,7 +227,23 @@ fn session_args(lists: &[(&str, &[String])]) -> PyResult<SessionArgs> {
     let parsed = <Flags as clap::Parser>::try_parse_from(std::iter::once("fiatlux".into()).chain(flags));
     parsed.map(|flags| flags.session).map_err(|error| {
         let text = error.to_string();
-        PyValueError::new_err(text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned())
+        let mut problem = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+        // In Python the settings are arguments, not flags.
+        for (flag, argument) in FLAGS {
+            if let Some(at) = problem.find(&format!("for '{flag} <")) {
+                let rest = problem[at..].split_once(">'").map_or("", |(_, rest)| rest).to_owned();
+                let value = problem.split('\'').nth(1).unwrap_or_default().to_owned();
+                problem = format!("{argument}: '{value}' is refused{rest}");
+                break;
+            }
+        }
+        // What is possible stands in the next lines.
+        let possible = text.lines().map(str::trim).find(|line| line.starts_with("[possible values:"));
+        let possible = possible.map(|line| line.trim_start_matches("[possible values: ").trim_end_matches(']'));
+        PyValueError::new_err(match possible {
+            Some(names) => format!("{problem}; known ones are {names}"),
+            None => problem,
+        })
     })
 }
 

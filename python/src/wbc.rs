@@ -9,7 +9,7 @@ use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::fault::{failed, guarded, not_contiguous, refused};
+use crate::fault::{failed, guarded, not_contiguous, own, own_mut, refused};
 
 /// The controller that this version ships, or another one, for one robot.
 #[pyclass(module = "fiatlux._native")]
@@ -63,13 +63,14 @@ impl WholeBody {
     }
 
     /// Refuses a command (vx, vy, wz, height, roll, pitch, yaw) outside the trained range.
-    fn check(&self, command: [f64; 7]) -> PyResult<()> {
-        self.controller.check(&BodyCommand::from(command)).map_err(|error| refused(&error))
+    fn check(slf: &Bound<'_, Self>, command: [f64; 7]) -> PyResult<()> {
+        own!(slf, this);
+        this.controller.check(&BodyCommand::from(command)).map_err(|error| refused(&error))
     }
 
     /// Takes a control step; returns the joint targets of legs and waist, rad.
     fn step(
-        &mut self,
+        slf: &Bound<'_, Self>,
         base_angular_velocity: [f64; 3],
         projected_gravity: [f64; 3],
         base_linear_velocity: [f64; 3],
@@ -78,6 +79,7 @@ impl WholeBody {
         joint_velocity: Vec<f64>,
         command: [f64; 7],
     ) -> PyResult<[f64; MOVED]> {
+        own_mut!(slf, this);
         let sensed = Sensed {
             base_angular_velocity,
             projected_gravity,
@@ -86,36 +88,45 @@ impl WholeBody {
             joint_position: &joint_position,
             joint_velocity: &joint_velocity,
         };
-        self.has_begun = true;
+        this.has_begun = true;
         let mut targets = [0.0; MOVED];
-        self.controller.step(&sensed, &BodyCommand::from(command), &mut targets).map_err(|error| refused(&error))?;
+        this.controller.step(&sensed, &BodyCommand::from(command), &mut targets).map_err(|error| refused(&error))?;
         Ok(targets)
     }
 
     /// Targets with which the arms rest at these angles, rad.
     fn hold_arms(
-        &mut self,
+        slf: &Bound<'_, Self>,
         projected_gravity: [f64; 3],
         joint_position: Vec<f64>,
         angles: [f64; ARMS],
     ) -> PyResult<[f64; ARMS]> {
+        own_mut!(slf, this);
         let sensed = Sensed { projected_gravity, ..Sensed::upright(&joint_position, &[]) };
-        self.has_begun = true;
-        self.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
+        this.has_begun = true;
+        this.arms.targets(&sensed, &angles).map_err(|error| refused(&error))
     }
 
     /// Poses of the palms in the pelvis frame.
-    fn palms(&mut self, joint_position: Vec<f64>) -> PyResult<[Pose; 2]> {
-        let palms = self.reach.palms(&Sensed::upright(&joint_position, &[])).map_err(|error| refused(&error))?;
+    fn palms(slf: &Bound<'_, Self>, joint_position: Vec<f64>) -> PyResult<[Pose; 2]> {
+        own_mut!(slf, this);
+        let palms = this.reach.palms(&Sensed::upright(&joint_position, &[])).map_err(|error| refused(&error))?;
         Ok(palms.map(|palm| numbers_of(&palm)))
     }
 
-    /// Angles of the arms, rad, that take the hands to their goals: poses and how firmly they are held there.
-    fn reach(&mut self, joint_position: Vec<f64>, goals: [Option<(Pose, [f64; 3])>; 2]) -> PyResult<[f64; ARMS]> {
-        self.has_begun = true;
+    /// Angles of the arms, rad, that take the hands to their goals: poses and how firmly they are held there. Of each hand with a goal,
+    /// what remains between that and the nearest pose that was found, m and rad.
+    fn reach(
+        slf: &Bound<'_, Self>,
+        joint_position: Vec<f64>,
+        goals: [Option<(Pose, [f64; 3])>; 2],
+    ) -> PyResult<([f64; ARMS], [Option<[f64; 2]>; 2])> {
+        own_mut!(slf, this);
+        this.has_begun = true;
         let goals =
             goals.map(|goal| goal.map(|(pose, firmness)| HandGoal { pelvis_from_palm: pose_of(pose), firmness }));
-        self.reach.angles(&Sensed::upright(&joint_position, &[]), &goals).map_err(|error| refused(&error))
+        let angles = this.reach.angles(&Sensed::upright(&joint_position, &[]), &goals);
+        Ok((angles.map_err(|error| refused(&error))?, this.reach.residuals()))
     }
 }
 
@@ -124,6 +135,7 @@ impl WholeBody {
 pub(crate) struct WholeBodies {
     bodies: Vec<WholeBody>,
     threads: usize,
+    weights: Option<PathBuf>,
 }
 
 /// Numbers of a world in `WholeBodies::step`: command, goals of both hands, targets; and in `WholeBodies::palms`.
@@ -134,14 +146,27 @@ const GOALS: usize = 14;
 impl WholeBodies {
     #[new]
     fn new(worlds: usize, threads: usize, weights: Option<PathBuf>) -> PyResult<Self> {
-        let body = WholeBody::new(weights)?;
-        Ok(Self { bodies: vec![body; worlds], threads })
+        let body = WholeBody::new(weights.clone())?;
+        Ok(Self { bodies: vec![body; worlds], threads, weights })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (usize, usize, Option<PathBuf>))> {
+        if self.bodies.iter().any(|body| body.has_begun) {
+            let remedy = "call reset() first, copy it with copy.deepcopy, or make it in the policy's own reset";
+            return Err(PyTypeError::new_err(format!("WholeBodies cannot be pickled during an episode; {remedy}")));
+        }
+        Ok((py.get_type::<Self>().into_any(), (self.bodies.len(), self.threads, self.weights.clone())))
+    }
+
+    fn __deepcopy__(&self, _memo: Bound<'_, PyAny>) -> Self {
+        Self { bodies: self.bodies.clone(), threads: self.threads, weights: self.weights.clone() }
     }
 
     /// Resets the controllers of the marked worlds.
-    fn restart(&mut self, marks: PyReadonlyArrayDyn<'_, bool>) -> PyResult<()> {
+    fn restart(slf: &Bound<'_, Self>, marks: PyReadonlyArrayDyn<'_, bool>) -> PyResult<()> {
+        own_mut!(slf, this);
         let marks = marks.as_slice().map_err(|_| not_contiguous("marks"))?;
-        self.bodies.iter_mut().zip(marks).filter(|(_, mark)| **mark).for_each(|(body, _)| body.restart());
+        this.bodies.iter_mut().zip(marks).filter(|(_, mark)| **mark).for_each(|(body, _)| body.restart());
         Ok(())
     }
 
@@ -149,7 +174,7 @@ impl WholeBodies {
     /// commands, and poses of both palms in the pelvis frame, whose first number is NaN where an arm has no goal. Writes the targets
     /// of legs, waist and arms.
     fn step(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'_>,
         sensed: PyReadonlyArrayDyn<'_, f64>,
         joints: usize,
@@ -157,12 +182,14 @@ impl WholeBodies {
         goals: PyReadonlyArrayDyn<'_, f64>,
         mut targets: PyReadwriteArrayDyn<'_, f64>,
     ) -> PyResult<()> {
+        own_mut!(slf, this);
         let sensed = sensed.as_slice().map_err(|_| not_contiguous("sensed"))?;
         let commands = commands.as_slice().map_err(|_| not_contiguous("commands"))?;
         let goals = goals.as_slice().map_err(|_| not_contiguous("goals"))?;
         let targets = targets.as_slice_mut().map_err(|_| not_contiguous("targets"))?;
         let done = py.detach(|| {
-            self.each(targets, BODY, |world, body, targets| {
+            this.each(targets, BODY, |world, body, targets| {
+                body.has_begun = true;
                 let sensed = sensed_of(sensed, world, joints);
                 let command = std::array::from_fn(|at| commands[world * COMMAND + at]);
                 let (moved, arms) = targets.split_at_mut(MOVED);
@@ -181,16 +208,17 @@ impl WholeBodies {
 
     /// Writes the poses of both palms in the pelvis frame of every world.
     fn palms(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'_>,
         sensed: PyReadonlyArrayDyn<'_, f64>,
         joints: usize,
         mut palms: PyReadwriteArrayDyn<'_, f64>,
     ) -> PyResult<()> {
+        own_mut!(slf, this);
         let sensed = sensed.as_slice().map_err(|_| not_contiguous("sensed"))?;
         let palms = palms.as_slice_mut().map_err(|_| not_contiguous("palms"))?;
         let done = py.detach(|| {
-            self.each(palms, GOALS, |world, body, palms| {
+            this.each(palms, GOALS, |world, body, palms| {
                 let [left, right] = body.reach.palms(&sensed_of(sensed, world, joints))?;
                 palms[..7].copy_from_slice(&numbers_of(&left));
                 palms[7..].copy_from_slice(&numbers_of(&right));

@@ -59,7 +59,7 @@ def test_a_recorded_evaluation_is_the_plain_one(tmp_path):
         def __call__(self, observation):
             return np.zeros(53)
 
-    with pytest.raises(ValueError, match="differs in the policy's code or weights; .*run_file"):
+    with pytest.raises(ValueError, match="differs in the policy's code or weights .*run_file"):
         fiatlux.evaluate(Other, tasks, seeds, out=tmp_path, name="Waver")
     with pytest.raises(ValueError, match="differs in the seeds.*run_file"):
         fiatlux.evaluate(Waver, tasks, [5], out=tmp_path)

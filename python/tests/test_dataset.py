@@ -128,3 +128,17 @@ def test_long_pauses_are_shortened():
     assert kept[MAX_PAUSE - 1] == MAX_PAUSE - 1 and kept[MAX_PAUSE] > MAX_PAUSE
     assert 99 + MAX_PAUSE in kept and 100 + MAX_PAUSE in still and 198 in still
     np.testing.assert_array_equal(shortened(actions[:1]), [0])
+
+
+def test_tasks_with_other_terms_make_one_set():
+    bag = Recorded()
+    frames = list(_frames(bag, TERMS, "joints", 1, ["gate", "walk"], ["mass", "friction"]))
+    assert frames[0]["next.reward_terms"].tolist() == [1.0, 0.0]
+    assert frames[0]["episode.conditions"][0] == 1.0 and np.isnan(frames[0]["episode.conditions"][1])
+
+
+def test_rows_without_a_command_are_refused_by_task():
+    bag = Recorded(commands="some")
+    bag.header["task"] = "S02"
+    with pytest.raises(ValueError, match=f"no command with every action: S02 by x has one with {ROWS - 1} of {ROWS}"):
+        _features(bag, "bag", TERMS, "command", "image")

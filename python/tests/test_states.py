@@ -13,7 +13,7 @@ OTHERS = np.arange(4) > 0
 
 def errand(task="S07", num_envs=4, **settings):
     return fiatlux.VectorEnv(
-        task, num_envs, **{"seeds": [1000], "observation": "flat", "reward": "training", **settings}
+        task, num_envs, **{"seeds": [1000], "episodes": 1, "observation": "flat", "reward": "training", **settings}
     )
 
 
@@ -157,7 +157,7 @@ def test_starts_are_mixed_by_weight():
         ([fiatlux.Start(rows=[])], "starts: rows is empty"),
         ([fiatlux.Start(weight=-1.0)], "bank 0: the weights of starts must be finite and at least 0"),
         ([fiatlux.Start(rows=[{"robot_poze": [1.0]}])], "like has no part 'robot_poze'"),
-        ([], "seeds is 0; give at least one"),
+        ([], "starts is empty; leave it out"),
     ],
 )
 def test_starts_that_cannot_be_are_refused(starts, says):
@@ -301,7 +301,7 @@ def test_every_setting_of_the_programs_holds_in_both_kinds_of_environment(settin
     ("settings", "says"),
     [
         ({"action_delay": 30}, "action_delay is 30; give a multiple of 20 ms, at most 100"),
-        ({"fix": ["gravity"]}, "invalid value 'gravity' for '--fix"),
+        ({"fix": ["gravity"]}, "fix: 'gravity' is refused; known ones are layout"),
         ({"fix": "start"}, "fix is 'start'; give a list of names"),
         ({"prop_scale": {"table": 1.0}}, "'table' has no size; use ladder_x"),
         ({"thresholds": {"facing": 1.0}}, "facing"),

@@ -3,7 +3,6 @@
 import _thread
 import copy
 import threading
-import time
 
 import fiatlux
 import gymnasium
@@ -49,6 +48,7 @@ def test_worlds_of_a_task_are_its_episodes():
             num_envs=3,
             vectorization_mode="vector_entry_point",
             seeds=seeds,
+            episodes=1,
             num_threads=threads,
             reward="training",
             observation="flat",
@@ -151,7 +151,7 @@ def test_nothing_that_was_returned_changes(mode):
 
 
 def test_worlds_are_spread_over_rooms_and_differ():
-    env = fiatlux.VectorEnv("S05", 18, noise=False)
+    env = fiatlux.VectorEnv("S05", 18, noise=False, episodes=1)
     env.reset(seed=3)
     assert len({tuple(env.row(world)["robot_pose"]) for world in range(18)}) == 16
     env = fiatlux.VectorEnv("S05", 2)
@@ -206,26 +206,19 @@ def test_bad_use_is_refused_by_name():
         fiatlux.VectorEnv("S07", seeds=[1000, 1001])
 
 
-def test_ctrl_c_breaks_a_long_step_off():
+def test_ctrl_c_lets_a_long_step_end():
     env = walkers(4096, 1)
     env.reset()
     actions = np.zeros((4096, 15), np.float32)
-    began = time.monotonic()
-    env.step(actions)
-    whole = time.monotonic() - began
-    threading.Timer(0.1 * whole, _thread.interrupt_main).start()
+    threading.Timer(0.02, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
-        env.step(actions)
-    # Times are compared as a ratio: a step of this many worlds takes long on any machine.
-    assert time.monotonic() - began < 1.8 * whole
-    with pytest.raises(fiatlux.FiatluxError, match="reset"):
-        env.step(actions)
-    env.reset()
+        for _ in range(100):
+            env.step(actions)
+    assert len({int(env.row(world)["step"]) for world in range(0, 4096, 64)}) == 1
     env.step(actions)
 
 
 def test_ctrl_c_works_while_worlds_step():
-    # Ctrl-C breaks a step off between two worlds at most, and this one has no second.
     env = walkers(1, 1)
     env.reset()
     actions = np.zeros((1, 15), np.float32)

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Contact;
 use fiatlux_rules::Row;
-use fiatlux_world::Scene;
+use fiatlux_world::{Light, Scene};
 
-use crate::buffers::{check_length, check_memory};
+use crate::buffers::{Memory, check_length, check_memory};
 use crate::job::{Job, Order, Worker};
+use crate::possible::check_row;
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
@@ -71,7 +72,15 @@ impl Batch {
             let bank = world * banks.len() / worlds;
             Job::new(world, &spec, Slot::new(bank, &banks[bank], task, seed, world))
         };
-        let jobs = (0..worlds).map(job).collect();
+        let memory = Memory { worlds, numbers: spec.observation_length() };
+        let mut jobs = Vec::new();
+        jobs.try_reserve_exact(worlds).map_err(|_| memory.error())?;
+        for world in 0..worlds {
+            if !memory.is_left(world) {
+                return Err(memory.error());
+            }
+            jobs.push(job(world));
+        }
         let of_threads = banks.clone();
         let worker = move |thread: usize| {
             let own = thread * worlds / threads..(thread + 1) * worlds / threads;
@@ -79,8 +88,14 @@ impl Batch {
         };
         let workers = Workers::new(jobs, threads, worker)?;
         let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
-        batch.carry_out(&Order::Reset, &[], &mut || true, |_| {})?;
-        Ok(batch)
+        let mut asked = 0;
+        let mut is_memory_left = || {
+            asked += 1;
+            memory.is_left(asked - 1)
+        };
+        let begun = batch.carry_out(&Order::Reset, &[], &mut is_memory_left, |_| {});
+        begun.map_err(|error| if matches!(error, BatchError::Stopped) { memory.error() } else { error })?;
+        if memory.is_left(0) { Ok(batch) } else { Err(memory.error()) }
     }
 
     /// Number of worlds in the batch.
@@ -124,7 +139,7 @@ impl Batch {
     /// The observations of worlds that stay are those of their present rows.
     ///
     /// # Errors
-    /// As for [`Batch::reset`]; a row that makes no world, after which the batch must be reset.
+    /// As for [`Batch::reset`]; [`BatchError::Row`]: a row that no episode reaches. Nothing has changed then.
     pub fn reset_worlds(
         &mut self,
         begin: impl FnMut(usize) -> Begin,
@@ -137,14 +152,23 @@ impl Batch {
         if self.torn && begins.iter().any(|begin| matches!(begin, Begin::Stays)) {
             return Err(BatchError::Torn);
         }
+        for (world, begin) in begins.iter().enumerate() {
+            let Begin::AtRow(row) = begin else { continue };
+            let scene = &self.banks[self.bank_of(world)].scene;
+            check_row(scene, row).map_err(|problem| BatchError::Row { world, problem })?;
+        }
         for (mut job, begin) in self.workers.jobs().zip(begins) {
-            if let Some(seed) = seed.filter(|_| !matches!(begin, Begin::Stays)) {
+            if matches!(begin, Begin::Stays) {
+                continue;
+            }
+            job.keep();
+            if let Some(seed) = seed {
                 let number = job.world as u64;
                 job.slot.reseed(seed, number);
             }
             job.begin = begin;
         }
-        self.carry_out(&Order::Reset, &[], &mut || true, |job| job.copy_observation(observation))
+        self.change(&Order::Reset, observation)
     }
 
     /// Lets the marked worlds continue exactly from the state of one world: with the same actions they then do what it does, to the
@@ -220,8 +244,27 @@ impl Batch {
 
     fn carry_out_where(&mut self, order: &Order, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.check_process()?;
-        self.workers.jobs().zip(marks).for_each(|(mut job, mark)| job.is_marked = *mark);
-        self.carry_out(order, &[], &mut || true, |job| job.copy_observation(observation))
+        for (mut job, mark) in self.workers.jobs().zip(marks) {
+            job.is_marked = *mark;
+            if *mark {
+                job.keep();
+            }
+        }
+        self.change(order, observation)
+    }
+
+    /// Carries out an order other than a step in the worlds that keep their state; if one refuses, all are as before.
+    fn change(&mut self, order: &Order, observation: &mut [f32]) -> Result<(), BatchError> {
+        let was_torn = self.torn;
+        let done = self.carry_out(order, &[], &mut || true, |_| {});
+        self.torn = was_torn && done.is_err();
+        for mut job in self.workers.jobs() {
+            job.settle(done.is_err());
+            if done.is_ok() {
+                job.copy_observation(observation);
+            }
+        }
+        done
     }
 
     /// Lets the present episode of each world end by time-out this many steps earlier than [`Spec::horizon_steps`], so that worlds which
@@ -243,20 +286,6 @@ impl Batch {
     /// [`BatchError`]: buffers of another length, or an action that is not finite or too large, in which case nothing
     /// has changed; or a task that failed in the middle of the step, after which the batch must be reset.
     pub fn step(&mut self, actions: &[f64], buffers: &mut Buffers<'_>) -> Result<(), BatchError> {
-        self.step_while(&mut || true, actions, buffers)
-    }
-
-    /// As [`Batch::step`], as long as `may_go_on` returns true: it is called on the caller's thread, before
-    /// each world that it steps or waits for. If it returns false, the batch must be reset, or restored from a snapshot.
-    ///
-    /// # Errors
-    /// As for [`Batch::step`]; [`BatchError::Stopped`] if the step was broken off.
-    pub fn step_while(
-        &mut self,
-        may_go_on: &mut dyn FnMut() -> bool,
-        actions: &[f64],
-        buffers: &mut Buffers<'_>,
-    ) -> Result<(), BatchError> {
         if self.torn {
             return Err(BatchError::Torn);
         }
@@ -265,7 +294,7 @@ impl Batch {
         self.workers.check_process()?;
         self.check_ended()?;
         let order = Order::Step { wants_final: buffers.final_observation.is_some() };
-        self.carry_out(&order, actions, may_go_on, |job| buffers.copy_from(job))
+        self.carry_out(&order, actions, &mut || true, |job| buffers.copy_from(job))
     }
 
     /// A copy of a world's row.
@@ -286,6 +315,16 @@ impl Batch {
         self.workers.check_process()?;
         let drawn = self.workers.job(world).map(|job| job.slot.drawn(&self.banks[job.slot.bank]));
         drawn.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
+    }
+
+    /// The light of a world's present episode.
+    ///
+    /// # Errors
+    /// As for [`Batch::row`].
+    pub fn light(&self, world: usize) -> Result<Light, BatchError> {
+        self.workers.check_process()?;
+        let light = self.workers.job(world).map(|job| job.slot.light(&self.banks[job.slot.bank]));
+        light.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
     }
 
     /// The contact points of a world's last step, if [`Watch::contacts`](crate::Watch::contacts) says so: those of its last physics step, 5 ms,
@@ -324,7 +363,7 @@ impl Batch {
     ///
     /// # Errors
     /// [`BatchError::Snapshot`]: it was taken from a batch with other settings; seed and threads may differ. A buffer of
-    /// another length. [`BatchError::Task`]: a damaged snapshot, after which the batch must be reset.
+    /// another length. [`BatchError::Task`]: a damaged snapshot. Nothing has changed then.
     pub fn restore(&mut self, snapshot: &Snapshot, observation: &mut [f32]) -> Result<(), BatchError> {
         snapshot.check(&self.settings)?;
         check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
@@ -334,13 +373,17 @@ impl Batch {
         let mut loaded = Ok(());
         let each = self.spec.observation_length();
         for (mut job, state) in self.workers.jobs().zip(&snapshot.worlds) {
+            job.keep();
             let bank = &self.banks[job.slot.bank];
-            loaded = loaded.and(job.load(state, bank));
+            loaded = loaded.and_then(|()| job.load(state, bank));
             let first = job.world * each;
             job.observation.copy_from_slice(&snapshot.observation[first..first + each]);
         }
-        observation.copy_from_slice(&snapshot.observation);
-        self.torn = loaded.is_err();
+        self.workers.jobs().for_each(|mut job| job.settle(loaded.is_err()));
+        if loaded.is_ok() {
+            observation.copy_from_slice(&snapshot.observation);
+            self.torn = false;
+        }
         loaded
     }
 
@@ -377,7 +420,11 @@ impl Batch {
         ended.map_or(Ok(()), |world| Err(BatchError::Ended { world }))
     }
 
-    fn check_actions(&self, actions: &[f64]) -> Result<(), BatchError> {
+    /// Refuses actions that [`Batch::step`] refuses, and takes no step.
+    ///
+    /// # Errors
+    /// [`BatchError`]: a list of another length; a number that is not finite or too large.
+    pub fn check_actions(&self, actions: &[f64]) -> Result<(), BatchError> {
         let (names, limit) = (&self.spec.actions, self.spec.action_limit);
         check_length("actions", actions.len(), self.worlds * names.len())?;
         // NaN is within no limit.

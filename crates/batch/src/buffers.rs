@@ -110,10 +110,46 @@ pub(crate) fn check_memory(spec: &Spec, worlds: usize) -> Result<(), BatchError>
     let each = spec.rewards.len() + 2 * spec.actions.len() + 2;
     let total =
         numbers.checked_mul(2).and_then(|both| both.checked_add(each)).and_then(|each| each.checked_mul(worlds));
-    let fits = total.is_some_and(|total| Vec::<f32>::new().try_reserve_exact(total).is_ok());
+    let fits = total.is_some_and(|total| can_reserve::<f32>(total));
     if fits { Ok(()) } else { Err(BatchError::Memory { worlds, numbers }) }
+}
+
+/// The memory of a batch that is being made. Whoever runs out of it in small pieces ends the process; so it asks for more than it
+/// needs, now and then, and gives it back.
+#[derive(Clone, Copy)]
+pub(crate) struct Memory {
+    pub worlds: usize,
+    pub numbers: usize,
+}
+
+impl Memory {
+    /// Worlds between two questions.
+    const EACH: usize = 16;
+    /// Bytes that these worlds never need, besides their observations.
+    const ENOUGH: usize = 16 << 20;
+    /// Bytes that a later call takes for a world, such as what it drew.
+    const LATER: usize = 1 << 12;
+
+    /// True if there is memory for the worlds until the next question, and for what later calls return.
+    pub fn is_left(self, world: usize) -> bool {
+        let bytes = Self::ENOUGH + self.worlds * Self::LATER + Self::EACH * self.numbers * 8;
+        !world.is_multiple_of(Self::EACH) || can_reserve::<u8>(bytes)
+    }
+
+    pub fn error(self) -> BatchError {
+        BatchError::Memory { worlds: self.worlds, numbers: self.numbers }
+    }
 }
 
 pub(crate) fn check_length(field: &'static str, found: usize, expected: usize) -> Result<(), BatchError> {
     if found == expected { Ok(()) } else { Err(BatchError::Length { field, found, expected }) }
+}
+
+/// True if the system gives this much memory at once.
+fn can_reserve<T>(count: usize) -> bool {
+    let mut reserved = Vec::<T>::new();
+    let fits = reserved.try_reserve_exact(count).is_ok();
+    // Otherwise a compiler may leave out memory that nobody uses.
+    std::hint::black_box(&reserved);
+    fits
 }

@@ -23,7 +23,8 @@ pub enum BatchError {
     #[error("batch config: {field} is {found}; {rule}")]
     Config { field: &'static str, found: usize, rule: String },
     #[error(
-        "worlds: no memory for {worlds} worlds with observations of {numbers} numbers; use fewer worlds or smaller images"
+        "worlds: no memory for {worlds} worlds with observations of {numbers} numbers; use fewer worlds or smaller images, or \
+         raise the limit of memory"
     )]
     Memory { worlds: usize, numbers: usize },
     #[error("disturbances: {field} {rule}")]
@@ -47,21 +48,26 @@ pub enum BatchError {
     #[error("{field} has {found} numbers instead of {expected}")]
     Length { field: &'static str, found: usize, expected: usize },
     /// A number of an action is not finite or too large. No world was stepped.
-    #[error("actions: world {world}, '{name}' is {value}; send numbers from -{limit} to {limit}")]
+    #[error("actions: world {world}, '{name}' is {value:?}; send numbers from -{limit} to {limit}")]
     Action { world: usize, name: String, value: f64, limit: f64 },
     #[error("world {world} does not exist; the batch has {worlds}")]
     NoWorld { world: usize, worlds: usize },
+    /// A row to begin at that no episode reaches. Nothing has changed.
+    #[error("world {world} cannot begin there: {problem}")]
+    Row { world: usize, problem: String },
+    #[error("bank {bank}, start {start}: no world starts there: {problem}")]
+    StartRow { bank: usize, start: usize, problem: String },
     #[error("world {world} refuses its input")]
     World { world: usize, source: WorldError },
     #[error("world {world}: the task cannot go on")]
     Task { world: usize, source: TaskError },
     #[error("world {world}: the task panicked")]
     Panicked { world: usize },
-    /// The caller broke off the step after some worlds had taken it.
-    #[error("the step was broken off; reset the batch or restore a snapshot")]
+    /// The memory ran out before all worlds were done.
+    #[error("the batch stopped before all worlds were done")]
     Stopped,
-    /// An earlier call failed, and left some worlds a step ahead of others.
-    #[error("an earlier call ended in the middle of a step; reset the batch or restore a snapshot")]
+    /// A task failed in a step, which left some worlds a step ahead of others.
+    #[error("an earlier step failed in the middle; reset the batch or restore a snapshot")]
     Torn,
     #[error("the episode of world {world} has ended; reset that world before the next step")]
     Ended { world: usize },

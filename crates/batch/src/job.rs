@@ -61,6 +61,15 @@ pub(crate) struct Job {
     pub contacts: Vec<Contact>,
     pub outcome: Outcome,
     pub error: Option<BatchError>,
+    /// The state before a call that may be refused.
+    kept: Option<Kept>,
+}
+
+/// The state of a world before a call, for one that is refused.
+struct Kept {
+    slot: Slot,
+    observation: Vec<f32>,
+    contacts: Vec<Contact>,
 }
 
 impl Job {
@@ -78,6 +87,22 @@ impl Job {
             contacts: Vec::new(),
             outcome: Outcome::Continues,
             error: None,
+            kept: None,
+        }
+    }
+
+    /// Keeps its state until [`Job::settle`].
+    pub fn keep(&mut self) {
+        let (slot, observation, contacts) = (self.slot.twin(), self.observation.clone(), self.contacts.clone());
+        self.kept = Some(Kept { slot, observation, contacts });
+    }
+
+    /// Ends a call: where it was refused, the world is again as [`Job::keep`] found it.
+    pub fn settle(&mut self, refused: bool) {
+        self.begin = Begin::Stays;
+        let kept = self.kept.take().filter(|_| refused);
+        if let Some(Kept { slot, observation, contacts }) = kept {
+            (self.slot, self.observation, self.contacts) = (slot, observation, contacts);
         }
     }
 

@@ -41,6 +41,7 @@ mod config;
 mod disturbance;
 mod error;
 mod job;
+mod possible;
 mod ranges;
 mod rulebook;
 mod slot;

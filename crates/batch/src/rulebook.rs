@@ -216,8 +216,7 @@ impl Task for Rulebook {
     fn begin(&mut self, world: &World, light: &Light, random: &mut Random) -> Result<(), TaskError> {
         self.episode += 1;
         let seed = (random.unit() * (1_u64 << 53) as f64) as u64;
-        let (noise, lighting) =
-            (self.options.noise.then_some(NoiseSeed { seed, episode: self.episode }), Lighting::of(light));
+        let (noise, lighting) = (self.options.noise.then_some(NoiseSeed { seed, episode: 0 }), Lighting::of(light));
         self.noise = noise;
         self.delayed.clear();
         let [least, most] = self.options.action_delay;

@@ -7,6 +7,7 @@ use fiatlux_rules::{Row, diverged};
 use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
 use crate::disturbance::Disturber;
+use crate::possible::{check_height, check_row};
 use crate::snapshot::WorldState;
 use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Drawn, Outcome, Task, TaskError, Watch};
 
@@ -42,9 +43,12 @@ impl ReadyBank {
                 _ => start.variation.prepare(&bank.scene.model).map_err(WorldError::from),
             };
             let refused = |source| BatchError::Start { bank: index, start: number, source };
+            let impossible = |problem| BatchError::StartRow { bank: index, start: number, problem };
             let mut row = start.row.clone();
             row.step = 0;
+            check_row(&bank.scene, &row).map_err(impossible)?;
             world.reset_to(&row).map_err(refused)?;
+            check_height(&world).map_err(impossible)?;
             let (light, mut drawn) = (start.light, start.drawn.clone());
             drawn.extend(light_by_name(&light).map(|(name, number)| (name.to_owned(), vec![number])));
             starts.push(ReadyStart { row, variation: variation.map_err(refused)?, light, drawn });
@@ -122,6 +126,8 @@ pub(crate) struct Original {
 /// Why a world stopped in the middle of something.
 pub(crate) enum Stopped {
     World(WorldError),
+    /// A row to begin at that no episode reaches.
+    Row(String),
     Task(TaskError),
 }
 
@@ -129,6 +135,7 @@ impl Stopped {
     pub fn at(self, world: usize) -> BatchError {
         match self {
             Self::World(source) => BatchError::World { world, source },
+            Self::Row(problem) => BatchError::Row { world, problem },
             Self::Task(source) => BatchError::Task { world, source },
         }
     }
@@ -181,6 +188,10 @@ impl Slot {
         bank.starts[self.start].drawn.clone().into_iter().chain(own).collect()
     }
 
+    pub fn light(&self, bank: &ReadyBank) -> Light {
+        bank.starts[self.start].light
+    }
+
     /// Begins its random stream anew; the number is that of the world, but for copies of another one.
     pub fn reseed(&mut self, seed: u64, number: u64) {
         (self.stream, self.random) = ((seed, number), Random::new(Stream::Batch, seed, number));
@@ -212,6 +223,21 @@ impl Slot {
             disturber: self.disturber.clone(),
             task: self.task.save()?,
         })
+    }
+
+    /// A copy with the same state.
+    pub fn twin(&self) -> Self {
+        Self {
+            bank: self.bank,
+            has_ended: self.has_ended,
+            row: self.row.clone(),
+            start: self.start,
+            shortened: self.shortened,
+            task: self.task.boxed(),
+            stream: self.stream,
+            random: self.random.clone(),
+            disturber: self.disturber.clone(),
+        }
     }
 
     pub fn original(&self) -> Original {
@@ -263,6 +289,9 @@ impl Slot {
         self.task.place(&bank.scene, &mut self.row, &mut self.random)?;
         world.vary(&start.variation);
         world.reset_to(&self.row)?;
+        if row.is_some() {
+            check_height(world).map_err(Stopped::Row)?;
+        }
         self.row.clone_from(world.row());
         self.disturber.begin(&shared.disturbances, &mut self.random);
         self.task.begin(world, &start.light, &mut self.random)?;

@@ -111,6 +111,21 @@ pub fn to_mjcf(model: &Model, state: &State, targets: &[f64], options: &MjcfOpti
     writer.xml.out
 }
 
+/// Indices of the model's bodies in MuJoCo's order: depth first, the world left out.
+pub fn body_order(model: &Model) -> Vec<usize> {
+    let mut children = vec![Vec::new(); model.bodies().len()];
+    for (index, body) in model.bodies().iter().enumerate().skip(1) {
+        children[body.spec.parent.0].push(index);
+    }
+    let (mut order, mut open) = (Vec::new(), std::mem::take(&mut children[BodyId::WORLD.0]));
+    open.reverse();
+    while let Some(body) = open.pop() {
+        order.push(body);
+        open.extend(std::mem::take(&mut children[body]).into_iter().rev());
+    }
+    order
+}
+
 struct Writer<'a> {
     model: &'a Model,
     options: &'a MjcfOptions,

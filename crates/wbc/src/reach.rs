@@ -38,6 +38,7 @@ pub struct Reach {
     mechanics: Mechanics,
     arms: [(Site, InverseKinematics); 2],
     reference: Option<[f64; ARMS]>,
+    residuals: [Option<[f64; 2]>; 2],
 }
 
 impl Reach {
@@ -64,12 +65,28 @@ impl Reach {
             Ok((Site { body: link.body, body_from_site: link.body_from_link }, inverse))
         };
         let arms = [arm(0)?, arm(1)?];
-        Ok(Self { mechanics: Mechanics::new(&model), robot, model, ids, state, arms, reference: None })
+        Ok(Self {
+            mechanics: Mechanics::new(&model),
+            robot,
+            model,
+            ids,
+            state,
+            arms,
+            reference: None,
+            residuals: [None; 2],
+        })
     }
 
     /// Forgets where the arms were going, before another episode.
     pub fn restart(&mut self) {
         self.reference = None;
+        self.residuals = [None; 2];
+    }
+
+    /// For the left and the right hand, the distance (m) and the turn (rad) between its last goal and the nearest pose that was found
+    /// for the arm alone; none for a hand without a goal.
+    pub fn residuals(&self) -> [Option<[f64; 2]>; 2] {
+        self.residuals
     }
 
     /// Poses of the left and the right palm in the pelvis frame.
@@ -88,6 +105,7 @@ impl Reach {
     /// [`WbcError::Sensed`]: the joints' positions are missing or not finite; [`WbcError::Goal`]: a goal is not finite.
     pub fn angles(&mut self, sensed: &Sensed<'_>, goals: &[Option<HandGoal>; 2]) -> Result<[f64; ARMS], WbcError> {
         let palms = self.palms(sensed)?;
+        self.residuals = [None; 2];
         let mut sensed = [0.0; ARMS];
         sensed.iter_mut().zip(&self.ids.joints[MOVED..BODY]).for_each(|(q, ids)| *q = self.state.qpos[ids.qpos]);
         let mut reference = self.reference.unwrap_or(sensed);
@@ -101,7 +119,8 @@ impl Reach {
             joints.iter().zip(&reference[arm.clone()]).for_each(|(ids, q)| self.state.qpos[ids.qpos] = *q);
             let (site, inverse) = &mut self.arms[side];
             let found = inverse.solve(&self.model, &mut self.state, &[Goal::pose(*site, pelvis_from_palm)]);
-            found.map_err(|_| WbcError::Goal(["left", "right"][side]))?;
+            let found = found.map_err(|_| WbcError::Goal(["left", "right"][side]))?;
+            self.residuals[side] = Some([found.position_error, found.rotation_error]);
             for ((reference, sensed), ids) in reference[arm.clone()].iter_mut().zip(&sensed[arm]).zip(joints) {
                 let step = (self.state.qpos[ids.qpos] - *reference).clamp(-SPEED * CONTROL_DT, SPEED * CONTROL_DT);
                 *reference = (*reference + step).clamp(sensed - LEAD, sensed + LEAD);

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from .. import _native
-from ..settings import ROBOTS
+from ..settings import ROBOTS, Protocol, Reward
 from ..tasks import TASKS
 
 PARTS = ("history", "clock", "symmetry")
@@ -115,8 +115,8 @@ class Baseline(Settings):
     entropy: float = _of(0.006, "weight of the entropy", 0)
     learning_rate: float = _of(1e-3, "learning rate at first", 1e-9)
     std: float = _of(1.0, "standard deviation of an action at first", 0.01, 100)
-    reward: str = _of("training", "training: the shaped reward; benchmark: what the task's score pays")
-    protocol: str = _of("published", "which judge ends an episode: published or strict")
+    reward: Reward = _of("training", "training: the shaped reward; benchmark: what the task's score pays")
+    protocol: Protocol = _of("published", "which judge ends an episode: published or strict")
     sensors: tuple[str, ...] = _of((), "sensors of the policy, such as lidar; without names, the task's usual ones")
     robot: str = _of(ROBOTS[0], "robot")
     rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)

@@ -1,12 +1,12 @@
 //! Bad use is refused by name, and nothing panics.
 
 use fiatlux_batch::{
-    Bank, Batch, BatchConfig, BatchError, Control, Outcome, Outputs, Ranges, Spec, Task, TaskError, Walking,
+    Bank, Batch, BatchConfig, BatchError, Begin, Control, Outcome, Outputs, Ranges, Spec, Task, TaskError, Walking,
 };
 use fiatlux_rules::Row;
 use fiatlux_world::{Light, Random, Scene, World};
 
-use crate::common::{floor, simple, walkers};
+use crate::common::{floor, play, simple, walkers};
 
 #[test]
 fn configs_that_make_no_batch() {
@@ -29,7 +29,10 @@ fn configs_that_make_no_batch() {
     );
     assert_eq!(refused(&|config| config.threads = huge), format!("batch config: threads is {huge}; give at most 1024"));
     let broken = refused(&|config| config.banks[0].starts[0].row.joint_position[3] = f64::NAN);
-    assert_eq!(broken, "bank 0, start 0: no world starts there");
+    assert!(
+        broken.starts_with("bank 0, start 0: no world starts there: joint_position of 'left_knee_joint' is NaN"),
+        "{broken}"
+    );
     let pushes = fiatlux_batch::Pushes { interval_s: [2.0, 1.0], linear: 0.1, angular: 0.0 };
     assert!(refused(&|config| config.disturbances.pushes = Some(pushes.clone())).contains("pushes.interval_s"));
     let nominal = Ranges::NOMINAL;
@@ -58,7 +61,7 @@ fn bad_steps_change_nothing() {
     let short = batch.step(&[0.0; 44], &mut outputs.buffers()).unwrap_err();
     assert_eq!(short.to_string(), "actions has 44 numbers instead of 45");
     let mut actions = [0.0; 45];
-    for (value, named) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (1e4, "10000")] {
+    for (value, named) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (1e300, "1e300")] {
         actions[15 + 3] = value;
         let refused = batch.step(&actions, &mut outputs.buffers()).unwrap_err().to_string();
         assert!(refused.starts_with(&format!("actions: world 1, 'left_knee_joint' is {named}; ")), "{refused}");
@@ -71,24 +74,6 @@ fn bad_steps_change_nothing() {
     assert!(matches!(batch.save_world(3), Err(BatchError::NoWorld { world: 3, worlds: 3 })));
     assert_eq!(rows, (0..3).map(|world| batch.row(world).unwrap()).collect::<Vec<_>>());
     batch.step(&[0.0; 45], &mut outputs.buffers()).unwrap();
-}
-
-#[test]
-fn a_step_that_is_broken_off_asks_for_a_reset() {
-    for threads in [1, 2] {
-        let mut batch = walkers(8, threads, 0);
-        let mut outputs = Outputs::new(&batch);
-        let mut left = 3;
-        let mut may_go_on = || {
-            left -= 1;
-            left > 0
-        };
-        let stopped = batch.step_while(&mut may_go_on, &[0.0; 8 * 15], &mut outputs.buffers());
-        assert!(matches!(stopped, Err(BatchError::Stopped)), "{stopped:?}");
-        assert!(matches!(batch.step(&[0.0; 8 * 15], &mut outputs.buffers()), Err(BatchError::Torn)));
-        batch.reset_with_seed(0, &mut outputs.observation).unwrap();
-        batch.step(&[0.0; 8 * 15], &mut outputs.buffers()).unwrap();
-    }
 }
 
 /// A task that fails on request.
@@ -156,4 +141,105 @@ fn faults_of_a_task_stay_its_own() {
         batch.step(&[0.0; 4], &mut outputs.buffers()).unwrap();
         assert_eq!(outputs.reward, [0.0; 4], "what is not finite pays nothing");
     }
+}
+
+/// A refused call leaves every world, its random stream and the caller's buffer as they were.
+#[test]
+fn a_refused_reset_changes_nothing() {
+    for threads in [1, 3] {
+        let (mut batch, mut twin) = (walkers(5, threads, 4), walkers(5, threads, 4));
+        let (mut outputs, mut others) = (Outputs::new(&batch), Outputs::new(&twin));
+        play(&mut batch, &mut outputs, 0..12);
+        play(&mut twin, &mut others, 0..12);
+        let row = batch.row(2).unwrap();
+        type Change = fn(&mut Row);
+        let changes: [(Change, &str); 7] = [
+            (|row| row.joint_position[3] = f64::NAN, "joint_position of 'left_knee_joint' is NaN"),
+            (|row| row.joint_position[3] = 10.0, "joint_position of 'left_knee_joint' is 10, rad"),
+            (|row| row.joint_velocity[0] = 1e4, "joint_velocity of 'left_hip_pitch_joint' is 10000, rad/s"),
+            (|row| row.robot.pose.translation.x = 1e6, "robot_pose is 1000000"),
+            (|row| row.robot.pose.rotation.as_mut_unchecked().coords.w = 1.1, "robot_pose has a quaternion of length"),
+            (|row| row.robot.linear_velocity.z = f64::INFINITY, "robot_linear_velocity is not finite"),
+            (|row| row.action[1] = f64::NAN, "action of 'left_hip_roll_joint' is NaN"),
+        ];
+        for (change, says) in changes {
+            let mut bad = row.clone();
+            change(&mut bad);
+            let begin = |world| if world == 3 { Begin::AtRow(Box::new(bad.clone())) } else { Begin::AtStart };
+            let mut observation = vec![7.0; outputs.observation.len()];
+            let refused = batch.reset_worlds(begin, Some(9), &mut observation).unwrap_err();
+            assert!(matches!(refused, BatchError::Row { world: 3, .. }), "{refused}");
+            assert!(refused.to_string().contains(says), "{refused}");
+            assert!(observation.iter().all(|number| *number == 7.0));
+        }
+        assert_eq!(play(&mut batch, &mut outputs, 12..60), play(&mut twin, &mut others, 12..60));
+    }
+}
+
+/// A task that cannot begin where one of its worlds shall begin.
+#[derive(Clone)]
+struct Picky(Spec, u64);
+
+impl Task for Picky {
+    fn spec(&self) -> &Spec {
+        &self.0
+    }
+
+    fn begin(&mut self, world: &World, _: &Light, random: &mut Random) -> Result<(), TaskError> {
+        self.1 += 1;
+        random.unit();
+        if world.row().robot.pose.translation.x > 50.0 { Err("too far away".into()) } else { Ok(()) }
+    }
+
+    fn command(&mut self, scene: &Scene, _: &Row, _: &[f64], _: &mut Random, control: &mut Control) {
+        control.joint_target.copy_from_slice(scene.robot.q0());
+    }
+
+    fn judge(&mut self, _: &World, random: &mut Random, reward_terms: &mut [f32]) -> Outcome {
+        reward_terms[0] = self.1 as f32 + random.unit() as f32;
+        Outcome::Continues
+    }
+
+    fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError> {
+        observation[0] = world.row().robot.pose.translation.x as f32;
+        Ok(())
+    }
+
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        vec![("task", "picky".into())]
+    }
+}
+
+#[test]
+fn a_task_that_cannot_begin_changes_nothing() {
+    let spec = Spec {
+        actions: vec!["what".into()],
+        action_range: vec![[0.0, 2.0]],
+        horizon_steps: 100,
+        action_limit: 9.0,
+        observation: vec![fiatlux_batch::Field::new("x", &[])],
+        rewards: vec!["one".into()],
+        reward_weights: vec![1.0],
+    };
+    let made = || simple(Bank::standing(floor()), &Picky(spec.clone(), 0), 4, 2);
+    let (mut batch, mut twin) = (made(), made());
+    let (mut outputs, mut others) = (Outputs::new(&batch), Outputs::new(&twin));
+    let mut far = batch.row(0).unwrap();
+    far.robot.pose.translation.x = 60.0;
+    let begin = |world| if world == 1 { Begin::AtRow(Box::new(far.clone())) } else { Begin::AtStart };
+    let refused = batch.reset_worlds(begin, Some(3), &mut outputs.observation).unwrap_err();
+    assert!(matches!(refused, BatchError::Task { world: 1, .. }), "{refused}");
+    for _ in 0..5 {
+        batch.step(&[0.0; 4], &mut outputs.buffers()).unwrap();
+        twin.step(&[0.0; 4], &mut others.buffers()).unwrap();
+        assert_eq!((&outputs.reward, &outputs.observation), (&others.reward, &others.observation));
+    }
+    // What is below the floor is seen when the world is there.
+    let mut low = far.clone();
+    low.robot.pose.translation.x = 0.0;
+    low.robot.pose.translation.z = -3.0;
+    let begin = |_| Begin::AtRow(Box::new(low.clone()));
+    let refused = batch.reset_worlds(begin, None, &mut outputs.observation).unwrap_err();
+    assert!(refused.to_string().contains("m below the floor"), "{refused}");
+    batch.step(&[0.0; 4], &mut outputs.buffers()).unwrap();
 }
