@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// Messages that a bag's metadata has as JSON: header, result, and what is in them.
-const IN_METADATA: [&str; 27] = [
+const IN_METADATA: [&str; 28] = [
     "EpisodeHeader",
     "Asset",
     "OpenRequest",
@@ -31,6 +31,7 @@ const IN_METADATA: [&str; 27] = [
     "JointDrive",
     "JointGroups",
     "ContactMeasure",
+    "SeedRange",
 ];
 
 fn main() {

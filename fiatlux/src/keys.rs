@@ -8,6 +8,7 @@ mod certificates;
 mod configs;
 mod roles;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::net::IpAddr;
@@ -15,7 +16,9 @@ use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 use data_encoding::HEXLOWER;
-use fiatlux_access::{AccessError, Grant, Identity, KnownServers, RecorderKey, Token, Tokens, random, write_new};
+use fiatlux_access::{
+    AccessError, Grant, Identity, KnownServers, RecorderKey, Token, Tokens, is_server_or_group, random, write_new,
+};
 use fiatlux_proto::keys::is_name;
 use serde::Serialize;
 use thiserror::Error;
@@ -40,8 +43,9 @@ pub struct KeysOptions {
     /// Names or addresses of the router's machine, the one that others connect to first; empty for this machine alone.
     pub hosts: Vec<String>,
     pub port: u16,
-    /// Name of the simulation server, as in `sim-server --name`.
-    pub server: String,
+    /// Names of the simulation servers, as in `sim-server --name`, all with one key; `NAME-*` stands for any number of them. The
+    /// first one is in the commands.
+    pub servers: Vec<String>,
     pub authentication: Authentication,
     /// Validity of certificates, days.
     pub days: u16,
@@ -69,7 +73,10 @@ pub enum KeysError {
          --host localhost --host {0}, or use --auth password"
     )]
     Ipv6(String),
-    #[error("--name {0}: a server's name has 1 to 64 letters, digits, - or _")]
+    #[error(
+        "--name {0}: a server's name has 1 to 64 letters, digits, - or _; name several with commas, such as lab,lab-2, where \
+         NAME-* stands for all whose names begin with NAME-"
+    )]
     Server(String),
     #[error("cannot make the certificates")]
     Certificate(#[from] rcgen::Error),
@@ -101,8 +108,14 @@ pub struct CreatedKeys {
 /// # Errors
 /// [`KeysError`]; nothing is left behind, and nothing that existed has changed.
 pub fn make(options: &KeysOptions) -> Result<CreatedKeys, KeysError> {
-    if !is_name(&options.server) {
-        return Err(KeysError::Server(options.server.clone()));
+    let mut names = BTreeSet::new();
+    for name in &options.servers {
+        if !is_server_or_group(name) || !names.insert(name) {
+            return Err(KeysError::Server(name.clone()));
+        }
+    }
+    if !options.servers.first().is_some_and(|name| is_name(name)) {
+        return Err(KeysError::Server(options.servers.join(",")));
     }
     if let Some(host) = options.hosts.iter().find(|host| !is_host(host)) {
         return Err(KeysError::Host(host.clone()));
@@ -183,7 +196,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<CreatedKeys
 
     let identity = Identity::generate()?;
     identity.write(&note("server_identity", true, "the server: the key that proves who it is"))?;
-    let known = KnownServers::line(&options.server, &identity.public());
+    let known: String = options.servers.iter().map(|name| KnownServers::line(name, &identity.public())).collect();
     write_new(&note("known_servers", false, "policies, recorder: the server's public key"), &known, 0o644)?;
     let token = Token::generate("policy")?;
     let tokens: Tokens = [Grant::new(token.clone(), options.sessions)].into_iter().collect();
@@ -192,7 +205,7 @@ fn fill(options: &KeysOptions, scratch: &Path, out: &Path) -> Result<CreatedKeys
     RecorderKey::generate()?.write(&note("recorder_key", true, "server and recorder: lets a recorder read rows"))?;
 
     let path = |name: &str| options.out.join(name).display().to_string();
-    let [name, known] = [options.server.clone(), path("known_servers")];
+    let [name, known] = [options.servers.first().cloned().unwrap_or_default(), path("known_servers")];
     let commands = vec![
         format!("fiatlux router -c {}", path("router.json5")),
         format!(

@@ -27,9 +27,10 @@ pub struct KeysArgs {
     /// Port that the router listens on.
     #[arg(long, default_value_t = 7447, value_parser = whole::<u16>(1..=65_535))]
     port: u16,
-    /// Name of the server, as in sim-server --name.
-    #[arg(long, default_value = "local")]
-    name: String,
+    /// Name of the server, as in sim-server --name. For several servers that share these files name all of them, such as
+    /// lab,lab-2,lab-3, or a group: lab,lab-*
+    #[arg(long, default_value = "local", value_delimiter = ',')]
+    name: Vec<String>,
     /// The router's way to authenticate programs.
     #[arg(long, value_enum, default_value_t = Auth::Mtls)]
     auth: Auth,
@@ -58,7 +59,7 @@ pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
         out: args.out,
         hosts: args.host,
         port: args.port,
-        server: args.name,
+        servers: args.name,
         authentication: match args.auth {
             Auth::Mtls => Authentication::Certificates,
             Auth::Password => Authentication::Passwords,

@@ -30,6 +30,11 @@ pub fn any_truth_live(server: Option<&str>) -> String {
     ServerKeys::new(server.unwrap_or("*")).session("*").truth_live("*")
 }
 
+/// Liveliness tokens for clients, of all sessions of all servers, or of one.
+pub fn any_live(server: Option<&str>) -> String {
+    ServerKeys::new(server.unwrap_or("*")).session("*").live()
+}
+
 /// Records of all sessions of all servers, or of one.
 pub fn any_truth_row(server: Option<&str>) -> String {
     ServerKeys::new(server.unwrap_or("*")).session("*").truth_row()

@@ -185,6 +185,7 @@ impl Run {
             tasks,
             seeds: self.seeds.clone(),
             hosted_seeds: self.hosted_seeds,
+            ..RunSpec::default()
         };
         let file = RunFile::open_of(&self.run_file, &spec, &self.digest).map_err(|error| {
             // The messages name the programs' flag.

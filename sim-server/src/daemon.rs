@@ -33,9 +33,12 @@ pub struct DaemonArgs {
     /// Longest wait of a session for a client that is gone, s.
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     grace: Duration,
-    /// Longest wait of a session for an action, s.
+    /// Longest wait of a session for an action in real time, s.
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
     action_timeout: Duration,
+    /// Longest wait for an action in lockstep, of a client that is there, s.
+    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = seconds)]
+    lockstep_timeout: Duration,
     /// Scene config; its values replace the published ones. Runs in another scene are not ranked.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
@@ -91,6 +94,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         capacity: args.capacity,
         grace: args.grace,
         action_timeout: args.action_timeout,
+        lockstep_timeout: args.lockstep_timeout,
         scene,
         weights: args.weights,
         meshes: args.meshes,

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Fuzzes what strangers can send: bags, requests to the leaderboard, submissions of forged bags, messages. Ends with an error at the first crash, hang or
-# request for more than 1 GiB of memory; the input that did it is in target/fuzz/NAME.
+# Fuzzes what strangers can send: bags, requests to the leaderboard, submissions of forged bags, messages, objects. Ends with an error at the
+# first crash, hang or request for more than 1 GiB of memory; the input that did it is in target/fuzz/NAME.
 #
-#   tests/fuzz/run.sh [SECONDS] [TARGET...]        60 seconds for each of bag, submission, forged and messages, where nothing is said
+#   tests/fuzz/run.sh [SECONDS] [TARGET...]        60 seconds for each of bag, submission, forged, messages and object, where nothing is said
 #
 # Needs a C++ compiler for libFuzzer, and no nightly Rust. What was learnt is kept in target/fuzz/NAME/corpus. FIATLUX names the
 # program that plays the first bag, which is built otherwise.
@@ -12,7 +12,7 @@ root="$(cd "$here/../.." && pwd)"
 seconds="${1:-60}"
 shift $(($# > 0 ? 1 : 0))
 targets=("$@")
-[ "${#targets[@]}" -gt 0 ] || targets=(bag submission forged messages)
+[ "${#targets[@]}" -gt 0 ] || targets=(bag submission forged messages object)
 target="${CARGO_TARGET_DIR:-$root/target}"
 
 # Coverage by a pass that stable compilers have too.

@@ -11,8 +11,15 @@ pub enum AccessError {
     Write { path: PathBuf, source: io::Error },
     #[error("{} exists and will not be overwritten; move it away or name another file", path.display())]
     Exists { path: PathBuf },
+    #[error("{} is a device or a folder, not a file of keys; name a file that `fiatlux keys --out DIR` made", path.display())]
+    Kind { path: PathBuf },
     /// Others on this machine can read or change a secret.
-    #[error("{} has mode {mode:04o}, so others can read the secret in it; run `chmod 600 {}`, and make a new one if they may have read it", path.display(), path.display())]
+    #[error(
+        "{} has mode {mode:04o}, so others can read the secret in it; run `chmod 600 {}`, and make a new one if they may have \
+         read it. A secret that an orchestrator mounts may be root's with mode 0440; on a disk without modes (Windows' in WSL, \
+         some network shares) set FIATLUX_ANY_MODE=1",
+        path.display(), path.display()
+    )]
     Exposed { path: PathBuf, mode: u32 },
     #[error("{}:{line}: {field}: {problem}; {remedy}", path.display())]
     Line {

@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 
 use base64::Engine as _;
@@ -29,19 +29,35 @@ pub fn read_public(path: &Path) -> Result<String, AccessError> {
     text_of(&open(path)?, path)
 }
 
-/// Reads a file that only its owner may read. A file of another kind is refused as such, with any mode.
+/// Set to 1, it lets secrets be read whatever their modes: some disks have none, such as those of Windows in WSL.
+pub const ANY_MODE: &str = "FIATLUX_ANY_MODE";
+
+/// Reads a file that only its owner may read, or root's that root lets a group read, as orchestrators mount secrets. A file of
+/// another kind is refused as such, with any mode.
 pub fn read_secret<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, AccessError>) -> Result<T, AccessError> {
     let file = open(path)?;
+    // chmod helps no device, and would break it for others.
+    let kind = file.metadata().map_err(|source| AccessError::Read { path: path.to_owned(), source })?.file_type();
+    if !kind.is_file() && !kind.is_fifo() {
+        return Err(AccessError::Kind { path: path.to_owned() });
+    }
     let secret = parse(&text_of(&file, path)?)?;
     check_private(&file, path)?;
     Ok(secret)
 }
 
-/// Checks that only its owner may read an open file; `path` is for the message.
+/// Checks that nobody else may read an open file; `path` is for the message.
 pub fn check_private(file: &File, path: &Path) -> Result<(), AccessError> {
     let source = |source| AccessError::Read { path: path.to_owned(), source };
-    let mode = file.metadata().map_err(source)?.permissions().mode() & 0o7777;
-    if mode & 0o077 == 0 { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
+    let found = file.metadata().map_err(source)?;
+    let mode = found.permissions().mode() & 0o7777;
+    let may = is_private(mode, found.uid()) || std::env::var_os(ANY_MODE).is_some_and(|set| set == "1");
+    if may { Ok(()) } else { Err(AccessError::Exposed { path: path.to_owned(), mode }) }
+}
+
+/// True if these permission bits keep a secret. Who is in a group is for root to say, who gave root's file to it.
+fn is_private(mode: u32, owner: u32) -> bool {
+    mode & 0o077 == 0 || owner == 0 && mode & 0o037 == 0
 }
 
 fn open(path: &Path) -> Result<File, AccessError> {
@@ -102,6 +118,34 @@ pub fn decode(text: &str, prefix: &str, field: &'static str, remedy: &'static st
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn secrets_are_the_owners_or_of_a_group_that_root_gave_them_to() {
+        for (mode, owner, may) in [
+            (0o600, 1000, true),
+            (0o400, 1000, true),
+            (0o400, 0, true),
+            // A Kubernetes secret with fsGroup, and one of Docker Swarm.
+            (0o440, 0, true),
+            (0o640, 0, true),
+            (0o440, 1000, false),
+            (0o640, 1000, false),
+            (0o660, 0, false),
+            (0o444, 0, false),
+            (0o644, 0, false),
+            (0o777, 0, false),
+            (0o602, 1000, false),
+            (0o710, 1000, false),
+        ] {
+            assert_eq!(is_private(mode, owner), may, "{mode:o} of {owner}");
+        }
+    }
+
+    #[test]
+    fn a_device_is_not_a_file_of_keys() {
+        let error = read_secret(Path::new("/dev/null"), |_| Ok(())).unwrap_err().to_string();
+        assert!(error.contains("not a file") && !error.contains("chmod"), "{error}");
+    }
 
     #[test]
     fn comments_and_empty_lines_say_nothing() {

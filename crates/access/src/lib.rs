@@ -44,10 +44,10 @@ pub use handshake::{
 };
 pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
 pub use journal::{journal_signer, sign_journal};
-pub use known::KnownServers;
+pub use known::{KnownServers, is_server_or_group};
 pub use recorder_key::RecorderKey;
 pub use result::{Signer, sign_result, signer_of};
-pub use rows::RowsKey;
+pub use rows::{RowsKey, sealed_seq};
 pub use tokens::{Grant, MAX_LIMIT, SECRET_BYTES, Token, Tokens};
 
 pub fn random<const N: usize>() -> Result<[u8; N], AccessError> {

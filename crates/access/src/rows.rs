@@ -15,6 +15,13 @@ const RECORD: u32 = 1;
 
 const SEQ_BYTES: usize = 8;
 
+/// The number under which a record was sealed, as it says itself; `None` if it is too short for a sealed record.
+#[must_use]
+pub fn sealed_seq(sealed: &[u8]) -> Option<u64> {
+    let (seq, _) = sealed.split_first_chunk::<SEQ_BYTES>()?;
+    (sealed.len() >= SEQ_BYTES + MAC_BYTES).then(|| u64::from_le_bytes(*seq))
+}
+
 /// Encrypts the records of one session, and proves who asks for them.
 pub struct RowsKey {
     seals: LessSafeKey,

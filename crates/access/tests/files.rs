@@ -111,7 +111,7 @@ fn a_secret_that_others_can_read_is_refused() {
     RecorderKey::generate().unwrap().write(&recorder).unwrap();
     Token::generate("a").unwrap().write(&token).unwrap();
     Tokens::default().write(&tokens).unwrap();
-    for bits in [0o640, 0o604, 0o620, 0o644] {
+    for bits in [0o660, 0o604, 0o620, 0o644] {
         for path in [&identity, &recorder, &token, &tokens] {
             fs::set_permissions(path, Permissions::from_mode(bits)).unwrap();
         }

@@ -49,7 +49,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::LedgerError;
 pub(crate) use journal::is_journal;
-pub use journal::{is_torn, journal_of, journals};
+pub use journal::{ends_finished, is_torn, journal_of, journals};
 pub use ledger::{EpisodeState, Ledger, LedgerEpisode, PlayedEpisode, Prefix, Seal};
 pub use marks::Marks;
 pub use writer::LedgerWriter;

@@ -9,6 +9,8 @@ pub enum BridgeError {
         if given.starts_with("wss:") { "; for TLS run a proxy on this side, and name the server with --model-host" } else { "" }
     )]
     Address { given: String, scheme: &'static str },
+    #[error("cannot read '{given}' as the address of a tracked body; write stream=tcp://HOST:PORT")]
+    Stream { given: String },
     #[error("cannot connect to the model server at {address}; start it, or correct --model")]
     Connect { address: String, source: std::io::Error },
     #[error("the server at {address} does not speak {transport}: {problem}; compare --dialect and --model with it")]

@@ -82,9 +82,9 @@ impl BodyStream {
     /// Begins to receive from an address such as `tcp://HOST:5556`.
     ///
     /// # Errors
-    /// [`BridgeError::Address`]; no thread can be started.
+    /// [`BridgeError::Stream`]; no thread can be started.
     pub fn start(address: &str) -> Result<Self, BridgeError> {
-        let address = Address::parse(address, "tcp")?;
+        let address = Address::parse(address, "tcp").map_err(|_| BridgeError::Stream { given: address.into() })?;
         let (received, stop) = (Arc::<Mutex<Received>>::default(), Arc::<AtomicBool>::default());
         let (to, until) = (Arc::clone(&received), Arc::clone(&stop));
         let run = move || {
@@ -92,7 +92,7 @@ impl BodyStream {
                 let Err(error) = receive(&address, &to, &until) else { continue };
                 {
                     let mut received = lock(&to);
-                    (received.version, received.problem) = (None, error.to_string());
+                    (received.version, received.problem) = (None, reason(&error));
                 }
                 std::thread::sleep(PAUSE);
             }
@@ -131,6 +131,20 @@ impl Drop for BodyStream {
 
 fn lock(received: &Mutex<Received>) -> MutexGuard<'_, Received> {
     received.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A fault of the stream, without the remedies of a model server.
+fn reason(error: &BridgeError) -> String {
+    match error {
+        BridgeError::Connect { source, .. } => format!("nothing accepts a connection: {source}"),
+        BridgeError::Handshake { problem, .. } => format!("what answers does not speak ZeroMQ: {problem}"),
+        BridgeError::Silent { waited, .. } => format!("no handshake within {:.1} s", waited.as_secs_f64()),
+        BridgeError::Timeout { waited, .. } => format!("no message for {:.1} s", waited.as_secs_f64()),
+        BridgeError::Lost { problem, .. } => format!("the connection was lost: {problem}"),
+        BridgeError::TooLarge { size, most } => format!("a message of {size} bytes; the limit is {most}"),
+        BridgeError::Malformed { what, problem } => format!("{what}: {problem}"),
+        other => other.to_string(),
+    }
 }
 
 fn receive(address: &Address, to: &Mutex<Received>, stop: &AtomicBool) -> Result<(), BridgeError> {

@@ -1,6 +1,6 @@
 //! The trait that policies implement, and their errors.
 
-use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo, Source};
 use fiatlux_rules::Task;
 use fiatlux_session::Command;
 use thiserror::Error;
@@ -44,6 +44,12 @@ pub trait Policy: Send {
     /// True while somebody looks at observation 0 before the episode starts. The session is kept open meanwhile, and the question
     /// is asked again; [`Policy::act`] answers the observation once this is false.
     fn waits(&mut self, _first: &Observation) -> bool {
+        false
+    }
+
+    /// True if its commands come from a person, such as one whose tracked body the robot follows. Its episodes are marked so, and
+    /// are never ranked.
+    fn is_person(&self) -> bool {
         false
     }
 
@@ -96,6 +102,11 @@ pub enum PolicyError {
     /// The policy gives a command that every server would refuse.
     #[error("policy {policy} commands {field} {problem} in step {step}; correct the policy")]
     Command { policy: String, field: &'static str, problem: String, step: u64 },
+}
+
+/// Where a policy's actions come from, for the request of its session.
+pub fn source_of(policy: &dyn Policy) -> i32 {
+    if policy.is_person() { Source::Person } else { Source::Unspecified }.into()
 }
 
 /// Refuses tasks that a policy does not play.

@@ -256,7 +256,10 @@ const STREAM: &str = "stream=";
 
 /// True where the bag says that a person moved the robot: by hand, or through a tracked body.
 pub(crate) fn is_person(header: &v3::EpisodeHeader) -> bool {
-    is_take(header) || header.policy.contains(STREAM)
+    is_take(header)
+        || header.source != 0
+        || header.request.as_ref().is_some_and(|request| request.source != 0)
+        || header.policy.contains(STREAM)
 }
 
 fn protocol(header: &v3::EpisodeHeader) -> &str {

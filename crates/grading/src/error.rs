@@ -30,6 +30,17 @@ pub enum ScoreError {
         .0.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
     Runs(Vec<PathBuf>),
+    #[error(
+        "{} and {} are not parts of one evaluation: they have different {field}; grade them apart",
+        first.display(), second.display()
+    )]
+    Parts { first: PathBuf, second: PathBuf, field: &'static str },
+    #[error(
+        "{task}, seed {seed} is in {} and in {} with different outcomes, and counts once; leave out the part that is not to \
+         count, or play the parts in different rooms",
+        first.display(), second.display()
+    )]
+    Twice { task: String, seed: u64, first: PathBuf, second: PathBuf },
     #[error("the run cannot be read")]
     Ledger(#[from] LedgerError),
     #[error("{}: its signature does not fit its lines; restore the file as its server wrote it", .0.display())]

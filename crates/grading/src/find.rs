@@ -16,12 +16,14 @@ pub fn find_bags(paths: &[PathBuf]) -> Result<BagFiles, ScoreError> {
     Ok(found)
 }
 
-/// The run that all paths belong to; `None` if there are only loose bags.
-pub(crate) fn run_of(found: &BagFiles) -> Result<Option<&Path>, ScoreError> {
-    let Some(first) = found.runs.first() else { return Ok(None) };
-    let is_inside = |path: &PathBuf| path.starts_with(first);
-    match found.runs.len() == 1 && found.bags.iter().chain(&found.unfinished).all(is_inside) {
-        true => Ok(Some(first)),
+/// The folders of runs that all paths belong to; `None` if there are only loose bags.
+pub(crate) fn runs_of(found: &BagFiles) -> Result<Option<&[PathBuf]>, ScoreError> {
+    if found.runs.is_empty() {
+        return Ok(None);
+    }
+    let is_inside = |path: &PathBuf| found.runs.iter().any(|run| path.starts_with(run));
+    match found.bags.iter().chain(&found.unfinished).all(is_inside) {
+        true => Ok(Some(&found.runs)),
         false => Err(ScoreError::Runs(found.runs.clone())),
     }
 }

@@ -10,7 +10,7 @@ use fiatlux_rules::Thresholds;
 
 use crate::assemble::{BagContent, GradedBag, assemble, assemble_run};
 use crate::conditions::is_take;
-use crate::find::{find_bags, relative, run_of};
+use crate::find::{find_bags, relative, runs_of};
 use crate::results::{Fault, Results};
 use crate::run::RunJournals;
 use crate::{GradeOptions, ScoreError, bag};
@@ -35,11 +35,14 @@ pub struct GradeProgress {
 /// copies of an episode. The results depend only on the bags, their names and the options.
 ///
 /// A folder with the journal of a run is graded as that run ([`Results::run`]): each registered episode counts, either
-/// by the bag that a journal names or as a failure. Other bags in the folder do not count.
+/// by the bag that a journal names or as a failure. Other bags in the folder do not count. Several such folders are one
+/// result if they are of one run, whose servers recorded on different machines, or of runs of one policy in different rooms,
+/// such as the shards of an evaluation.
 ///
 /// # Errors
 /// [`ScoreError`]: an unknown threshold, a missing path, no bag at all, bags of different conditions, two different
-/// recordings of one episode, a journal that cannot be read, or a run together with other runs or bags.
+/// recordings of one episode, a journal that cannot be read, a run together with loose bags, or runs that are not parts of one
+/// evaluation.
 pub fn grade(
     paths: &[PathBuf],
     options: &GradeOptions,
@@ -49,8 +52,8 @@ pub fn grade(
     options.set.iter().try_for_each(|assignment| thresholds.set(assignment))?;
     let found = find_bags(paths)?;
     let folder = options.folder();
-    if let Some(run) = run_of(&found)? {
-        return grade_run(&RunJournals::read(run)?, options, progress);
+    if let Some(folders) = runs_of(&found)? {
+        return grade_run(&RunJournals::read(folders)?, options, progress);
     }
 
     let unfinished = found.unfinished.iter().map(|path| GradedBag {

@@ -13,6 +13,7 @@ mod honoured;
 mod open;
 mod over_zenoh;
 mod ports;
+mod rules;
 mod waiting;
 
 use fiatlux_carrier::Carrier;

@@ -7,7 +7,7 @@ use std::time::Duration;
 use zenoh::Wait;
 
 use crate::config::{self, Role};
-use crate::{Link, LinkArgs, LinkError, WaitLog, exposure};
+use crate::{Link, LinkArgs, LinkError, WaitLog, exposure, rules};
 
 /// Time between two checks for a signal while the session opens.
 const POLL: Duration = Duration::from_millis(20);
@@ -43,6 +43,14 @@ impl LinkArgs {
                 Err(RecvTimeoutError::Timeout) => {}
             }
         }
+    }
+
+    /// True if the config's access rules let the program receive what is published on a key.
+    ///
+    /// # Errors
+    /// The config cannot be read.
+    pub fn may_subscribe(&self, key: &str, role: Role) -> Result<bool, LinkError> {
+        config::layered(self, role).map(|config| rules::may_subscribe(&config, key))
     }
 
     /// The place where others find a program with these options: `listening on ENDPOINT` or `connected to ENDPOINT`.

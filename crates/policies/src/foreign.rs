@@ -259,14 +259,17 @@ impl Sonic {
             Ok(Some(()))
         })?;
         let mut digests = vec![files.decoder.digest().to_owned()];
+        // Where the person sits is nobody else's business, and changes nothing.
+        let mut shown = text.to_owned();
         if let Some(address) = stream {
+            shown = shown.replacen(&format!("stream={address}"), "stream", 1);
             let folder = text.split_once(',').map_or(text, |(folder, _)| folder);
             let body = TrackedBody::open(&address, Path::new(folder))?;
             digests.extend(body.digest().map(str::to_owned));
             motion = Motion::Body(Box::new(body));
         }
         let digests: Vec<&str> = digests.iter().map(String::as_str).collect();
-        Ok(Self { name: body::label("sonic", text, &digests), files, motion, body: None })
+        Ok(Self { name: body::label("sonic", &shown, &digests), files, motion, body: None })
     }
 }
 
@@ -280,6 +283,10 @@ impl Policy for Sonic {
             Motion::Tokens(_) => Vec::new(),
             Motion::Body(body) => body.sensors(),
         }
+    }
+
+    fn is_person(&self) -> bool {
+        matches!(self.motion, Motion::Body(_))
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {

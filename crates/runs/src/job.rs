@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs};
+use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, source_of};
 use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
@@ -55,6 +55,7 @@ impl EvaluateOptions {
             task: job.task.to_string(),
             seed: job.seed,
             sensors: policy.sensors(),
+            source: source_of(policy),
             recorded: true,
             ..OpenRequest::default()
         };

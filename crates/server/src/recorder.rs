@@ -1,28 +1,38 @@
 //! Records sessions into bags, an episode each.
 //!
-//! The carrier's callbacks put records into the queue of a worker thread, which alone holds its sessions' state
-//! (`fiatlux_session::RecorderSession`) and writes their bags; a session stays with one worker. A row takes some 70 us
-//! (poses, compression, file), so one worker keeps up with 14,000 rows/s: more than four cores simulate. There is a
-//! worker for each four cores.
+//! A worker thread alone holds its sessions' state (`fiatlux_session::RecorderSession`) and writes their bags; a session stays
+//! with one worker. A row takes some 70 us (poses, compression, file), so one worker keeps up with 14,000 rows/s: more than
+//! four cores simulate. There is a worker for each four cores.
+//!
+//! Nothing that a stranger may send reaches a worker. The carrier's callbacks put messages into lanes with little room
+//! (`inlet`), from which another thread unseals them; tokens and requests have a thread (`greeter`), and so has the search
+//! for a session's bags on disk (`shelf`), which begins with the session's first record.
 mod bags;
+mod greeter;
+mod inlet;
+mod shelf;
 mod worker;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use fiatlux_access::{RecorderKey, RowsKey};
+use fiatlux_access::RecorderKey;
 use fiatlux_carrier::{Carrier, CarrierError, Declaration, Reach};
-use fiatlux_proto::keys::{SessionKeys, any_truth_live, any_truth_row, is_name};
+use fiatlux_proto::keys::{SessionKeys, any_live, any_truth_live, any_truth_row, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
 use fiatlux_robot::{Robot, RobotError};
 use thiserror::Error;
 
+use bags::Names;
 use fiatlux_wire::Frames;
-use worker::{Inlets, Worker, WorkerEvent};
+use greeter::{Greeter, Greeting, ToGreeter};
+use inlet::{Inlet, Inlets, Outlets, unseal_all};
+use shelf::{Lookup, Shelf, prepare_all};
+use worker::{Worker, WorkerEvent};
 
 const CORES_PER_WORKER: usize = 4;
 /// Time between two lines in the log about sessions of unknown servers.
@@ -98,7 +108,7 @@ pub enum RecorderError {
     Carrier(#[from] CarrierError),
 }
 
-/// Shared by all workers of a recorder.
+/// Shared by all threads of a recorder.
 struct RecorderState {
     out: PathBuf,
     name: String,
@@ -108,6 +118,8 @@ struct RecorderState {
     key: RecorderKey,
     /// Records are sealed, because they come from other processes.
     is_sealed: bool,
+    /// Origin of all times.
+    start: Instant,
     /// When the log last told of sessions of unknown servers.
     told_at: Mutex<Option<Instant>>,
     /// Frames of the robot with each kind of hands.
@@ -115,27 +127,27 @@ struct RecorderState {
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
     on_loss: OnLoss,
     inlets: Inlets,
+    /// The bags in the folder, where all are in one.
+    shelf: Mutex<Shelf>,
+    names: Mutex<Names>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl RecorderState {
-    /// The session that a token announces, by what its keys begin with. Anybody on the network can declare tokens: nothing
-    /// is done for a session that no server with the recorder's key has announced.
-    fn session_of(&self, token: &str) -> Option<Arc<str>> {
-        let (keys, server, session) = SessionKeys::of(token)?;
-        let (_, proof) = token.rsplit_once('/')?;
-        if RowsKey::of_recorder(&self.key, server, session).is_ok_and(|rows| rows.is_token(proof)) {
-            return Some(keys.root().into());
-        }
-        let mut told_at = self.told_at.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Logs now and then that a token is not of a server with the recorder's key. Anybody on the network can declare tokens.
+    fn tell_of_strangers(&self, token: &str) {
+        let Some((_, server, _)) = SessionKeys::of(token) else { return };
+        let mut told_at = lock(&self.told_at);
         if told_at.is_none_or(|at| at.elapsed() >= TELLING_PERIOD) {
             *told_at = Some(Instant::now());
-            let server = server.escape_debug();
             tracing::warn!(
                 "ignoring sessions announced as server {server}'s: they come from a stranger, or the server's \
                  --recorder-key differs from this recorder's; give both the same file"
             );
         }
-        None
     }
 }
 
@@ -143,6 +155,8 @@ impl RecorderState {
 pub struct Recorder {
     /// Subscriptions to the sessions' tokens and to their records.
     subscriptions: Vec<Declaration>,
+    /// Ends what feeds the workers, in this order.
+    feeders: Vec<(Box<dyn Fn() + Send + Sync>, JoinHandle<()>)>,
     workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
 }
 
@@ -160,7 +174,6 @@ impl Recorder {
         }
         let frames_of = |name| Ok((name, Frames::new(&Robot::by_name(name)?)));
         let frames = Robot::NAMES.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
-        let (inlets, told_at) = (Inlets::default(), Mutex::default());
         let shared = Arc::new(RecorderState {
             out,
             name,
@@ -168,40 +181,64 @@ impl Recorder {
             reach,
             key,
             is_sealed,
-            told_at,
+            start: Instant::now(),
+            told_at: Mutex::default(),
             frames,
             on_bag,
             on_loss,
-            inlets,
+            inlets: Inlets::default(),
+            shelf: Mutex::default(),
+            names: Mutex::default(),
         });
+        let (greetings, greeted) = mpsc::channel();
+        let (lookups, looked_up) = mpsc::channel::<Option<Lookup>>();
+        let mut recorder = Self { subscriptions: Vec::new(), feeders: Vec::new(), workers: Vec::new() };
+        let mut outlets = Vec::new();
         let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
-        let mut recorder = Self { subscriptions: Vec::new(), workers: Vec::new() };
-        let workers = cores.div_ceil(CORES_PER_WORKER);
-        for number in 0..workers {
-            let (queue, inbox) = mpsc::channel();
-            let (carrier, shared) = (carrier.clone(), Arc::clone(&shared));
-            let worker = Worker { carrier, shared, inbox, queue: queue.clone(), start: Instant::now() };
-            let thread = thread::Builder::new().name(format!("recorder-{number}")).spawn(move || worker.run());
-            recorder.workers.push((queue, thread.map_err(RecorderError::Thread)?));
+        for number in 0..cores.div_ceil(CORES_PER_WORKER) {
+            let (writer, inbox) = mpsc::channel();
+            let worker = Worker { shared: Arc::clone(&shared), inbox, greeter: ToGreeter(greetings.clone()) };
+            let thread = spawn(format!("recorder-{number}"), move || worker.run())?;
+            recorder.workers.push((writer.clone(), thread));
+            let unsealer = if is_sealed {
+                let (unsealer, inbox) = mpsc::channel::<Option<Arc<Inlet>>>();
+                let thread = spawn(format!("unsealer-{number}"), move || unseal_all(&inbox))?;
+                let stop = unsealer.clone();
+                recorder.feeders.push((Box::new(move || drop(stop.send(None))), thread));
+                Some(unsealer)
+            } else {
+                None
+            };
+            outlets.push(Outlets { writer, lookups: lookups.clone(), unsealer });
         }
-        let queues: Vec<_> = recorder.workers.iter().map(|(queue, _)| queue.clone()).collect();
-        let known = Arc::clone(&shared);
-        let records = carrier.subscribe(&any_truth_row(server.as_deref()), shared.reach, move |message| {
-            let Some((keys, ..)) = SessionKeys::of(&message.key) else { return };
-            let inlets = known.inlets.read().unwrap_or_else(PoisonError::into_inner);
-            if let Some(inlet) = inlets.get(keys.root()) {
-                inlet.push(&message.payload);
+        let (known, searched) = (Arc::clone(&shared), carrier.clone());
+        let thread = spawn("recorder-shelf".into(), move || prepare_all(&searched, &known, &looked_up))?;
+        recorder.feeders.push((Box::new(move || drop(lookups.send(None))), thread));
+        let greeter = Greeter { carrier: carrier.clone(), shared: Arc::clone(&shared), inbox: greeted, outlets };
+        let thread = spawn("recorder-greeter".into(), move || greeter.run())?;
+        let stop = greetings.clone();
+        recorder.feeders.push((Box::new(move || drop(stop.send(Greeting::Stop))), thread));
+        let records = carrier.subscribe(&any_truth_row(server.as_deref()), reach, move |message| {
+            if let Some((keys, ..)) = SessionKeys::of(&message.key)
+                && let Some(inlet) = shared.inlets.get(keys.root())
+            {
+                inlet.take_published(&message.payload);
             }
         })?;
+        // The greeter may be gone.
+        let to_greeter = greetings.clone();
         let tokens = carrier.watch_tokens(&any_truth_live(server.as_deref()), move |key, is_there| {
-            let Some(key) = shared.session_of(key) else { return };
-            // A session always goes to the same worker.
-            let place = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
-            let event = if is_there { WorkerEvent::Live(key) } else { WorkerEvent::Gone(key) };
-            // The worker may be gone.
-            let _ = queues[place % queues.len()].send(event);
+            let _ = greetings.send(Greeting::Token(key.into(), is_there));
         })?;
         recorder.subscriptions = vec![records, tokens];
+        if is_sealed {
+            let sessions = carrier.watch_tokens(&any_live(server.as_deref()), move |key, is_there| {
+                if is_there {
+                    let _ = to_greeter.send(Greeting::Open(key.into()));
+                }
+            })?;
+            recorder.subscriptions.push(sessions);
+        }
         Ok(recorder)
     }
 
@@ -213,6 +250,11 @@ impl Recorder {
 
     fn end(&mut self) -> Vec<PathBuf> {
         self.subscriptions.clear();
+        for (stop, thread) in self.feeders.drain(..) {
+            stop();
+            // One that panicked has said so.
+            let _ = thread.join();
+        }
         for (queue, _) in &self.workers {
             let _ = queue.send(WorkerEvent::Stop);
         }
@@ -221,6 +263,13 @@ impl Recorder {
         left.sort();
         left
     }
+}
+
+fn spawn<T: Send + 'static>(
+    name: String,
+    body: impl FnOnce() -> T + Send + 'static,
+) -> Result<JoinHandle<T>, RecorderError> {
+    thread::Builder::new().name(name).spawn(body).map_err(RecorderError::Thread)
 }
 
 impl Drop for Recorder {

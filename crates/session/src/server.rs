@@ -171,7 +171,7 @@ impl<H: Host, R> Machine for ServerSession<H, R> {
                 at(self.client_gone.map(|since| since + timeouts.grace));
                 at(self.recording.waiting_since.map(|since| since + timeouts.recorder));
                 if self.deferred.is_none() {
-                    at(Some(self.client_silent + timeouts.action));
+                    at(self.client_silent.checked_add(self.action_timeout()));
                 }
                 at(self.run.as_ref().and_then(|run| run.clock.as_ref()).map(|clock| clock.next_step));
             }
@@ -184,8 +184,9 @@ impl<H: Host, R> ServerSession<H, R> {
     /// A session without an episode yet. Its timeouts go into `info`, which describes it to its client; robot, mode
     /// and control step in force are read from there. A `recorded` session waits for a recorder.
     pub fn new(host: H, info: SessionInfo, recorded: bool, timeouts: Timeouts, now: Duration) -> Self {
+        let is_real_time = info.mode() == Mode::RealTime;
         let info = SessionInfo {
-            action_timeout_s: timeouts.action.as_secs_f64(),
+            action_timeout_s: if is_real_time { timeouts.action } else { timeouts.lockstep }.as_secs_f64(),
             grace_s: timeouts.grace.as_secs_f64(),
             resend_s: timeouts.resend.as_secs_f64(),
             ..info
@@ -231,6 +232,11 @@ impl<H: Host, R> ServerSession<H, R> {
         self.info.mode() == Mode::RealTime
     }
 
+    /// Longest wait for an action.
+    fn action_timeout(&self) -> Duration {
+        if self.is_real_time() { self.timeouts.action } else { self.timeouts.lockstep }
+    }
+
     fn pass_time(&mut self, now: Duration) {
         let due = self.notices.due(now);
         self.send_notice(due);
@@ -240,8 +246,8 @@ impl<H: Host, R> ServerSession<H, R> {
             if self.client_gone.is_some_and(|since| now >= since + self.timeouts.grace) {
                 let secs = self.timeouts.grace.as_secs_f64();
                 self.terminate(&format!("the client has shown no liveliness token for {secs} s"), now);
-            } else if self.deferred.is_none() && now >= self.client_silent + self.timeouts.action {
-                let secs = self.timeouts.action.as_secs_f64();
+            } else if self.deferred.is_none() && now.saturating_sub(self.client_silent) >= self.action_timeout() {
+                let secs = self.action_timeout().as_secs_f64();
                 self.terminate(&format!("no action has come for {secs} s"), now);
             }
         }

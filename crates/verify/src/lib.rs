@@ -230,6 +230,12 @@ fn comparable(simulated: EpisodeHeader, recorded: &EpisodeHeader) -> EpisodeHead
         meshes: recorded.meshes.clone(),
         request: recorded.request.clone(),
         run: recorded.run.clone(),
+        // Takes of before 3.11 do not say that a person drove them.
+        source: if recorded.protocol.is_some_and(|played| (played.major, played.minor) < (3, 11)) {
+            recorded.source
+        } else {
+            simulated.source
+        },
         randomization,
         ..simulated
     }

@@ -9,7 +9,7 @@ fn options(name: &str, authentication: Authentication) -> KeysOptions {
     let out = std::env::temp_dir().join(format!("fiatlux-keys-test-{name}-{}", std::process::id()));
     drop(fs::remove_dir_all(&out));
     let hosts = vec!["192.168.1.7".into(), "lab.example.org".into()];
-    KeysOptions { out, hosts, port: 7447, server: "lab".into(), authentication, days: 365, sessions: 4 }
+    KeysOptions { out, hosts, port: 7447, servers: vec!["lab".into()], authentication, days: 365, sessions: 4 }
 }
 
 #[test]
@@ -72,10 +72,14 @@ fn what_cannot_be_made_leaves_nothing_behind() {
         ("", "lab", "--host"),
         ("lab:7447", "lab", "--host lab:7447"),
         ("lab", "a/b", "--name a/b"),
+        ("lab", "lab,lab", "--name lab"),
+        ("lab", "lab,l b", "--name l b"),
+        ("lab", "lab-*", "--name lab-*"),
+        ("lab", "", "--name"),
     ] {
         let options = KeysOptions {
             hosts: vec![host.into()],
-            server: server.into(),
+            servers: server.split(',').map(str::to_owned).collect(),
             ..options("wrong", Authentication::Passwords)
         };
         let message = make(&options).unwrap_err().to_string();

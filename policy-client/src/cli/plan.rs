@@ -1,7 +1,7 @@
 //! Turns the flags of `run` into a request; for a replay, the bag fills in the rest.
 
 use clap::Args;
-use fiatlux_client::{AccessArgs, Policy, SessionArgs, parse_seed};
+use fiatlux_client::{AccessArgs, Policy, SessionArgs, parse_seed, source_of};
 use fiatlux_link::LinkArgs;
 use fiatlux_policies::{Replay, VlaArgs};
 use fiatlux_proto::v3::{Mode, OpenRequest};
@@ -100,6 +100,7 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
                 policy: policy.name(),
                 task,
                 sensors: policy.sensors(),
+                source: source_of(policy.as_ref()),
                 image_width,
                 image_height,
                 ..OpenRequest::default()

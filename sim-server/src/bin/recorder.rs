@@ -12,7 +12,7 @@ use fiatlux_access::RecorderKey;
 use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
 use fiatlux_link::{LinkArgs, Role, WaitLog};
-use fiatlux_proto::keys::{ServerKeys, any_alive};
+use fiatlux_proto::keys::{ServerKeys, any_alive, any_truth_row};
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 
@@ -70,6 +70,12 @@ fn run(cli: Cli) -> anyhow::Result<bool> {
     let lock = lock_folder(&cli.out, "recorder.lock");
     let _lock = lock.with_context(|| format!("cannot lock {}", cli.out.display()))?.ok_or_else(taken)?;
     let key = RecorderKey::read(&cli.recorder_key)?;
+    if !cli.link.may_subscribe(&any_truth_row(cli.server.as_deref()), Role::Client)? {
+        anyhow::bail!(
+            "the access rules of the config let this program receive no records; start it with the recorder's, which \
+             `fiatlux keys` writes as recorder.json5"
+        );
+    }
     let session = cli.link.open_unless(Role::Client, &stop)?;
     tracing::info!("bags go to {}; Ctrl-C finishes them", cli.out.display());
     let any_cut = Arc::new(AtomicBool::new(false));

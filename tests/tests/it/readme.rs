@@ -79,17 +79,19 @@ fn every_command_works() {
     let bin = stage(&scratch);
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
     let (mut background, mut lab, mut external) = (Vec::new(), None, None);
-    let mut lab_port = free_port();
+    let (mut lab_port, mut second_port) = (free_port(), free_port());
     for line in blocks(&pages(), "sh").iter().flat_map(|block| block.lines()) {
         let listens_to_all = line.contains("0.0.0.0");
-        if listens_to_all {
+        // It stays next to the first one.
+        let is_second = line.contains("--name lab-2");
+        if listens_to_all && !is_second {
             drop(lab.take());
-            lab_port = free_port();
+            (lab_port, second_port) = (free_port(), free_port());
         }
         let line = match listens_to_all || line.contains("192.168.1.7") {
             true => {
                 let line = line.replace("0.0.0.0", "127.0.0.1").replace("192.168.1.7", "127.0.0.1");
-                line.replace(":7447", &format!(":{lab_port}"))
+                line.replace(":7447", &format!(":{lab_port}")).replace(":7448", &format!(":{second_port}"))
             }
             false => line.to_owned(),
         };
@@ -122,7 +124,7 @@ fn every_command_works() {
                 if name == "sim-server" {
                     running.wait_for("listening on");
                 }
-                match listens_to_all {
+                match listens_to_all && !is_second {
                     true => lab = Some(running),
                     false => background.push(running),
                 }
@@ -134,6 +136,7 @@ fn every_command_works() {
                 let done = shell.output().unwrap();
                 let [out, log] = [&done.stdout, &done.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
                 assert!(done.status.success(), "{line}: {}\n{out}\n{log}", done.status);
+                assert!(!log.contains("file of known servers"), "{line}: {log}");
                 assert!(!out.is_empty() || log.is_empty() || line.contains("export"), "{line} says nothing: {log}");
             }
         }

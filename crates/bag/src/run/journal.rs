@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
-use super::LedgerError;
+use super::{Event, LedgerError};
 use crate::find::is_leftover;
 
 /// End of a journal's file name, after the server's name.
@@ -20,6 +20,9 @@ const MAX_LINE: usize = 2 << 20;
 
 /// Maximum size of a journal, bytes: enough for the maximum number of attempts of every episode.
 const MAX_FILE: u64 = 2 << 30;
+
+/// More than the last line of a finished journal has, bytes.
+const LAST_LINE: u64 = 4096;
 
 /// Text between a line's own members and the 64 digits of its link.
 const BEFORE_LINK: &str = ",\"link\":\"";
@@ -54,6 +57,23 @@ pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
     let mut last = [0];
     file.seek(SeekFrom::End(-1)).and_then(|_| file.read_exact(&mut last)).map_err(failed())?;
     Ok(last != *b"\n")
+}
+
+/// True if a journal ends as that of a finished run does. Nothing else of it is read or checked, so that a server with
+/// thousands of finished runs starts at once.
+pub fn ends_finished(path: &Path) -> Result<bool, LedgerError> {
+    let failed = || LedgerError::io("read", path);
+    let mut file = File::open(path).map_err(LedgerError::io("open", path))?;
+    let length = file.metadata().map_err(failed())?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(LAST_LINE))).map_err(failed())?;
+    let mut end = Vec::new();
+    file.take(LAST_LINE).read_to_end(&mut end).map_err(failed())?;
+    let Some(end) = end.strip_suffix(b"\n") else { return Ok(false) };
+    let line = end.rsplit(|byte| *byte == b'\n').next().unwrap_or_default();
+    let at = line.len().checked_sub(BEFORE_LINK.len() + 64 + AFTER_LINK.len());
+    let Some((members, _)) = at.and_then(|at| line.split_at_checked(at)) else { return Ok(false) };
+    let last = serde_json::from_slice(&[members, b"}"].concat());
+    Ok(matches!(last, Ok(Event::Finished { .. } | Event::Sealed { .. })))
 }
 
 pub(crate) fn is_journal(path: &Path) -> bool {

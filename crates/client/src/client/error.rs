@@ -52,7 +52,8 @@ pub enum ClientError {
     #[error("the handshake with server {server} failed")]
     Handshake { server: String, source: fiatlux_access::HandshakeError },
     #[error(
-        "server {server} is not in the file of known servers; add a line '{server} ed25519:...' with the key that it prints"
+        "server {server} is not in the file of known servers; add a line '{server} ed25519:...' with the key that it prints, or \
+         one for a group such as 'lab-* ed25519:...'"
     )]
     UnknownServer { server: String },
     /// The episode cannot continue.

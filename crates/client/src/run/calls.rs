@@ -11,7 +11,7 @@ use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
-    RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, ServerInfo, SessionInfo, run_reply,
+    RunFinish, RunInfo, RunReply, RunRequest, RunSpec, RunStatus, SeedRange, ServerInfo, SessionInfo, run_reply,
 };
 use fiatlux_proto::{Bytes, Message, PROTOCOL, decode};
 
@@ -54,7 +54,7 @@ impl Content for RunInfo {
 
 impl Calls<'_> {
     pub(super) fn register(&self, server: &str, spec: &RunSpec) -> Result<RunInfo, ClientError> {
-        self.greet(server, Ask::Register(spec.clone()))
+        self.greet(server, Ask::Register(in_ranges(spec)))
     }
 
     /// The state of the run on that server.
@@ -210,6 +210,23 @@ impl Calls<'_> {
     }
 }
 
+/// Runs with more seeds than this name them in ranges, which servers before 3.11 refuse.
+const MAX_LISTED: usize = 1000;
+
+/// The same spec with many seeds in ranges.
+fn in_ranges(spec: &RunSpec) -> RunSpec {
+    let mut spec = spec.clone();
+    if spec.seeds.len() > MAX_LISTED {
+        for seed in std::mem::take(&mut spec.seeds) {
+            match spec.seed_ranges.last_mut() {
+                Some(range) if range.last.checked_add(1) == Some(seed) => range.last = seed,
+                _ => spec.seed_ranges.push(SeedRange { first: seed, last: seed }),
+            }
+        }
+    }
+    spec
+}
+
 type Read = (run_reply::Reply, Option<fiatlux_proto::v3::Welcome>);
 
 fn read(server: &str, bytes: &[u8]) -> Result<Read, ClientError> {
@@ -233,4 +250,25 @@ fn other_kind() -> ClientError {
 
 fn unknown_link(server: &str) -> ClientError {
     ClientError::Unanswered { key: ServerKeys::new(server).run(), waited_s: TIMEOUT_S }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards the documented limit of a run, 10,000 episodes of consecutive seeds, against the limit of a message; the order in
+    /// which seeds were named stays.
+    #[test]
+    fn ten_thousand_seeds_fit_into_a_request() {
+        let spec = |seeds: Vec<u64>| RunSpec { policy: "walk".into(), seeds, ..RunSpec::default() };
+        let many = in_ranges(&spec((1000..11_000).collect()));
+        assert_eq!((many.seeds.len(), &*many.seed_ranges), (0, &[SeedRange { first: 1000, last: 10_999 }][..]));
+        assert!(many.encoded_len() < 100);
+        let named: Vec<u64> = (5000..6000).chain([u64::MAX, 0, 1]).chain(7..10).collect();
+        let ranges = in_ranges(&spec(named.clone())).seed_ranges;
+        assert_eq!(ranges.iter().flat_map(|range| range.first..=range.last).collect::<Vec<_>>(), named);
+        assert_eq!(ranges.len(), 4);
+        let few = spec(vec![3, 4, 5]);
+        assert_eq!(in_ranges(&few), few, "older servers read them");
+    }
 }

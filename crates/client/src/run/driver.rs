@@ -215,7 +215,12 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
                 match result {
                     Ok(reply) => self.on_joined(&server, asked, &reply.0, &reply.1),
                     Err(error) => {
-                        let is_final = matches!(error, ClientError::Refused { .. } | ClientError::Version { .. });
+                        let is_final = matches!(
+                            error,
+                            ClientError::Refused { .. }
+                                | ClientError::Version { .. }
+                                | ClientError::UnknownServer { .. }
+                        );
                         self.refuse(&server, is_final, error);
                     }
                 }

@@ -313,3 +313,40 @@ fn takes_are_graded_by_themselves() {
     stopped("stopped", &folder, false);
     assert_eq!(graded(&folder).excluded[0].reason, Fault::Aborted);
 }
+
+/// Guards that what a person's tracked body did is graded, and never ranked: the header says so, or its request.
+#[test]
+fn a_persons_actions_are_not_ranked() {
+    let person = i32::from(v3::Source::Person);
+    for (name, header_source, request_source) in [("header", person, 0), ("request", 0, person), ("unknown", 7, 0)] {
+        let folder = Folder::new(&format!("person-{name}"));
+        let all = rows(Task::S03, 0, Story::Succeeds(30));
+        let head = header(Task::S03, 0);
+        let request = head.request.clone().map(|request| v3::OpenRequest { source: request_source, ..request });
+        let request = request.or_else(|| {
+            Some(v3::OpenRequest {
+                policy: head.policy.clone(),
+                task: head.task.clone(),
+                seed: head.seed,
+                episode_protocol: head.episode_protocol.clone(),
+                source: request_source,
+                ..v3::OpenRequest::default()
+            })
+        });
+        let head = v3::EpisodeHeader { image_width: 256, image_height: 256, ..head };
+        let head = sealed(v3::EpisodeHeader { request, source: header_source, ..head });
+        begin(&bag(&folder, name), &head, &all).finish(&result(&head, &all)).expect("finished");
+        let results = graded(&folder);
+        assert!(results.episodes.len() == 1 && results.episodes[0].success, "{name}: {:?}", results.excluded);
+        let conditions = &results.conditions;
+        assert_eq!(
+            (conditions.ranked, conditions.source.as_str(), conditions.takes),
+            (false, "person", false),
+            "{name}"
+        );
+        assert!(conditions.deviations.iter().any(|said| said.contains("a person's")), "{:?}", conditions.deviations);
+        write(&bag(&folder, "policy"), Task::S03, 1, Story::Falls(30));
+        let error = grade_in(&folder, GradeOptions::default()).expect_err("mixed").to_string();
+        assert!(error.contains("source"), "{error}");
+    }
+}

@@ -73,7 +73,7 @@ impl RunFolder {
     fn header(&self, episode: u32, attempt: u32) -> EpisodeHeader {
         let PlannedEpisode { task, seed } = &self.writer.ledger().registration().episodes[episode as usize];
         let ticket = RunTicket {
-            run: "first".into(),
+            run: self.writer.ledger().registration().run.clone(),
             episode,
             attempt,
             hosted: self.hosted,
@@ -327,6 +327,95 @@ fn a_run_that_is_not_finished_says_so() {
     );
     assert!(words(&results).contains("0 played, 12 failed (not run 12)") && results.policy == "zero");
     assert!(report::html(&results).contains("0 played"));
+}
+
+impl RunFolder {
+    /// A part of an evaluation, or the part of a run that another server has, in a folder of its own.
+    fn part(folder: &Folder, run: &str, server: &str, rooms: &[PlannedEpisode], policy: &str) -> Self {
+        let mut registration = Self::new(folder, "scratch", rooms).writer.ledger().registration().clone();
+        fs::remove_dir_all(folder.0.join("first")).expect("removed");
+        registration.run = run.into();
+        registration.server = server.into();
+        registration.key_sha256 = format!("{:0<64}", run.len());
+        registration.spec.policy = policy.into();
+        registration.spec.seeds = rooms.iter().map(|room| room.seed).collect();
+        let folder = folder.0.join(run);
+        let writer = LedgerWriter::create(&folder, registration).expect("a journal");
+        Self { folder, writer, hosted: false }
+    }
+}
+
+/// Guards one run on two machines, each with a folder of its own: its halves are graded as if they were in one.
+#[test]
+fn the_halves_of_a_run_in_two_folders_are_one_result() {
+    let rooms = [planned(Task::S03, 0), planned(Task::S05, 0), planned(Task::S07, 0)];
+    let [one, two] = ["half-1", "half-2"].map(Folder::new);
+    let mut first = RunFolder::part(&one, "first", "lab-1", &rooms, "zero");
+    let mut second = RunFolder::part(&two, "first", "lab-2", &rooms, "zero");
+    first.whole(0, WINS);
+    second.whole(1, FALLS);
+    second.whole(2, WINS);
+    [first, second].into_iter().for_each(RunFolder::finish);
+    let merged = grade(&[one.0.clone(), two.0.clone()], &GradeOptions::default(), &|_| {}).expect("graded");
+    let run = merged.run.as_ref().expect("a run");
+    assert_eq!((run.registered, run.played, run.finished, run.name.as_str()), (3, 3, true, "first"));
+    assert_eq!(run.servers, ["lab-1", "lab-2"]);
+    assert!(merged.excluded.is_empty() && !merged.has_data_loss(), "{:?}", merged.excluded);
+    let alone = grade(std::slice::from_ref(&one.0), &GradeOptions::default(), &|_| {}).expect("graded");
+    assert_eq!(alone.run.expect("a run").played, 1);
+
+    // A journal that is there twice is not two servers'.
+    let copy = Folder::new("half-copy");
+    fs::create_dir_all(copy.0.join("first")).expect("made");
+    for file in fs::read_dir(one.0.join("first")).expect("read") {
+        let file = file.expect("a file");
+        fs::copy(file.path(), copy.0.join("first").join(file.file_name())).expect("copied");
+    }
+    let error = grade(&[one.0.clone(), copy.0.clone()], &GradeOptions::default(), &|_| {}).expect_err("a copy");
+    assert!(matches!(&error, ScoreError::Copies { server, .. } if server == "lab-1"), "{error}");
+}
+
+/// Guards shards, each a run by itself: one result, unless they are of different policies, or a room is in both with another
+/// outcome.
+#[test]
+fn shards_of_an_evaluation_are_one_result() {
+    let part = |name: &str, run: &str, policy: &str, rooms: &[(Task, u64, Option<Story>)]| {
+        let folder = Folder::new(name);
+        let planned: Vec<_> = rooms.iter().map(|(task, seed, _)| planned(*task, *seed)).collect();
+        let mut part = RunFolder::part(&folder, run, "local", &planned, policy);
+        for (index, (_, _, story)) in (0..).zip(rooms) {
+            if let Some(story) = story {
+                part.whole(index, *story);
+            }
+        }
+        part.finish();
+        folder
+    };
+    let graded = |folders: &[&Folder]| {
+        let paths: Vec<_> = folders.iter().map(|folder| folder.0.clone()).collect();
+        grade(&paths, &GradeOptions::default(), &|_| {})
+    };
+    let one = part("shard-1", "a", "zero", &[(Task::S03, 0, Some(WINS)), (Task::S03, 1, Some(FALLS))]);
+    let two = part("shard-2", "bb", "zero", &[(Task::S03, 2, Some(WINS)), (Task::S03, 3, None)]);
+    let merged = graded(&[&one, &two]).expect("graded");
+    let run = merged.run.as_ref().expect("a run");
+    assert_eq!((run.registered, run.played, run.finished, run.name.as_str()), (4, 3, true, "a+bb"));
+    assert_eq!(
+        run.failures.iter().map(|failure| (failure.seed, &*failure.cause)).collect::<Vec<_>>(),
+        [(3, "not run")]
+    );
+    assert_eq!(merged.episodes.len(), 4, "what was not run counts as a failure");
+    assert!(merged.excluded.is_empty() && !merged.has_data_loss(), "{:?}", merged.excluded);
+
+    let again = part("shard-again", "ccc", "zero", &[(Task::S03, 2, Some(WINS)), (Task::S03, 3, Some(WINS))]);
+    let run = graded(&[&one, &two, &again]).expect("graded").run.expect("a run");
+    assert_eq!((run.registered, run.played), (4, 4), "the same rows count once, and what was not run is filled in");
+    let other = part("shard-other", "dddd", "zero", &[(Task::S03, 1, Some(WINS))]);
+    let error = graded(&[&one, &other]).expect_err("another outcome").to_string();
+    assert!(error.contains("S03, seed 1 is in") && error.contains("shard-other"), "{error}");
+    let policy = part("shard-policy", "eeeee", "one", &[(Task::S03, 9, Some(WINS))]);
+    let error = graded(&[&one, &policy]).expect_err("another policy").to_string();
+    assert!(error.contains("different policies") && error.contains("grade them apart"), "{error}");
 }
 
 /// Guards that a folder above that of a run is not a run.

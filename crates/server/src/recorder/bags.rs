@@ -1,11 +1,10 @@
 //! The bags of one session on disk.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, part_of, topic};
+use fiatlux_bag::{BagError, BagWriter, Resumed, part_of, topic};
 use fiatlux_cli::in_full;
 use fiatlux_proto::decode;
 use fiatlux_proto::keys::is_name;
@@ -16,22 +15,43 @@ use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
-use super::{BagEnd, BagReport, Naming, RecorderState};
+use super::shelf::Found;
+use super::{BagEnd, BagReport, Naming, RecorderState, lock};
 use fiatlux_wire::{Frames, layout_of, read_row};
 
 /// Number of rows from one set of poses to the next: 25 Hz.
 const ROWS_PER_FRAMES: u64 = 2;
 
-/// Number of newest bags in which to look for one of a session that continues.
-const LATEST: usize = 64;
-
 /// Largest number of bags with the same name in a folder.
 const MAX_SAME_NAME: u32 = 10_000;
+
+/// Names whose last number is remembered.
+const MAX_NAMES: usize = 10_000;
+
+/// The last number that each name was given.
+#[derive(Default)]
+pub(super) struct Names(BTreeMap<PathBuf, u32>);
+
+impl Names {
+    /// The first number to try.
+    fn next(&self, name: &Path) -> u32 {
+        self.0.get(name).map_or(1, |last| last + 1).min(MAX_SAME_NAME)
+    }
+
+    fn note(&mut self, name: PathBuf, number: u32) {
+        if self.0.len() >= MAX_NAMES {
+            self.0.clear();
+        }
+        self.0.insert(name, number);
+    }
+}
 
 /// Writes the bags of a session, one after another.
 pub(super) struct Bags {
     folder: PathBuf,
     shared: Arc<RecorderState>,
+    /// Headers of the bags that were finished before the session was followed.
+    finished: Vec<EpisodeHeader>,
     open: Option<OpenBag>,
 }
 
@@ -41,47 +61,11 @@ struct OpenBag {
 }
 
 impl Bags {
-    /// Names from the network must have been checked before.
-    pub fn new(shared: &Arc<RecorderState>, server: &str, session: &str) -> Self {
-        let folder = match shared.naming {
-            Naming::Flat => shared.out.clone(),
-            Naming::BySession | Naming::ByRun => shared.out.join(server).join(session),
-        };
-        Self { folder, shared: Arc::clone(shared), open: None }
-    }
-
-    /// Opens the unfinished bag that an earlier recorder left of this session, if there is one.
-    pub fn resume(&mut self, server: &str, session: &str) -> Option<(EpisodeHeader, u64)> {
-        // Only the session's last episode: earlier unfinished bags were given up.
-        let mut parts = self.files("part");
-        parts.sort();
-        let of_session = |part: PathBuf| Some((header_of(&part, server, session)?.episode, part));
-        let (_, part) = parts.into_iter().filter_map(of_session).max_by_key(|(episode, _)| *episode)?;
-        match BagWriter::resume(&part.with_extension("")) {
-            Ok(resumed) => {
-                let next_step = resumed.writer.next_step();
-                self.open = Some(OpenBag { header: resumed.header.clone(), writer: resumed.writer });
-                Some((resumed.header, next_step))
-            }
-            Err(error) => {
-                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "leaving an unfinished bag as it is");
-                None
-            }
-        }
-    }
-
-    /// True if an earlier recorder has finished bags of this session here, so that its first rows are on disk.
-    pub fn are_begun(&self, server: &str, session: &str) -> bool {
-        let modified = |bag: &PathBuf| fs::metadata(bag).and_then(|found| found.modified()).ok();
-        let mut bags: Vec<_> = self.files("mcap").into_iter().map(|bag| (modified(&bag), bag)).collect();
-        bags.sort();
-        bags.iter().rev().take(LATEST).any(|(_, bag)| header_of(bag, server, session).is_some())
-    }
-
-    /// The folder's files with this extension, in no order.
-    fn files(&self, extension: &str) -> Vec<PathBuf> {
-        let paths = fs::read_dir(&self.folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
-        paths.filter(|path| path.extension().is_some_and(|found| found == extension)).collect()
+    /// The bags of a session in this folder, of which there are these already.
+    pub fn new(shared: &Arc<RecorderState>, folder: PathBuf, found: Found) -> Self {
+        let Found { finished, resumed, .. } = found;
+        let open = resumed.map(|Resumed { writer, header }| OpenBag { header, writer });
+        Self { folder, shared: Arc::clone(shared), finished, open }
     }
 
     /// The step after the last row on disk of the open bag.
@@ -120,22 +104,34 @@ impl Bags {
             }
             None => (self.folder.clone(), format!("{task}-s{}-e{}", header.seed, header.episode)),
         };
-        for number in 1..=MAX_SAME_NAME {
-            let name = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
-            let path = folder.join(&name);
+        // An earlier recorder finished this bag and died before it told the server: these rows are on disk.
+        if self.finished.contains(header) {
+            return Ok(());
+        }
+        let first = lock(&self.shared.names).next(&folder.join(&name));
+        for number in first..=MAX_SAME_NAME {
+            let numbered = if number == 1 { format!("{name}.mcap") } else { format!("{name}-{number}.mcap") };
+            let path = folder.join(&numbered);
             match BagWriter::create(&path, header) {
-                // An earlier recorder finished this bag and died before it told the server: these rows are on disk.
-                Err(BagError::Exists { .. }) if is_whole(&path, header) => return Ok(()),
                 Err(BagError::Exists { .. }) => {}
                 Err(error) => return Err(self.refuse(path, header, error)),
                 Ok(writer) => {
+                    lock(&self.shared.names).note(folder.join(&name), number);
+                    self.shelve(header, &path);
                     self.open = Some(OpenBag { header: header.clone(), writer });
                     return Ok(());
                 }
             }
         }
-        let path = folder.join(&name);
+        let path = folder.join(format!("{name}.mcap"));
         Err(self.refuse(path.clone(), header, BagError::Exists { path }))
+    }
+
+    /// Notes a bag, so that the session is found again where all are in one folder.
+    fn shelve(&self, header: &EpisodeHeader, path: &Path) {
+        if self.shared.naming == Naming::Flat {
+            lock(&self.shared.shelf).note(header, path);
+        }
     }
 
     /// Reports a bag that cannot be created.
@@ -178,23 +174,12 @@ impl Bags {
         match self.open.take() {
             Some(OpenBag { header, writer }) => {
                 let path: &Path = &part_of(writer.path());
+                self.shelve(&header, path);
                 (self.shared.on_bag)(BagReport { path: path.into(), header, end: BagEnd::Cut(in_full(error)) });
             }
             None => warn!(error = error as &dyn std::error::Error, "cannot record an episode"),
         }
     }
-}
-
-/// The header of a bag, if it belongs to this session.
-fn header_of(bag: &Path, server: &str, session: &str) -> Option<EpisodeHeader> {
-    let bag = Bag::open(bag).ok()?;
-    let header = bag.header();
-    (header.server == server && header.session == session).then(|| header.clone())
-}
-
-/// True if a whole bag of this very episode exists.
-fn is_whole(path: &Path, header: &EpisodeHeader) -> bool {
-    Bag::open(path).is_ok_and(|bag| bag.header() == header && *bag.completeness() == Completeness::Whole)
 }
 
 /// Encoded poses of a row; `None` if the record has no readable row, or the robot is unknown here.

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Duration;
 
+use fiatlux_access::RowsKey;
 use fiatlux_bag::{Bag, Completeness, part_of};
 use fiatlux_carrier::{Publisher, Quality};
 use fiatlux_proto::keys::ServerKeys;
@@ -37,7 +38,8 @@ impl FakeSession {
         let rows = carrier.serve(&keys.truth_rows(), Reach::Everywhere, move |query| {
             let StepRecordRequest { from_seq, count } =
                 StepRecordRequest::decode(query.payload.clone()).expect("a request");
-            for (_, truth) in held.lock().expect("a lock").range(from_seq..from_seq.saturating_add(count)) {
+            // Like the server, from the first record that it has.
+            for (_, truth) in held.lock().expect("a lock").range(from_seq..).take(count as usize) {
                 query.reply(&key, "StepRecord", truth.encode_to_vec().into(), Vec::new()).expect("a reply");
             }
         });

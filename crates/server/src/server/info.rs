@@ -1,7 +1,7 @@
 //! Descriptions of a server, of its tasks and of a session.
 
 use fiatlux_proto::PROTOCOL;
-use fiatlux_proto::v3::{Asset, EpisodeHeader, ServerInfo, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Asset, EpisodeHeader, ServerInfo, SessionInfo, Source, TaskInfo};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, camera_messages, term_messages};
@@ -84,6 +84,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         terms: term_messages(plan.sensors.sensed(), &plan.setup(scene)),
         command_timeout_s: plan.command_timeout_s,
         take: plan.request.take,
+        source: source(plan).into(),
         ..SessionInfo::default()
     }
 }
@@ -93,6 +94,11 @@ fn assets(config: &SceneConfig) -> Vec<Asset> {
     assets
         .map(|(place, asset)| Asset { place: place.clone(), name: asset.name.clone(), digest: asset.digest.clone() })
         .collect()
+}
+
+/// Where a session's actions come from. The driver of a take is a person, whatever the request says.
+fn source(plan: &Plan) -> Source {
+    if plan.request.take || plan.request.source != 0 { Source::Person } else { Source::Unspecified }
 }
 
 pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, episode: &Episode) -> EpisodeHeader {
@@ -108,6 +114,7 @@ pub(super) fn header(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, ep
         task_id: plan.task.id().into(),
         instruction: plan.task.instruction().into(),
         seed: plan.seed,
+        source: source(plan).into(),
         episode: episode.spec().episode,
         mode: plan.mode().into(),
         gains: plan.gains.to_string(),

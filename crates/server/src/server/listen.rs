@@ -102,7 +102,7 @@ impl Server {
                 QueryCheck::New(number) => {
                     see(&shared, &actor);
                     if bytes.len() > limits::MAX_CLIENT_MESSAGE {
-                        let refusal = Refusal::new(Code::Malformed, "", "the request is too large");
+                        let refusal = Refusal::new(Code::Malformed, "", too_large());
                         return answer_refusal(&shared, &actor.gate, label, number, refusal);
                     }
                     shared.send(&actor, Side::Client, input(bytes, ReplyTo::Client(label, number)));
@@ -124,7 +124,7 @@ impl Server {
                     return reject(&query, Code::Closed, "", "there is no such session; open one");
                 };
                 if query.payload.len() > limits::MAX_CLIENT_MESSAGE {
-                    return reject(&query, Code::Malformed, "", "the request is too large");
+                    return reject(&query, Code::Malformed, "", &too_large());
                 }
                 let bytes = query.payload.clone();
                 let may = match &actor.rows {
@@ -153,7 +153,7 @@ impl Server {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
             if query.payload.len() > limits::MAX_CLIENT_MESSAGE {
-                reject(&query, Code::Malformed, "", "the request is too large");
+                reject(&query, Code::Malformed, "", &too_large());
             } else if waiting(&shared) >= MAX_REQUESTS {
                 reject(&query, Code::Busy, "", "too many requests wait; try again later");
             } else {
@@ -336,6 +336,14 @@ fn reject_with(query: &Query, refusal: Refusal) {
         ("Refusal", bytes) => refuse(query, bytes),
         (message, bytes) => reply(query, message, bytes),
     }
+}
+
+fn too_large() -> String {
+    format!(
+        "the request is larger than {} bytes; name consecutive seeds as ranges and leave out what is not needed, or make \
+         several runs, each with its own part of the seeds",
+        limits::MAX_CLIENT_MESSAGE
+    )
 }
 
 /// A refusal in the form that the query's key calls for, with the name of its message.

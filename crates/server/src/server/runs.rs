@@ -4,6 +4,8 @@
 mod attempt;
 mod register;
 mod siblings;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{self, File, TryLockError};
@@ -14,7 +16,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use fiatlux_access::{Identity, sign_journal};
 use fiatlux_bag::run::{
     EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, PlannedEpisode, Prefix, Registration,
-    clip, journal_of,
+    clip, ends_finished, journal_of,
 };
 use fiatlux_cli::in_full;
 use fiatlux_proto::keys::is_name;
@@ -29,11 +31,12 @@ use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
 use siblings::{Siblings, lock_of};
 
-/// Largest number of runs on a server.
+/// Largest number of unfinished runs on a server, and of their episodes. Finished ones stay on disk alone.
 const MAX_RUNS: usize = 1000;
-
-/// Largest number of episodes over all runs.
 const MAX_EPISODES_OF_ALL: usize = 200_000;
+
+/// Finished runs that are kept in memory once somebody has asked for them.
+const MAX_RECENT: usize = 64;
 
 /// Longest cause that a client gets, characters: a reply contains many.
 const MAX_CAUSE: usize = 100;
@@ -56,7 +59,12 @@ pub enum RecordError {
 pub(super) struct Runs {
     folder: PathBuf,
     server: String,
+    /// Those that are not finished, and some that have been since the last registration.
     runs: Mutex<BTreeMap<String, Arc<Run>>>,
+    /// Finished ones that somebody has asked for, the latest last.
+    recent: Mutex<VecDeque<(String, Arc<Run>)>>,
+    /// Largest number of unfinished runs.
+    most: usize,
 }
 
 /// One run. Its lock is held while a line is written to disk.
@@ -104,7 +112,7 @@ impl Runs {
                 Err(TryLockError::Error(error)) => return Err(failed("lock", &path)(error)),
             }
         }
-        let mut runs = BTreeMap::new();
+        let (mut runs, mut finished) = (BTreeMap::new(), 0);
         for entry in fs::read_dir(folder).map_err(failed("read the folder", folder))? {
             let entry = entry.map_err(failed("read the folder", folder))?;
             let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
@@ -112,6 +120,10 @@ impl Runs {
             };
             let journal = journal_of(&entry.path(), server);
             if !journal.is_file() {
+                continue;
+            }
+            if ends_finished(&journal).unwrap_or(false) {
+                finished += 1;
                 continue;
             }
             match Run::take_up(&journal, server, &name) {
@@ -122,13 +134,56 @@ impl Runs {
                 Err(error) => tracing::error!(run = name, error = in_full(&error), "cannot resume a run"),
             }
         }
-        tracing::info!(folder = %folder.display(), runs = runs.len(), "recording sessions to this folder");
-        Ok((Self { folder: folder.into(), server: server.into(), runs: Mutex::new(runs) }, file))
+        tracing::info!(folder = %folder.display(), runs = runs.len(), finished, "recording sessions to this folder");
+        let (runs, recent) = (Mutex::new(runs), Mutex::default());
+        Ok((Self { folder: folder.into(), server: server.into(), runs, recent, most: MAX_RUNS }, file))
+    }
+
+    /// The run of that name, from memory or from disk.
+    fn known(&self, name: &str) -> Option<Arc<Run>> {
+        if let Some(run) = lock(&self.runs).get(name) {
+            return Some(Arc::clone(run));
+        }
+        let mut recent = lock(&self.recent);
+        if let Some((_, run)) = recent.iter().find(|(known, _)| known == name) {
+            return Some(Arc::clone(run));
+        }
+        let journal = journal_of(&self.folder.join(name), &self.server);
+        if !is_name(name) || !journal.is_file() {
+            return None;
+        }
+        let run = match Run::take_up(&journal, &self.server, name) {
+            Ok(run) => Arc::new(run),
+            Err(error) => {
+                tracing::error!(run = name, error = in_full(&error), "cannot resume a run");
+                return None;
+            }
+        };
+        if run.is_over() {
+            if recent.len() >= MAX_RECENT {
+                recent.pop_front();
+            }
+            recent.push_back((name.into(), Arc::clone(&run)));
+        } else {
+            lock(&self.runs).insert(name.into(), Arc::clone(&run));
+        }
+        Some(run)
+    }
+
+    /// Lets finished runs go, of which nothing more is written.
+    fn retire(&self) {
+        lock(&self.runs).retain(|_, run| {
+            let state = lock(&run.state);
+            let ledger = state.ledger();
+            let is_idle = ledger.is_finished() && state.pending.is_empty() && state.open.is_empty();
+            // A client that holds one without a signature may still have it signed.
+            !(is_idle && (ledger.seal().is_some() || Arc::strong_count(run) == 1))
+        });
     }
 
     /// The run of that name and key; `None` if there is no such run.
     fn get(&self, name: &str, key_sha256: &str) -> Result<Option<Arc<Run>>, Refusal> {
-        let Some(run) = lock(&self.runs).get(name).cloned() else { return Ok(None) };
+        let Some(run) = self.known(name) else { return Ok(None) };
         if !register::is_same(&lock(&run.state).writer.ledger().registration().key_sha256, key_sha256) {
             let message = format!(
                 "the key is not the one of run '{name}'; use the key that it was registered with, or give the new run \
@@ -149,6 +204,7 @@ impl Runs {
 
     /// Registers a run, for the `holder` of a token; empty without tokens.
     pub fn register(&self, name: &str, key: &str, spec: RunSpec, holder: &str) -> Result<Arc<Run>, Refusal> {
+        let spec = register::with_all_seeds(spec)?;
         if !is_name(name) {
             let message = format!("'{name:.80}' cannot be a run's name; use 1 to 64 letters, digits, - or _");
             return Err(Refusal::new(Code::Value, "run", message));
@@ -161,13 +217,15 @@ impl Runs {
         let folder = self.folder.join(name);
         let drawn = Siblings::read(&folder, &self.server)?.episodes(name, &key_sha256, &spec)?;
         let episodes = drawn.map_or_else(|| register::episodes(&spec), Ok)?;
+        self.retire();
         let known = lock(&self.runs).values().cloned().collect::<Vec<_>>();
         let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
-        if known.len() >= MAX_RUNS || all + episodes.len() > MAX_EPISODES_OF_ALL {
+        if known.len() >= self.most || all + episodes.len() > MAX_EPISODES_OF_ALL {
             let message = format!(
-                "the server has {} runs with {all} episodes and accepts {MAX_RUNS} with {MAX_EPISODES_OF_ALL}; move finished \
-                 ones out of its folder and start it again",
-                known.len()
+                "the server has {} unfinished runs with {all} episodes and accepts {} with {MAX_EPISODES_OF_ALL}; finish \
+                 some, use another server, or have its owner move abandoned ones out of its folder and start it again",
+                known.len(),
+                self.most
             );
             return Err(Refusal::new(Code::Busy, "", message));
         }
@@ -217,6 +275,10 @@ impl Run {
             writer.append(Event::Restarted { unix_ms: unix_ms() })?;
         }
         Ok(Self::new(writer))
+    }
+
+    fn is_over(&self) -> bool {
+        lock(&self.state).ledger().is_finished()
     }
 
     /// The state of the run, for its client. Hosted seeds are included once it is finished.

@@ -49,6 +49,9 @@ pub enum RecordsTo {
     Recorders(RecorderKey),
 }
 
+/// Longer than any process lives; some 30 years.
+const UNLIMITED: Duration = Duration::from_secs(1_000_000_000);
+
 #[derive(Debug, Clone)]
 pub struct ServerOptions {
     /// Name of the server, which is part of all its keys.
@@ -60,8 +63,11 @@ pub struct ServerOptions {
     pub capacity: usize,
     /// Longest wait of a session for a client that is gone.
     pub grace: Duration,
-    /// Longest wait for an action.
+    /// Longest wait for an action in real time.
     pub action_timeout: Duration,
+    /// Longest wait for the action of a client that is there, in lockstep. On a carrier that delivers in place, such as that of one
+    /// process, there is no limit.
+    pub lockstep_timeout: Duration,
     /// A client repeats its action after this time without an observation.
     pub resend: Duration,
     /// Longest wait for a recorder that makes no progress.
@@ -84,13 +90,14 @@ pub struct ServerOptions {
 
 impl Default for ServerOptions {
     fn default() -> Self {
-        let Timeouts { grace, action, resend, recorder } = Timeouts::default();
+        let Timeouts { grace, action, lockstep, resend, recorder } = Timeouts::default();
         Self {
             name: "local".into(),
             workers: std::thread::available_parallelism().map_or(1, usize::from),
             capacity: 64,
             grace,
             action_timeout: action,
+            lockstep_timeout: lockstep,
             resend,
             recorder_timeout: recorder,
             scene: SceneConfig::default(),
@@ -177,6 +184,7 @@ impl Server {
             RecordsTo::ThisProcess(key) => (Some(key), None),
             RecordsTo::Recorders(key) => (Some(key.clone()), Some(key)),
         };
+        let lockstep_timeout = if carrier.delivers_in_place() { UNLIMITED } else { options.lockstep_timeout };
         let shared = Arc::new(ServerState {
             info: info::server(&options.name, options.capacity, robots.get(Robot::NAMES[0]), &options.scene),
             name: options.name,
@@ -185,6 +193,7 @@ impl Server {
             timeouts: Timeouts {
                 grace: options.grace,
                 action: options.action_timeout,
+                lockstep: lockstep_timeout,
                 resend: options.resend,
                 recorder: options.recorder_timeout,
             },

@@ -5,5 +5,6 @@ mod common;
 mod runs;
 mod service;
 mod strangers;
+mod strangers_floods;
 mod strangers_mangled;
 mod strangers_records;

@@ -48,8 +48,10 @@ pub(super) struct Order {
     /// The number of the next record is not known yet; it is searched in steps of one request.
     searching: Option<u64>,
     waiting: BTreeMap<u64, StepRecord>,
-    /// First number of the request that is under way.
-    asked: Option<u64>,
+    /// The request that is under way.
+    asked: Option<StepRecordRequest>,
+    /// The last request brought records: what is published may be lost on the way.
+    is_pulled: bool,
     /// Nothing is requested before this time.
     ask_at: Duration,
     heard_at: Duration,
@@ -70,6 +72,7 @@ impl Order {
             searching: takes_up.then_some(0),
             waiting: BTreeMap::new(),
             asked: None,
+            is_pulled: false,
             ask_at: now,
             heard_at: now,
             since: now,
@@ -131,19 +134,19 @@ impl Order {
             (None, Some(first)) if *first > self.next => {
                 StepRecordRequest { from_seq: self.next, count: (first - self.next).min(MAX_TRUTHS_PER_REQUEST) }
             }
-            (None, None) if now >= self.heard_at + self.pace(QUIET, self.heard_at) => {
+            (None, None) if now >= self.heard_at + self.quiet() => {
                 StepRecordRequest { from_seq: self.next, count: MAX_TRUTHS_PER_REQUEST }
             }
             (None, _) => return None,
         };
-        self.asked = Some(request.from_seq);
+        self.asked = Some(request);
         Some(request)
     }
 
     /// When there may be something to request, if no record comes before.
     pub fn wake_at(&self) -> Option<Duration> {
         let is_idle = self.searching.is_none() && self.waiting.is_empty();
-        let quiet = if is_idle { self.heard_at + self.pace(QUIET, self.heard_at) } else { self.ask_at };
+        let quiet = if is_idle { self.heard_at + self.quiet() } else { self.ask_at };
         self.asked.is_none().then(|| quiet.max(self.ask_at))
     }
 
@@ -152,12 +155,24 @@ impl Order {
         if self.is_heard { usual } else { now.saturating_sub(self.since).clamp(usual, SILENT) }
     }
 
+    /// Time without a record after which the session is asked. Where the last request brought some, others were not received when
+    /// they were published.
+    fn quiet(&self) -> Duration {
+        if self.is_pulled { AGAIN } else { self.pace(QUIET, self.heard_at) }
+    }
+
     /// The reply to the request is complete, and its records were given to [`Order::take`].
     pub fn answered(&mut self, now: Duration) {
-        let Some(from) = self.asked.take() else { return };
+        let Some(StepRecordRequest { from_seq: from, count }) = self.asked.take() else { return };
         let first = self.waiting.keys().next().copied();
         if self.searching.is_some() {
             return self.search_on(from, first, now);
+        }
+        self.is_pulled = self.next > from;
+        if self.next.saturating_sub(from) >= count.min(MAX_TRUTHS_PER_REQUEST) && self.waiting.is_empty() {
+            // The reply was full: there may be more.
+            (self.ask_at, self.heard_at) = (now, now.saturating_sub(QUIET));
+            return;
         }
         // A missing record may be under way, or not made yet.
         self.ask_at = now + AGAIN;
@@ -254,6 +269,31 @@ mod tests {
         order.take(record(1000), NOW);
         let later = NOW + AGAIN;
         assert_eq!(order.request(later), Some(StepRecordRequest { from_seq: 6, count: MAX_TRUTHS_PER_REQUEST }));
+    }
+
+    /// Guards a session whose published records are all lost, such as by a flood on its key: full replies follow one another at
+    /// once, and one that was not full is followed by the next request soon.
+    #[test]
+    fn without_publications_replies_alone_keep_up() {
+        let mut order = Order::new(false, NOW);
+        let mut now = NOW + QUIET;
+        for part in 0..3 {
+            let from_seq = part * MAX_TRUTHS_PER_REQUEST;
+            let request = StepRecordRequest { from_seq, count: MAX_TRUTHS_PER_REQUEST };
+            assert_eq!(order.request(now), Some(request), "part {part}");
+            (from_seq..from_seq + MAX_TRUTHS_PER_REQUEST).for_each(|seq| order.take(record(seq), now));
+            assert_eq!(seqs(&mut order).len() as u64, MAX_TRUTHS_PER_REQUEST);
+            order.answered(now);
+        }
+        assert!(order.request(now).is_some());
+        order.take(record(3 * MAX_TRUTHS_PER_REQUEST), now);
+        seqs(&mut order);
+        order.answered(now);
+        assert_eq!(order.request(now), None);
+        now += AGAIN;
+        assert!(order.request(now).is_some());
+        order.answered(now);
+        assert_eq!((order.request(now + AGAIN), order.request(now + QUIET).is_some()), (None, true), "it was empty");
     }
 
     #[test]

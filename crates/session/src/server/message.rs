@@ -8,8 +8,10 @@ use fiatlux_proto::{Bytes, limits};
 pub struct Timeouts {
     /// Time for which the session waits for a client whose token is gone.
     pub grace: Duration,
-    /// Time for which the session waits for an action.
+    /// Time for which the session waits for an action in real time.
     pub action: Duration,
+    /// The same in lockstep, for a client that is there: it may think for long, but not keep its place for ever.
+    pub lockstep: Duration,
     /// Time without an observation after which a client should send its action again.
     pub resend: Duration,
     /// Time for which the session waits for a recorder that makes no progress.
@@ -21,6 +23,7 @@ impl Default for Timeouts {
         Self {
             grace: Duration::from_secs(10),
             action: Duration::from_secs(60),
+            lockstep: Duration::from_secs(600),
             resend: Duration::from_millis(100),
             recorder: limits::RECORDER_TIMEOUT,
         }

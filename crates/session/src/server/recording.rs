@@ -124,7 +124,12 @@ impl<H: Host, R> ServerSession<H, R> {
 
     fn lose_recorder(&mut self, why: &str, now: Duration) {
         self.recording.lost = true;
-        self.tell_lost(why, "start a recorder for this server, with the same --recorder-key", now);
+        let remedy = if self.recording.registered {
+            "see the recorder's log, its disk and its link: it runs, and falls behind or is cut off"
+        } else {
+            "start a recorder for this server, with the same --recorder-key; one that runs with another key says so in its log"
+        };
+        self.tell_lost(why, remedy, now);
     }
 
     fn tell_lost(&mut self, why: &str, remedy: &str, now: Duration) {

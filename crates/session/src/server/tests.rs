@@ -204,3 +204,33 @@ fn only_a_take_can_be_stopped() {
     assert_eq!(cause(true, Input::Terminate("the server shuts down"), Duration::ZERO), ABORTED);
     assert_eq!(cause(true, Input::Tick, Duration::from_secs(3600)), ABORTED);
 }
+
+/// Guards an episode of a policy that thinks for long: in lockstep it goes on as long as its client is there, up to the limit that
+/// the session states. A client that is gone ends it after the grace time, and in real time nobody is waited for.
+#[test]
+fn in_lockstep_a_slow_answer_ends_nothing() {
+    let is_open = |session: &mut ServerSession<Counter, ()>, later: u64| {
+        session.handle(Input::Tick, NOW + Duration::from_secs(later));
+        outputs(session);
+        session.phase == Phase::Open
+    };
+    let mut session = running(Counter::default());
+    assert_eq!(session.info().action_timeout_s, 600.0);
+    assert!(is_open(&mut session, 599), "its client is there");
+    act(&mut session, 0, vec![0.5, -0.5]);
+    assert!(matches!(outputs(&mut session)[..], [Output::Observation(_), Output::StepRecord(_)]), "and acts at last");
+    assert_eq!(session.wake_at(), Some(NOW + Duration::from_secs(600)));
+    assert!(!is_open(&mut session, 600), "but its place is not kept for ever");
+
+    let mut session = running(Counter::default());
+    session.handle(Input::ClientGone, NOW + Duration::from_secs(300));
+    assert!(is_open(&mut session, 309) && !is_open(&mut session, 310), "the grace time of a client that is gone");
+
+    let mut session = running(Counter::default());
+    session.timeouts.lockstep = Duration::MAX;
+    assert!(is_open(&mut session, 1 << 40), "in one process nobody else needs the place");
+
+    let mut session = running(Counter::default());
+    session.info.mode = Mode::RealTime.into();
+    assert!(is_open(&mut session, 59) && !is_open(&mut session, 60));
+}

@@ -1,6 +1,6 @@
 //! Turns the flags into the specification of a run.
 
-use fiatlux_client::{Policy, check_tasks};
+use fiatlux_client::{Policy, check_tasks, source_of};
 use fiatlux_policies::{Replay, VlaSource};
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
@@ -24,7 +24,8 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
             check_tasks(policy.as_ref(), tasks).map_err(usage)?;
             let [image_width, image_height] = policy.image_size().unwrap_or_default();
             let sensors = policy.sensors();
-            let session = OpenRequest { sensors, image_width, image_height, ..OpenRequest::default() };
+            let source = source_of(policy.as_ref());
+            let session = OpenRequest { sensors, image_width, image_height, source, ..OpenRequest::default() };
             let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.seeds);
             RunSpec {
                 policy: policy.name(),

@@ -43,6 +43,9 @@ pub(super) struct ServerState {
     /// A query to it is pending.
     pub is_asked: bool,
     asked_at: Option<Instant>,
+    /// Why it does not take part, and whether the log has that.
+    reason: Option<String>,
+    is_told: bool,
 }
 
 /// Build properties that all servers of a run must share.
@@ -74,6 +77,7 @@ impl RunDriver<'_, '_> {
         if !self.is_registered() {
             self.episodes.want(wanted, self.options.parallel.unwrap_or(usize::MAX).max(1));
             self.build = Some(build);
+            self.tell_of_refusals();
         }
         let state = self.servers.entry(server.into()).or_default();
         if !state.is_there {
@@ -121,15 +125,30 @@ impl RunDriver<'_, '_> {
         }
     }
 
-    /// Notes that a server does not take part.
+    /// Notes that a server does not take part. What may pass is told too: a server that plays nothing is not left out
+    /// silently. As long as none takes part, the error is that of the whole run.
     pub(super) fn refuse(&mut self, server: &str, is_final: bool, error: ClientError) {
-        if is_final {
-            self.servers.entry(server.into()).or_default().refused = true;
+        let state = self.servers.entry(server.into()).or_default();
+        state.refused |= is_final;
+        let when = if is_final { "" } else { " yet" };
+        let reason = format!("{error}; server {server} does not take part{when}");
+        if state.reason.as_ref() != Some(&reason) {
+            (state.reason, state.is_told) = (Some(reason), false);
         }
-        if !self.is_registered() {
+        if self.is_registered() {
+            self.tell_of_refusals();
+        } else {
             self.problem = Some(error);
-        } else if is_final {
-            tracing::warn!("{error}; it does not take part");
+        }
+    }
+
+    /// Logs why servers do not take part, once.
+    fn tell_of_refusals(&mut self) {
+        for state in self.servers.values_mut().filter(|state| !state.is_told) {
+            if let Some(reason) = &state.reason {
+                state.is_told = true;
+                tracing::warn!("{reason}");
+            }
         }
     }
 

@@ -33,6 +33,7 @@ const MS: Duration = Duration::from_millis(1);
 const TIMEOUTS: Timeouts = Timeouts {
     grace: Duration::from_secs(10),
     action: Duration::from_secs(60),
+    lockstep: Duration::from_secs(60),
     resend: Duration::from_millis(100),
     recorder: Duration::from_secs(10),
 };

@@ -6,7 +6,7 @@ use data_encoding::HEXLOWER;
 use fiatlux_bag::run::{MAX_EPISODES, PlannedEpisode};
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{OpenRequest, Refusal, RunSpec};
+use fiatlux_proto::v3::{OpenRequest, Refusal, RunSpec, SeedRange};
 use fiatlux_rules::Task;
 use sha2::{Digest, Sha256};
 
@@ -67,6 +67,23 @@ pub(super) fn request(spec: &RunSpec, task: &str, seed: u64) -> OpenRequest {
     }
 }
 
+/// Adds the seeds of ranges to the others.
+pub(super) fn with_all_seeds(mut spec: RunSpec) -> Result<RunSpec, Refusal> {
+    for SeedRange { first, last } in std::mem::take(&mut spec.seed_ranges) {
+        let count = last.checked_sub(first).map(|more| more.saturating_add(1));
+        let room = MAX_EPISODES.saturating_sub(spec.seeds.len()) as u64;
+        if count.is_none_or(|count| count > room) {
+            let message = format!(
+                "the range {first}..{last} must not end before it begins, and all seeds are at most {MAX_EPISODES}; name \
+                 fewer, or make several runs"
+            );
+            return Err(Refusal::new(Code::Value, "register.seed_ranges", message));
+        }
+        spec.seeds.extend(first..=last);
+    }
+    Ok(spec)
+}
+
 /// The episodes of a new run; draws hosted seeds.
 pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
     let wrong = |field: &str, message: String| Refusal::new(Code::Value, &format!("register.{field}"), message);
@@ -102,6 +119,10 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
     };
     if tasks.iter().map(|task| task.short_id()).collect::<BTreeSet<_>>().len() < tasks.len() {
         return Err(wrong("tasks", "a task is listed twice; name each once".into()));
+    }
+    if spec.hosted_seeds > 0 && session.source != 0 {
+        let message = "hosted seeds are for policies, and a person's actions are never ranked; name seeds";
+        return Err(wrong("session.source", message.into()));
     }
     if spec.hosted_seeds > 0 && !spec.seeds.is_empty() {
         return Err(wrong("seeds", "seeds are both named and hosted; leave one of the two out".into()));

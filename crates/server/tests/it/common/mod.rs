@@ -1,5 +1,6 @@
 //! Shared by clients of raw messages: they say hello and seal as the protocol has it, and nothing else for their caller.
 
+pub mod flood;
 pub mod victim;
 
 use std::sync::mpsc::{Receiver, channel};

@@ -1,5 +1,7 @@
 //! Options of a session: real time, looks, sensors, robot and room.
 
+use fiatlux_proto::v3::Source;
+
 use super::*;
 
 #[test]
@@ -172,5 +174,24 @@ fn a_session_says_which_robot_and_room_it_has() {
         for footprint in &info.footprints {
             assert!(footprint.outline.len() == 8 && footprint.bottom < footprint.top, "{footprint:?}");
         }
+    }
+}
+
+/// Guards that the server, from the request, says whose actions these are: in the session's description, and in the header,
+/// which the result's digest covers.
+#[test]
+fn a_persons_actions_are_marked() {
+    let person = i32::from(Source::Person);
+    let take = OpenRequest { take: true, end_on: vec!["success".into()], ..OpenRequest::default() };
+    for (request, expected) in [
+        (OpenRequest::default(), 0),
+        (OpenRequest { source: person, ..OpenRequest::default() }, person),
+        (OpenRequest { source: 7, ..OpenRequest::default() }, person),
+        (take, person),
+    ] {
+        let mut harness = harness(request);
+        assert_eq!(harness.session.info().source, expected);
+        harness.reset(0);
+        assert_eq!(harness.record().header.unwrap().source, expected);
     }
 }
