@@ -66,7 +66,7 @@ fn main() {
             // Each recording has its part of the time.
             std::thread::sleep((GARBAGE / RECORDINGS as u32).saturating_sub(begin.elapsed()));
             stop.store(true, Ordering::Relaxed);
-            println!("{} messages of garbage", flood.join().unwrap());
+            println!("{} messages of garbage, {whole} bags whole so far", flood.join().unwrap());
         }
     }
     times.sort_by(f64::total_cmp);
