@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::leftover::is_leftover;
 use crate::run::is_journal;
 
 #[derive(Debug, Error)]
@@ -73,14 +74,6 @@ impl BagFiles {
         }
         Ok(())
     }
-}
-
-/// True for a file or folder that nobody put there: hidden ones (`._NAME` of macOS, `.nfs...`, `.Trash-1000`), the recycle bin
-/// of Windows and its entries (`$RECYCLE.BIN`, `$I...`), and the folders of disks and archives.
-pub(crate) fn is_leftover(path: &Path) -> bool {
-    const FOLDERS: [&str; 4] = ["lost+found", "System Volume Information", "__MACOSX", "@eaDir"];
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    name.starts_with(['.', '$']) || FOLDERS.contains(&&*name)
 }
 
 fn of(path: &Path) -> impl FnOnce(io::Error) -> FindError {

@@ -35,6 +35,7 @@ mod channels;
 mod check;
 mod error;
 mod find;
+mod leftover;
 mod lock;
 mod metadata;
 mod patience;

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
 use super::{Event, LedgerError};
-use crate::find::is_leftover;
+use crate::leftover::is_leftover;
 
 /// End of a journal's file name, after the server's name.
 const ENDING: &str = ".run.jsonl";
