@@ -21,44 +21,13 @@ use fiatlux_grading::{Conditions, OBJECTS, Results, is_of_senses};
 use fiatlux_rules::{Task, pins};
 use serde::{Deserialize, Serialize};
 
-use crate::submission::{Badge, Division, Kind, Observations, Stage, Time};
+use crate::submission::{Badge, Claim, Claims, Division, Kind, Observations, Proof, Stage, Time};
 pub(crate) use rooms::{FIXED_ROOMS, MIN_ROOMS};
 use rooms::{check_rooms, same_rooms};
 pub(crate) use tries::{GRACE_DAYS, HostedRun, Tries, tries_of};
 
 /// Nothing is known of its bags.
 const NOT_GRADED: &str = "its bags are not graded";
-
-/// What became of a claim.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Proof {
-    Proven,
-    /// The submitter says so; nobody has checked it, or nobody can.
-    Claimed,
-    /// It is false, or cannot be true.
-    Refused,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Claim {
-    pub proof: Proof,
-    /// Why, as a sentence without a full stop.
-    pub reason: String,
-}
-
-impl Claim {
-    fn new(proof: Proof, reason: impl Into<String>) -> Self {
-        Self { proof, reason: reason.into() }
-    }
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Claims {
-    pub rows: Claim,
-    pub senses: Claim,
-    pub tries: Claim,
-}
 
 /// What grading established about a submission. It does not change afterwards.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -31,7 +31,6 @@ mod submission;
 mod visitors;
 
 pub use accounts::{AccountError, MAX_DAYS, Quota};
-pub use claims::{Claim, Claims, Proof};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use forwarded::{Proxies, ProxyError};
@@ -41,5 +40,6 @@ pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
 pub use store::{Account, AuditRow, KnownBags, Store, TokenRow};
 pub use submission::{
-    Badge, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Stage, SubmissionId, Time, WordError,
+    Badge, Claim, Claims, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Proof, Stage,
+    SubmissionId, Time, WordError,
 };

@@ -3,6 +3,7 @@
 mod accounts;
 mod adopt;
 mod blobs;
+mod facts;
 mod known;
 mod pictures;
 mod queue;
@@ -23,8 +24,8 @@ use time::OffsetDateTime;
 use crate::{Entry, StoreError, SubmissionId};
 pub use accounts::{Account, AuditRow, TokenRow};
 pub(crate) use blobs::{Blobs, Digest};
+pub(crate) use known::EpisodeRows;
 pub use known::KnownBags;
-pub(crate) use known::{EpisodeRows, RunsInputs};
 pub(crate) use pictures::{Picture, Pictures};
 pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, Verdict};
 pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};

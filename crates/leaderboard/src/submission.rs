@@ -11,7 +11,6 @@ use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 use time::OffsetDateTime;
 
-use crate::claims::Claims;
 use crate::store::Digest;
 
 /// Id of a submission: 16 hexadecimal digits, computed from its content and its account.
@@ -180,6 +179,37 @@ pub enum Badge {
     /// Seeds were drawn after registration, and every bag and journal is signed by one of the operator's servers: it also
     /// proves what the policy was shown.
     Hosted,
+}
+
+/// What became of a claim.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Proof {
+    Proven,
+    /// The submitter says so; nobody has checked it, or nobody can.
+    Claimed,
+    /// It is false, or cannot be true.
+    Refused,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    pub proof: Proof,
+    /// Why, as a sentence without a full stop.
+    pub reason: String,
+}
+
+impl Claim {
+    pub(crate) fn new(proof: Proof, reason: impl Into<String>) -> Self {
+        Self { proof, reason: reason.into() }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claims {
+    pub rows: Claim,
+    pub senses: Claim,
+    pub tries: Claim,
 }
 
 /// Stages of a submission, in order.

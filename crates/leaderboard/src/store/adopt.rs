@@ -4,7 +4,7 @@
 use fiatlux_cli::in_full;
 use sqlx::Row as _;
 
-use super::known::facts_text;
+use super::facts::facts_text;
 use super::submissions::{id_of, refuse};
 use super::{Store, StoreError};
 use crate::claims::{Consequence, Facts, consequence};

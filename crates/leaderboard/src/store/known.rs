@@ -11,8 +11,9 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
+use super::facts::{RunsInputs, facts_in};
 use super::{Digest, Store, now_ms};
-use crate::claims::{Facts, HostedRun, KnownRow, Label};
+use crate::claims::{HostedRun, KnownRow, Label};
 use crate::{StoreError, SubmissionId};
 
 const ASK: &str = "be asked for known rows";
@@ -35,14 +36,6 @@ pub struct KnownBags {
     pub bags: u64,
     /// Bags that cannot be read, with the reason.
     pub unread: Vec<String>,
-}
-
-/// The inputs of [`crate::claims::tries_of`].
-#[derive(Debug, Default)]
-pub(crate) struct RunsInputs {
-    pub runs: Vec<HostedRun>,
-    /// Names of the runs of hosted entries.
-    pub shown: BTreeSet<String>,
 }
 
 impl Store {
@@ -293,16 +286,6 @@ async fn know(
     Ok(count)
 }
 
-/// Forgets the rows of a submission that is in no table any more. Those of a person stay.
-pub(super) async fn forget_rows(tx: &mut Transaction<'static, Sqlite>, id: &str) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM known_rows WHERE submission = $1 AND person = 0")
-        .bind(id)
-        .execute(&mut **tx)
-        .await
-        .map(drop)
-        .map_err(StoreError::database(CHANGE))
-}
-
 fn known_row(row: &SqliteRow, said: (String, u64)) -> Result<KnownRow, sqlx::Error> {
     Ok(KnownRow {
         task: row.try_get("task")?,
@@ -313,12 +296,4 @@ fn known_row(row: &SqliteRow, said: (String, u64)) -> Result<KnownRow, sqlx::Err
         person: row.try_get::<i64, _>("person")? != 0,
         said,
     })
-}
-
-pub(super) fn facts_in(text: &str) -> Result<Facts, StoreError> {
-    serde_json::from_str(text).map_err(|error| StoreError::corrupt("the facts of a submission", error))
-}
-
-pub(super) fn facts_text(facts: &Facts) -> Result<String, StoreError> {
-    serde_json::to_string(facts).map_err(|error| StoreError::corrupt("the facts of a submission", error))
 }

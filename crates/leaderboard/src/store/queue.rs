@@ -7,7 +7,8 @@ use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
 use super::accounts::audit;
-use super::known::{EpisodeRows, facts_in, facts_text, own, take_place};
+use super::facts::{facts_in, facts_text};
+use super::known::{EpisodeRows, own, take_place};
 use super::submissions::{counts, digest_of, id_of, refuse};
 use super::{Count, Digest, Store};
 use crate::claims::{Consequence, Facts, Label, consequence};

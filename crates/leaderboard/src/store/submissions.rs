@@ -4,8 +4,8 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
-use super::known::{facts_in, forget_rows};
-use super::{Account, Digest, RunsInputs, Store, moment, now_ms};
+use super::facts::{RunsInputs, facts_in, forget_rows};
+use super::{Account, Digest, Store, moment, now_ms};
 use crate::claims::{Facts, Progress, decide, tries_of};
 use crate::submission::{FileSpec, word_of};
 use crate::{Entry, Manifest, Stage, StoreError, SubmissionId};
