@@ -284,7 +284,7 @@ impl Episode {
 
     /// Some of the chosen rows, evenly.
     fn samples(&self, options: &RenderOptions) -> Vec<Row> {
-        if !options.picture.views.contains(&View::Follow) {
+        if !options.picture.views.iter().any(|view| matches!(view, View::Follow | View::FollowAs(_))) {
             return Vec::new();
         }
         let every = self.chosen.len().div_ceil(SAMPLES).max(1);

@@ -33,7 +33,7 @@ pub struct RenderArgs {
     /// NAME.mp4 is a video, NAME.png a still; a name without an ending is a folder of PNG files.
     #[arg(short, long, value_name = "OUT")]
     out: PathBuf,
-    /// Views: follow (the robot and what its task is about), room (all of it, from above), head (what the head camera
+    /// Views: follow (the robot and what its task is about; follow:S05 for another task, such as a part of the errand), room (all of it, from above), head (what the head camera
     /// sees), or a list of them such as follow,head, of which the first fills the picture and the others are insets.
     #[arg(long, default_value = "follow", value_delimiter = ',', value_parser = view, conflicts_with = "eye")]
     view: Vec<View>,

@@ -20,6 +20,8 @@ const BORDER: usize = 2;
 pub enum View {
     /// From outside, with the robot and what its task is about in the picture: ladder and lamp, crate or fresh bulb.
     Follow,
+    /// The same for what another task is about: of the errand, the one that it has come to.
+    FollowAs(Task),
     /// The whole room from above.
     Room,
     Head,
@@ -38,6 +40,10 @@ impl FromStr for View {
     fn from_str(name: &str) -> Result<Self, String> {
         match name.trim() {
             "follow" => Ok(View::Follow),
+            name if name.starts_with("follow:") => {
+                let task = name["follow:".len()..].parse();
+                task.map(View::FollowAs).map_err(|_| format!("'{name}' names no task; use follow:S05 and the like"))
+            }
             "room" => Ok(View::Room),
             "head" => Ok(View::Head),
             other => Err(format!("there is no view '{other}'; use follow, room or head, or --eye and --target")),
@@ -182,8 +188,11 @@ impl Rig {
             View::Head => Mount::Head,
             View::Free { eye, target } => Mount::Fixed(Camera::look_at(eye, target, picture.fov, pane.aspect())),
             View::Room => Mount::Fixed(room(subject, picture.fov, pane.aspect())),
-            View::Follow => {
-                let focus = Focus::of(subject.task);
+            View::Follow | View::FollowAs(_) => {
+                let focus = Focus::of(match pane.view {
+                    View::FollowAs(task) => Some(task),
+                    _ => subject.task,
+                });
                 let lens = [picture.fov, pane.aspect()];
                 let bearing = best_bearing(subject.visuals, subject.light, subject.samples, focus, lens);
                 let aim = Aim::from(bearing, FOLLOW_ELEVATION, picture.fov, pane.aspect());
@@ -235,6 +244,8 @@ mod tests {
     #[test]
     fn views_by_name() {
         assert_eq!("follow".parse(), Ok(View::Follow));
+        assert_eq!("follow:S05".parse(), Ok(View::FollowAs(Task::S05)));
+        assert!("follow:S99".parse::<View>().unwrap_err().contains("names no task"));
         assert_eq!(" head".parse(), Ok(View::Head));
         assert!("top".parse::<View>().unwrap_err().starts_with("there is no view 'top'"));
     }
