@@ -78,5 +78,5 @@ fn failures_are_no_demonstrations() {
     assert_eq!((failed.kept.len(), failed.kept[0].clean, failed.outcome.resumed), (1, false, 1));
     options.first_seed = 999;
     let error = demonstrate(&options, &AtomicBool::new(false), &mut |_, _| ()).unwrap_err().to_string();
-    assert!(error.contains("seeds of 1000 and above"), "{error}");
+    assert!(error.contains("use seeds 1000 to 99999"), "{error}");
 }

@@ -57,7 +57,7 @@ fn the_mcap_reader_finds_all_in_order() {
 
 #[test]
 fn the_same_episode_gives_the_same_bytes() {
-    let folder = folder("same");
+    let folder = folder("same_rows");
     let bytes = ["a.mcap", "b.mcap"].map(|name| std::fs::read(write(&folder.join(name), ROWS)).expect("bytes"));
     assert!(bytes[0] == bytes[1]);
 }
