@@ -116,6 +116,7 @@ pub fn decode(text: &str, prefix: &str, field: &'static str, remedy: &'static st
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -110,7 +110,7 @@ pub(crate) fn check_memory(spec: &Spec, worlds: usize) -> Result<(), BatchError>
     let each = spec.rewards.len() + 2 * spec.actions.len() + 2;
     let total =
         numbers.checked_mul(2).and_then(|both| both.checked_add(each)).and_then(|each| each.checked_mul(worlds));
-    let fits = total.is_some_and(|total| can_reserve::<f32>(total));
+    let fits = total.is_some_and(can_reserve::<f32>);
     if fits { Ok(()) } else { Err(BatchError::Memory { worlds, numbers }) }
 }
 

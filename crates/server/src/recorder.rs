@@ -151,12 +151,15 @@ impl RecorderState {
     }
 }
 
+/// What ends a thread, and the thread.
+type Feeder = (Box<dyn Fn() + Send + Sync>, JoinHandle<()>);
+
 /// A running recorder. When dropped, it first writes everything that it has received, as [`Recorder::stop`] does.
 pub struct Recorder {
     /// Subscriptions to the sessions' tokens and to their records.
     subscriptions: Vec<Declaration>,
     /// Ends what feeds the workers, in this order.
-    feeders: Vec<(Box<dyn Fn() + Send + Sync>, JoinHandle<()>)>,
+    feeders: Vec<Feeder>,
     workers: Vec<(Sender<WorkerEvent>, JoinHandle<Vec<PathBuf>>)>,
 }
 

@@ -61,7 +61,8 @@ pub fn painted(text: &str) -> String {
         _ => None,
     };
     let plain = |_: &str| None;
-    let (mut out, mut of): (String, &dyn Fn(&str) -> Option<&'static str>) = (String::new(), &plain);
+    let mut out = String::new();
+    let mut of: &dyn Fn(&str) -> Option<&'static str> = &plain;
     for (index, line) in text.lines().enumerate() {
         if index == 0 {
             out += &format!("\x1b[1m{line}\x1b[0m\n");
