@@ -4,7 +4,6 @@ use nalgebra::{Isometry3, Point3};
 
 use crate::lighting::PreparedLight;
 use crate::paint::{Finish, Paint};
-use crate::view::single;
 
 pub(crate) type Vec3 = [f32; 3];
 
@@ -107,7 +106,8 @@ impl Lamp {
 
     /// Of a bulb with that pose.
     pub(crate) fn at(bulb: &Isometry3<f64>) -> Self {
-        Self { middle: single(&(bulb * Point3::new(0.0, 0.0, Self::GLASS)).coords) }
+        let middle = bulb * Point3::new(0.0, 0.0, Self::GLASS);
+        Self { middle: [middle.x as f32, middle.y as f32, middle.z as f32] }
     }
 
     /// Light that arrives at a point of a surface with that unit normal.

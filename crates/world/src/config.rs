@@ -4,6 +4,7 @@ mod asset;
 mod asset_check;
 mod check;
 mod parts;
+mod rule;
 
 use std::collections::BTreeMap;
 

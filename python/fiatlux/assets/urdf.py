@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from . import mesh
-from .articulation import MAX_BYTES, Articulation, Inertial, Joint, PartSource, check_density, check_name, inside
 from .error import AssetError
 from .files import read_text
+from .linkage import MAX_BYTES, Articulation, Inertial, Joint, PartSource, check_density, check_name, inside
 
 Element = ElementTree.Element
 

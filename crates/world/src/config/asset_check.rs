@@ -3,7 +3,7 @@
 use fiatlux_dynamics::Hull;
 use nalgebra::Vector3;
 
-use super::check::{Checked, ensure, refuse, within};
+use super::rule::{Checked, ensure, refuse, within};
 use super::{AssetConfig, SceneConfig};
 use crate::object::{BulbShape, Role};
 

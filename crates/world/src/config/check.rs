@@ -1,5 +1,4 @@
 use std::collections::BTreeMap;
-use std::fmt::Debug;
 
 use fiatlux_rules::{errand, manifest};
 
@@ -7,11 +6,9 @@ use super::parts::{
     AttachmentConfig, BenchConfig, BulbConfig, ClimbConfig, CrateConfig, FixtureConfig, LadderConfig, LayoutConfig,
     RoomConfig, StartConfig, Surfaces, ThingConfig,
 };
+use super::rule::{Checked, ensure, within};
 use super::{SceneConfig, asset_check};
-use crate::SceneError;
 use crate::object::{ASSET_PLACES, Role};
-
-pub(super) type Checked = Result<(), SceneError>;
 
 /// Half of the largest extent of anything, m.
 const FAR: f64 = 100.0;
@@ -33,22 +30,6 @@ pub(super) fn check(config: &SceneConfig) -> Checked {
     start(&config.start)?;
     things(&config.things)?;
     assets(config)
-}
-
-pub(super) fn refuse(field: &'static str, value: &impl Debug, rule: impl Into<String>) -> Checked {
-    Err(SceneError::Value { field, line: None, value: format!("{value:?}"), rule: rule.into() })
-}
-
-pub(super) fn ensure(ok: bool, field: &'static str, value: &impl Debug, rule: &str) -> Checked {
-    if ok { Ok(()) } else { refuse(field, value, rule) }
-}
-
-/// Refuses what is not finite or outside the bounds.
-pub(super) fn within(field: &'static str, values: &[f64], low: f64, high: f64) -> Checked {
-    match values.iter().find(|v| !(low..=high).contains(*v)) {
-        Some(value) => refuse(field, value, format!("it must be between {low} and {high}")),
-        None => Ok(()),
-    }
 }
 
 /// A size of a solid part.

@@ -339,8 +339,8 @@ fn a_trial_is_stepped_like_a_world() {
         let (there, here) = (&world.row().things[errand::OLD_BULB].pose, trial.rig.pose(trial.bulb));
         let apart = (there.translation.vector - here.translation.vector).norm();
         let turned = there.rotation.angle_to(&here.rotation);
-        // Below 2e-6 m/s a bulb that the socket keeps is stopped, in one of them a step of 5 ms earlier than in the other.
-        assert!(apart < 5e-8 && turned < 2e-6, "control step {step}: {apart} m, {turned} rad");
+        // What moves below 2e-6 m/s may rest in one of the two and creep in the other, for a second.
+        assert!(apart < 2e-6 && turned < 7e-5, "control step {step}: {apart} m, {turned} rad");
     }
     assert!(trial.attachment.is_seated());
 }
