@@ -85,7 +85,7 @@ enum Command {
         /// Files and folders of bags, searched to any depth
         #[arg(required = true)]
         bags: Vec<PathBuf>,
-        /// What a refusal calls them
+        /// Name for them in a refusal
         #[arg(long, value_name = "TEXT", default_value = "a published recording")]
         name: String,
     },

@@ -221,7 +221,7 @@ class Rig:
 
 
 def enclosure(rig, grasp, usual):
-    """How far a slippery hand lets the bulb move as gravity points along each axis; much more where it does not hold it."""
+    """Movement of the bulb in a slippery hand as gravity points along each axis; much more where it is not held."""
     np = rig.np
     cost = 5.0 * np.sum((rig.clipped(grasp) - grasp) ** 2)
     rig.stage(grasp, settle=1.6)

@@ -1,4 +1,4 @@
-//! What file systems and file managers leave in folders.
+//! Leftovers of file systems and file managers in folders.
 
 use std::path::Path;
 

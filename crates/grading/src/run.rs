@@ -34,7 +34,7 @@ pub(crate) struct RunJournals {
     notes: Vec<String>,
 }
 
-/// What was registered at once.
+/// Part of a run that was registered at once.
 #[derive(Debug)]
 struct Part {
     /// Registration in the first journal; the others agree in the fields used here.

@@ -1,5 +1,4 @@
-//! What an entry proves, and where it ranks: pure functions from facts to claims, badge and division. Nothing else decides
-//! these.
+//! Proof and rank of an entry: pure functions from facts to claims, badge and division. Nothing else decides these.
 //!
 //! An entry makes three claims, and each has a proof of its own:
 //!
@@ -29,7 +28,7 @@ pub(crate) use tries::{GRACE_DAYS, HostedRun, Tries, tries_of};
 /// Nothing is known of its bags.
 const NOT_GRADED: &str = "its bags are not graded";
 
-/// What grading established about a submission. It does not change afterwards.
+/// Facts that grading established about a submission. They do not change afterwards.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(crate) struct Facts {
     /// Words of [`Conditions`].
@@ -122,7 +121,7 @@ fn deviations(conditions: &Conditions) -> (String, String) {
     (senses.join("; "), others.join("; "))
 }
 
-/// How many of the episodes that have a bag were simulated again.
+/// Number of episodes that were simulated again, of those that have a bag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Progress {
     pub episodes: u64,
@@ -137,7 +136,7 @@ impl Progress {
     }
 }
 
-/// What follows from facts.
+/// Badge, claims and rank that follow from facts.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standpoint {
     pub badge: Badge,
@@ -278,7 +277,7 @@ fn division(facts: &Facts) -> Option<Division> {
     })
 }
 
-/// What a verdict on one episode means for its submission.
+/// Meaning of a verdict on one episode for its submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Consequence {
     /// One episode that did not happen refuses all of them.
@@ -320,7 +319,7 @@ pub(crate) struct KnownRow {
     pub said: (String, u64),
 }
 
-/// What the known rows say of a new submission.
+/// Origin of a new submission's rows, by the known rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Origin {
     /// Its rows are its own; it replaces these submissions of the same account, whose rows it has all of.

@@ -152,8 +152,8 @@ pub enum Kind {
     Replayed,
 }
 
-/// What a ranking never mixes: conditions that are proven of its entries. A hosted entry has all of them; of a replayed one
-/// time and observations are claims, so its table has none.
+/// Conditions that are proven of a ranking's entries; a ranking never mixes them. A hosted entry has all of them; of a
+/// replayed one time and observations are claims, so its table has none.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Division {
     pub table: Kind,
@@ -181,7 +181,7 @@ pub enum Badge {
     Hosted,
 }
 
-/// What became of a claim.
+/// Outcome of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Proof {
@@ -237,7 +237,7 @@ pub struct Entry {
     /// Where it is ranked, among all twelve subtasks or in some of them; `None` if nowhere.
     pub division: Option<Division>,
     pub badge: Badge,
-    /// What it claims, and what is proven of that.
+    /// Its claims, and what is proven of them.
     pub claims: Claims,
     /// The senses that it claims, in words; empty until it is graded.
     pub senses: String,

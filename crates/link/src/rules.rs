@@ -1,4 +1,4 @@
-//! What a config's access rules leave a program.
+//! Access that a config's rules leave a program.
 
 use serde_json::Value;
 use zenoh::Config;

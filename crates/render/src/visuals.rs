@@ -23,12 +23,12 @@ use crate::RobotMeshes;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 
-/// How things look. The bytes of a sensor's pictures depend on it.
+/// Appearance of things. The bytes of a sensor's pictures depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Look {
-    /// What the robot's cameras see: part of the benchmark's version.
+    /// Things as the robot's cameras see them: part of the benchmark's version.
     One,
-    /// What people see: the robot's own surfaces, a lamp that lights what is near it.
+    /// Things as people see them: the robot's own surfaces, a lamp that lights what is near it.
     Two,
 }
 

@@ -42,7 +42,7 @@ struct Entry {
     activity: Arc<Mutex<Activity>>,
 }
 
-/// What a page has sent lately.
+/// Recent activity of a page, by what it has sent.
 #[derive(Debug)]
 struct Activity {
     /// It has spent its budget: its messages wait.

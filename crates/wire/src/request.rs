@@ -1,8 +1,8 @@
 //! Checks a request for a session as far as no simulator is needed. A server refuses what fails here, and a grader does not
 //! score a bag of it: no server can have played it.
 //!
-//! What is left to the server are names and numbers that only the simulator knows: robots, gains, sensors, ranges and sizes
-//! of props. In a ranking they have one value, so a grader compares them with that.
+//! The server checks the rest, names and numbers that only the simulator knows: robots, gains, sensors, ranges and
+//! sizes of props. In a ranking they have one value, so a grader compares them with that.
 
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{self, Mode, OpenRequest, Refusal};

@@ -1,4 +1,4 @@
-//! Whether one body among what is fixed would stay where it is.
+//! Test of whether one body among what is fixed would stay where it is.
 
 use nalgebra::{Matrix3, Matrix6, Vector6};
 

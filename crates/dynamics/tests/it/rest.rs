@@ -4,7 +4,7 @@ use fiatlux_dynamics::*;
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 
 const DT: f64 = 0.005;
-/// What a body that was called at rest may move in the time below if it is stepped as if it moved, after a nudge, m and rad.
+/// Most that a body called at rest may move in the time below if stepped as if it moved, after a nudge, m and rad.
 const SLACK: f64 = 1e-3;
 const NUDGE: f64 = 2e-4;
 const AFTER: usize = 400;
@@ -214,7 +214,7 @@ fn nothing_is_called_at_rest_that_would_move_in_10_000_scenes() {
     assert!(mistaken.is_empty(), "{mistaken:?}");
 }
 
-/// What was stepped before decides nothing: another scratch memory goes on from any state to the same bits.
+/// Earlier steps decide nothing: another scratch memory goes on from any state to the same bits.
 #[test]
 fn a_state_alone_decides_what_rests() {
     for seed in 0..60 {

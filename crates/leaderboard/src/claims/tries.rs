@@ -1,4 +1,4 @@
-//! How often it was tried: every hosted run that was registered on a server of this board counts.
+//! Number of tries: every hosted run that was registered on a server of this board counts.
 //!
 //! Runs of one holder, policy and version are tries of the same. The first of them counts, as the first attempt at an episode
 //! does. One that nobody has submitted some days after its registration counts as failures.

@@ -80,7 +80,7 @@ pub(super) fn badge(badge: &Badge) -> &'static str {
 /// All badges, the one that proves most first.
 pub(super) const BADGES: [Badge; 3] = [Badge::Hosted, Badge::Replayed, Badge::SelfReported];
 
-/// What a badge proves and what it does not, in a sentence.
+/// Sentence on what a badge proves and what it does not.
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
         Badge::Hosted => {

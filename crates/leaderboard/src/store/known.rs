@@ -1,4 +1,4 @@
-//! What the board knows besides its entries: rows that somebody submitted first, and hosted runs on its servers.
+//! Knowledge of the board besides its entries: rows that somebody submitted first, and hosted runs on its servers.
 
 use std::collections::btree_map::Entry as Slot;
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,7 +28,7 @@ pub(crate) struct EpisodeRows {
     pub digest: String,
 }
 
-/// What [`Store::know_bags`] noted.
+/// Summary of what [`Store::know_bags`] noted.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct KnownBags {
     /// Number of episodes that were not known before, and of bags.

@@ -39,7 +39,7 @@ pub enum Down {
     Back,
 }
 
-/// What became of the bulb.
+/// Fate of the bulb.
 #[derive(Debug)]
 pub struct Shaken {
     /// From the mean place of the glass in the second second to that in the last, m; infinite for a bulb that was lost.

@@ -33,7 +33,7 @@ fn model(config: &SceneConfig) -> (Model, BodyId) {
     (builder.build().unwrap(), body)
 }
 
-/// How far a body at a pose reaches along a direction, by its shapes, m.
+/// Reach of a body at a pose along a direction, by its shapes, m.
 fn reach(model: &Model, body: BodyId, pose: &Isometry3<f64>, direction: &Vector3<f64>) -> f64 {
     let shapes = model.shapes().iter().filter(|shape| shape.body == body).map(|shape| {
         let at = pose * shape.body_from_shape;
