@@ -31,7 +31,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_policys_rules_leave_no_records() {
+    fn rules_of_a_policy_leave_no_records() {
         let config = |key: &str, enabled: bool| {
             let text = format!(
                 r#"{{ access_control: {{ enabled: {enabled}, default_permission: "deny",

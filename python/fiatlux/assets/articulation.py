@@ -11,17 +11,7 @@ import tomllib
 from . import urdf
 from .error import AssetError
 from .files import read_text
-from .linkage import (
-    KINDS,
-    MAX_BYTES,
-    Articulation as Articulation,
-    Inertial as Inertial,
-    Joint,
-    PartSource as PartSource,
-    check_density as check_density,
-    check_name,
-    inside,
-)
+from .linkage import KINDS, MAX_BYTES, Articulation, Joint, PartSource, check_density, check_name, inside
 
 
 def read(path: Path) -> Articulation:

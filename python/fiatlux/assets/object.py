@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from . import articulation, mesh
-from .articulation import DENSITIES, DENSITY, Joint, check_name
+from . import articulation, linkage, mesh
 from .error import AssetError
+from .linkage import DENSITIES, DENSITY, Joint, check_name
 from .mesh import Surface
 from .pieces import pieces
 
@@ -91,7 +91,7 @@ class Settings:
             raise AssetError(f"role: '{self.role}' is not known; use {', '.join(ROLES)}")
         if self.mass is not None and not MASSES[0] <= self.mass <= MASSES[1]:
             raise AssetError(f"mass: {self.mass} kg is outside {MASSES[0]} to {MASSES[1]} kg")
-        articulation.check_density(self.density, "density")
+        linkage.check_density(self.density, "density")
         if self.mass is not None and self.density is not None:
             raise AssetError("mass and density exclude each other; give one of them")
         if not all(0.0 <= friction <= 5.0 for friction in self.friction) or self.friction[1] > self.friction[0]:
@@ -114,7 +114,7 @@ def calibrate(source: Path, settings: Settings) -> Object:
     if source.suffix in (".toml", ".urdf"):
         articulated = articulation.read(source)
     else:
-        articulated = articulation.Articulation([articulation.PartSource(settings.name, source, None)], [])
+        articulated = linkage.Articulation([linkage.PartSource(settings.name, source, None)], [])
     surfaces = [placed(part, settings) for part in articulated.parts]
     # A mesh with y up has its joints in the same axes.
     up = settings.up or mesh.FORMATS[articulated.parts[0].mesh.suffix.lower()]
@@ -189,7 +189,7 @@ def calibrate(source: Path, settings: Settings) -> Object:
     return Object(settings.name, settings.role, parts, joints, settings.friction, settings.fixed, record)
 
 
-def placed(part: articulation.PartSource, settings: Settings) -> Surface:
+def placed(part: linkage.PartSource, settings: Settings) -> Surface:
     """The surface of a part in the frame of the object, z up."""
     surface = mesh.read(part.mesh, settings.up, settings.repair)
     offset, scale = part.offset, part.scale
@@ -208,8 +208,8 @@ def turned(vector: np.ndarray) -> np.ndarray:
 
 
 def inertial_of(
-    part: articulation.PartSource, up: str, scale: float, shift: np.ndarray, settings: Settings
-) -> articulation.Inertial | None:
+    part: linkage.PartSource, up: str, scale: float, shift: np.ndarray, settings: Settings
+) -> linkage.Inertial | None:
     """The mass distribution that the source gives, in the frame of the object."""
     own = part.inertial
     if own is None:
@@ -220,7 +220,7 @@ def inertial_of(
     if up == "y":
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         com, moment = turn @ com, turn @ moment @ turn.T
-    return articulation.Inertial(own.mass, com * scale + shift, moment * scale**2)
+    return linkage.Inertial(own.mass, com * scale + shift, moment * scale**2)
 
 
 def inertia(solid: trimesh.Trimesh) -> np.ndarray:
