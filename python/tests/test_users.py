@@ -200,7 +200,7 @@ def test_reprs_say_what_it_is():
         (lambda: small(ranges={"mass": 3}), r"mass is 3; give \(least, most\)"),
         (lambda: fiatlux.Env("S07", render_camera="cam"), "render_camera is 'cam'; .* 'head_camera' .sensor 'camera'."),
         (lambda: fiatlux.Kinematics().poses(np.zeros(60), "left_palm"), r"sites is 'left_palm'; give a list"),
-        (lambda: fiatlux.Kinematics().state({"joint_postion": [0.0]}), "did you mean 'joint_position'"),
+        (lambda: fiatlux.Kinematics().state({"joint_positions": [0.0]}), "did you mean 'joint_position'"),
         (
             lambda: fiatlux.evaluate(type("M", (), {"predict": print})()),
             "a M answers by predict; give lambda observation",
