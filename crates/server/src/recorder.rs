@@ -10,13 +10,14 @@
 mod bags;
 mod greeter;
 mod inlet;
+mod locks;
 mod shelf;
 mod worker;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Sender};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -30,9 +31,10 @@ use thiserror::Error;
 use bags::Names;
 use fiatlux_wire::Frames;
 use greeter::{Greeter, Greeting, ToGreeter};
-use inlet::{Inlet, Inlets, Outlets, unseal_all};
-use shelf::{Lookup, Shelf, prepare_all};
-use worker::{Worker, WorkerEvent};
+use inlet::{Inlet, Inlets, Lookup, Outlets, WorkerEvent, unseal_all};
+use locks::lock;
+use shelf::{Shelf, prepare_all};
+use worker::Worker;
 
 const CORES_PER_WORKER: usize = 4;
 /// Time between two lines in the log about sessions of unknown servers.
@@ -130,10 +132,6 @@ struct RecorderState {
     /// The bags in the folder, where all are in one.
     shelf: Mutex<Shelf>,
     names: Mutex<Names>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl RecorderState {

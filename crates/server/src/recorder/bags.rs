@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_bag::{BagError, BagWriter, Resumed, part_of, topic};
+use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, Resumed, part_of, topic};
 use fiatlux_cli::in_full;
 use fiatlux_proto::decode;
 use fiatlux_proto::keys::is_name;
@@ -15,8 +15,8 @@ use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
-use super::shelf::Found;
-use super::{BagEnd, BagReport, Naming, RecorderState, lock};
+use super::locks::lock;
+use super::{BagEnd, BagReport, Naming, RecorderState};
 use fiatlux_wire::{Frames, layout_of, read_row};
 
 /// Number of rows from one set of poses to the next: 25 Hz.
@@ -43,6 +43,52 @@ impl Names {
             self.0.clear();
         }
         self.0.insert(name, number);
+    }
+}
+
+/// The bags that an earlier recorder, or this one, has written of a session.
+#[derive(Default)]
+pub(super) struct Found {
+    /// Headers of its finished bags.
+    pub finished: Vec<EpisodeHeader>,
+    /// The unfinished bag of its last episode.
+    pub resumed: Option<Resumed>,
+    /// There are bags of it.
+    pub is_begun: bool,
+}
+
+impl Found {
+    /// Looks for a session among these files.
+    pub fn among(files: &[PathBuf], server: &str, session: &str) -> Self {
+        let mut found = Self::default();
+        let mut last: Option<(u64, &PathBuf)> = None;
+        for path in files {
+            let Ok(bag) = Bag::open(path) else { continue };
+            let header = bag.header();
+            if header.server != server || header.session != session {
+                continue;
+            }
+            if path.extension().is_some_and(|extension| extension == "part") {
+                // Only the session's last episode: earlier unfinished bags were given up.
+                if last.is_none_or(|(episode, _)| header.episode >= episode) {
+                    last = Some((header.episode, path));
+                }
+                continue;
+            }
+            found.is_begun = true;
+            if *bag.completeness() == Completeness::Whole {
+                found.finished.push(header.clone());
+            }
+        }
+        let resumed = last.map(|(_, part)| (part, BagWriter::resume(&part.with_extension(""))));
+        match resumed {
+            Some((_, Ok(resumed))) => found.resumed = Some(resumed),
+            Some((part, Err(error))) => {
+                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "leaving an unfinished bag as it is");
+            }
+            None => {}
+        }
+        found
     }
 }
 

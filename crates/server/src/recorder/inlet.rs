@@ -12,12 +12,14 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use fiatlux_access::{RowsKey, sealed_seq};
+use fiatlux_carrier::Publisher;
 use fiatlux_proto::Bytes;
+use fiatlux_session::RecorderSession;
 use fiatlux_session::recorder::MAX_WAITING;
 
-use super::lock;
-use super::shelf::Lookup;
-use super::worker::{Followed, WorkerEvent};
+use super::RecorderState;
+use super::bags::Bags;
+use super::locks::lock;
 
 /// Messages that wait to be unsealed: published ones, and answers to the recorder's requests.
 const MAX_PUBLISHED: usize = 256;
@@ -37,6 +39,46 @@ const PAUSE: Duration = Duration::from_millis(2);
 
 /// Numbers of records that are remembered, so that copies are not unsealed again.
 const MAX_SEEN: usize = 2 * MAX_WAITING;
+
+/// Events for a worker; sessions are identified by what their keys begin with.
+pub(super) enum WorkerEvent {
+    /// Write the bags of this session.
+    Follow(Box<Followed>),
+    /// The token of a session has appeared.
+    Live(Arc<str>),
+    /// The token of a session is gone.
+    Gone(Arc<str>),
+    /// A record, published or requested.
+    StepRecord(Arc<str>, Bytes),
+    /// The answer to a session's request is complete.
+    Answered(Arc<str>),
+    /// End, after what is in the queue.
+    Stop,
+}
+
+/// A session's place among the inlets.
+pub(super) struct Listed {
+    pub shared: Arc<RecorderState>,
+    pub inlet: Arc<Inlet>,
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        self.shared.inlets.remove(&self.inlet);
+    }
+}
+
+/// A session whose bags are written.
+pub(super) struct Followed {
+    pub inlet: Arc<Inlet>,
+    pub state: RecorderSession,
+    pub bags: Bags,
+    pub acks: Publisher,
+    pub _listed: Listed,
+}
+
+/// A request to look for the bags of a session.
+pub(super) struct Lookup(pub Arc<Inlet>);
 
 /// Where a session is on its way to a bag.
 enum Stage {

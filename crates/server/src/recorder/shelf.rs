@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
 use fiatlux_access::RowsKey;
-use fiatlux_bag::{Bag, BagWriter, Completeness, Resumed};
+use fiatlux_bag::{Bag, Resumed};
 use fiatlux_carrier::{Carrier, Quality};
 use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::v3::EpisodeHeader;
@@ -17,19 +17,16 @@ use fiatlux_session::recorder::Input;
 use fiatlux_session::{Machine, RecorderSession};
 use tracing::{info, warn};
 
-use super::bags::Bags;
-use super::inlet::Inlet;
-use super::worker::{Followed, Listed};
-use super::{Naming, RecorderState, lock};
+use super::bags::{Bags, Found};
+use super::inlet::{Followed, Inlet, Listed, Lookup};
+use super::locks::lock;
+use super::{Naming, RecorderState};
 
 /// Number of newest bags of a folder in which a session is looked for.
 const LATEST: usize = 128;
 
 /// Number of sessions that are remembered where all bags are in one folder.
 const MAX_SESSIONS: usize = 4096;
-
-/// A request to look for the bags of a session.
-pub(super) struct Lookup(pub Arc<Inlet>);
 
 /// The bags of sessions, where all are in one folder.
 #[derive(Default)]
@@ -86,52 +83,6 @@ fn latest(folder: &Path) -> Vec<PathBuf> {
 
 fn header_of(path: &Path) -> Option<EpisodeHeader> {
     Bag::open(path).ok().map(|bag| bag.header().clone())
-}
-
-/// What an earlier recorder, or this one, has written of a session.
-#[derive(Default)]
-pub(super) struct Found {
-    /// Headers of its finished bags.
-    pub finished: Vec<EpisodeHeader>,
-    /// The unfinished bag of its last episode.
-    pub resumed: Option<Resumed>,
-    /// There are bags of it.
-    pub is_begun: bool,
-}
-
-impl Found {
-    /// Looks for a session among these files.
-    fn among(files: &[PathBuf], server: &str, session: &str) -> Self {
-        let mut found = Self::default();
-        let mut last: Option<(u64, &PathBuf)> = None;
-        for path in files {
-            let Ok(bag) = Bag::open(path) else { continue };
-            let header = bag.header();
-            if header.server != server || header.session != session {
-                continue;
-            }
-            if path.extension().is_some_and(|extension| extension == "part") {
-                // Only the session's last episode: earlier unfinished bags were given up.
-                if last.is_none_or(|(episode, _)| header.episode >= episode) {
-                    last = Some((header.episode, path));
-                }
-                continue;
-            }
-            found.is_begun = true;
-            if *bag.completeness() == Completeness::Whole {
-                found.finished.push(header.clone());
-            }
-        }
-        let resumed = last.map(|(_, part)| (part, BagWriter::resume(&part.with_extension(""))));
-        match resumed {
-            Some((_, Ok(resumed))) => found.resumed = Some(resumed),
-            Some((part, Err(error))) => {
-                warn!(part = %part.display(), error = &error as &dyn std::error::Error, "leaving an unfinished bag as it is");
-            }
-            None => {}
-        }
-        found
-    }
 }
 
 /// Prepares sessions for their workers; the body of a thread.

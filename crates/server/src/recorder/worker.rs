@@ -8,16 +8,14 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use fiatlux_carrier::Publisher;
 use fiatlux_proto::Bytes;
+use fiatlux_session::Machine;
 use fiatlux_session::recorder::{Input, Output};
-use fiatlux_session::{Machine, RecorderSession};
 use tracing::{debug, warn};
 
 use super::RecorderState;
-use super::bags::Bags;
 use super::greeter::ToGreeter;
-use super::inlet::Inlet;
+use super::inlet::{Followed, WorkerEvent};
 
 /// Time between two checks of all sessions.
 const TICK: Duration = Duration::from_millis(50);
@@ -25,43 +23,6 @@ const TICK: Duration = Duration::from_millis(50);
 /// Pause in which records gather, so that one waking serves several: to wake this thread costs a session more than to encode
 /// a record.
 const GATHERING: Duration = Duration::from_millis(2);
-
-/// Events for a worker; sessions are identified by what their keys begin with.
-pub(super) enum WorkerEvent {
-    /// Write the bags of this session.
-    Follow(Box<Followed>),
-    /// The token of a session has appeared.
-    Live(Arc<str>),
-    /// The token of a session is gone.
-    Gone(Arc<str>),
-    /// A record, published or requested.
-    StepRecord(Arc<str>, Bytes),
-    /// The answer to a session's request is complete.
-    Answered(Arc<str>),
-    /// End, after what is in the queue.
-    Stop,
-}
-
-/// A session's place among the inlets.
-pub(super) struct Listed {
-    pub shared: Arc<RecorderState>,
-    pub inlet: Arc<Inlet>,
-}
-
-impl Drop for Listed {
-    fn drop(&mut self) {
-        self.shared.inlets.remove(&self.inlet);
-    }
-}
-
-/// A session whose bags are written.
-pub(super) struct Followed {
-    pub inlet: Arc<Inlet>,
-    pub state: RecorderSession,
-    pub bags: Bags,
-    pub acks: Publisher,
-    pub _listed: Listed,
-}
 
 /// State of a worker's thread.
 pub(super) struct Worker {
