@@ -149,7 +149,7 @@ impl RecorderState {
     }
 }
 
-/// What ends a thread, and the thread.
+/// A thread, and the call that ends it.
 type Feeder = (Box<dyn Fn() + Send + Sync>, JoinHandle<()>);
 
 /// A running recorder. When dropped, it first writes everything that it has received, as [`Recorder::stop`] does.

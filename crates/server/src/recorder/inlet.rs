@@ -29,7 +29,7 @@ const MAX_REPLIED: usize = 512;
 const MAX_PUBLISHED_BYTES: usize = 8 << 20;
 const MAX_REPLIED_BYTES: usize = 64 << 20;
 
-/// What is unsealed of one session before others have their turn.
+/// Records of one session that are unsealed before others have their turn.
 const TURN: usize = 64;
 const TURN_BYTES: usize = 1 << 20;
 
@@ -90,9 +90,9 @@ enum Stage {
     Followed,
 }
 
-/// What arrives for one session.
+/// Arrivals for one session.
 pub(super) struct Inlet {
-    /// What the session's keys begin with.
+    /// Beginning of the session's keys.
     pub key: Arc<str>,
     /// Unseals its records and proves requests; `None` if records come from this process.
     pub seal: Option<RowsKey>,
