@@ -24,7 +24,7 @@ class Waver:
 
 def rows_alone(episodes):
     """The results that follow from the rows, all that an episode without a bag has."""
-    recorded = ("bag", "failure", "notes", "signed_by")
+    recorded = ("rows_digest", "bag", "failure", "notes", "signed_by")
     return [{name: value for name, value in episode.items() if name not in recorded} for episode in episodes]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 RUN = os.environ.get("FIATLUX_TEST_RUN")
-RECORDED = {"bag", "failure", "notes", "signed_by"}
+RECORDED = {"rows_digest", "bag", "failure", "notes", "signed_by"}
 """Fields of an episode of `results.json` that do not follow from its rows."""
 
 

@@ -18,9 +18,9 @@ GRASP = {
 
 
 def worlds(count):
-    return fiatlux.VectorEnv(
-        "S08", count, seeds=[1000], num_threads=1, sensors=SENSORS, action_form="joint_target", observation="dict"
-    )
+    # Two starts would stand at different distances from the bulb.
+    settings = {"sensors": SENSORS, "action_form": "joint_target", "observation": "dict"}
+    return fiatlux.VectorEnv("S08", count, seeds=[1000], episodes=1, num_threads=1, **settings)
 
 
 def sensed(seen):
