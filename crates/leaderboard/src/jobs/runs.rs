@@ -63,7 +63,7 @@ fn new_runs(folders: &[PathBuf], seen: &mut BTreeSet<PathBuf>) -> Vec<HostedRun>
                 }
                 // It may be in the middle of a line; the next look reads it again.
                 Err(error) => {
-                    tracing::debug!(journal = %path.display(), error = in_full(&error), "cannot read a journal")
+                    tracing::debug!(journal = %path.display(), error = in_full(&error), "cannot read a journal");
                 }
             }
         }
