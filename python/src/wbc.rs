@@ -120,7 +120,7 @@ impl WholeBody {
         slf: &Bound<'_, Self>,
         joint_position: Vec<f64>,
         goals: [Option<(Pose, [f64; 3])>; 2],
-    ) -> PyResult<([f64; ARMS], [Option<[f64; 2]>; 2])> {
+    ) -> PyResult<Reached> {
         own_mut!(slf, this);
         this.has_begun = true;
         let goals =
@@ -129,6 +129,12 @@ impl WholeBody {
         Ok((angles.map_err(|error| refused(&error))?, this.reach.residuals()))
     }
 }
+
+/// Angles of the arms, rad, and of each hand with a goal what remains, m and rad.
+type Reached = ([f64; ARMS], [Option<[f64; 2]>; 2]);
+
+/// Arguments of the constructor of `WholeBodies`.
+type BodiesArguments = (usize, usize, Option<PathBuf>);
 
 /// Whole-body controllers of many worlds, each with the goals of both hands.
 #[pyclass(module = "fiatlux._native")]
@@ -150,7 +156,7 @@ impl WholeBodies {
         Ok(Self { bodies: vec![body; worlds], threads, weights })
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (usize, usize, Option<PathBuf>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, BodiesArguments)> {
         if self.bodies.iter().any(|body| body.has_begun) {
             let remedy = "call reset() first, copy it with copy.deepcopy, or make it in the policy's own reset";
             return Err(PyTypeError::new_err(format!("WholeBodies cannot be pickled during an episode; {remedy}")));

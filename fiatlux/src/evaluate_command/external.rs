@@ -92,7 +92,7 @@ fn greet(args: &EvaluateArgs, endpoint: &str) -> std::io::Result<()> {
     let line = format!("policy-client evaluate --policy NAME -e {reachable} --server {}\n", args.name);
     let call = format!("fiatlux.Client(\"{reachable}\").evaluate(YourPolicy, server=\"{}\")", args.name);
     if args.json {
-        fiatlux_cli::report(format!("{line}"));
+        fiatlux_cli::report(line);
     } else {
         fiatlux_cli::print(line)?;
     }

@@ -175,7 +175,10 @@ fn known_recordings_are_refused() {
     let token = board.token("lab");
     let demonstration = bag(&board.folder.0, 3);
     assert_eq!(Bag::open(&demonstration).unwrap().header().policy, "zero");
-    let known = board.runtime.block_on(board.store.know_bags("the demonstrations", &[demonstration.clone()])).unwrap();
+    let known = board
+        .runtime
+        .block_on(board.store.know_bags("the demonstrations", std::slice::from_ref(&demonstration)))
+        .unwrap();
     assert_eq!((known.new, known.bags, known.unread.len()), (1, 1, 0));
     let id = board.submit(&token, &manifest(), &[demonstration]);
     let reason = board.decided(&id, &token)["reason"].as_str().unwrap().to_owned();
