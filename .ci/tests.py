@@ -11,6 +11,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 import circles
 import features
+import figures
 import hands
 import licences
 import room
@@ -101,6 +102,29 @@ class Hands(unittest.TestCase):
         ]:
             with self.subTest(path=path, text=text):
                 self.assertEqual(list(hands.faults(["claw", "hook"], path, text)), lines)
+
+
+class Figures(unittest.TestCase):
+    DATA = {"a": {"successes": 45, "episodes": 48}, "b": {"tasks": {"S01": 64, "S02": 61}, "episodes": 64}}
+
+    def test_forms(self):
+        # Wilson's interval of 45 of 48 as statsmodels has it: 0.8317 to 0.9785.
+        for name, form, expected in [("a", "full", "45 of 48 = 0.94 (0.83 to 0.98)"), ("b", "of", "125 of 128"), ("b.S02", "n", "61")]:
+            with self.subTest(name):
+                self.assertEqual(figures.text(self.DATA, name, form), expected)
+
+    def test_a_page_that_says_otherwise(self):
+        right = "so <!--= a of -->45 of 48<!--/--> of them"
+        self.assertEqual(figures.check("p", right, self.DATA), (right, []))
+        for page, fault in [
+            (right.replace("45 of 48", "46 of 48"), "the page says 46 of 48"),
+            (right.replace("= a", "= c"), "has no figure c"),
+            (right.replace(" of -->", " share -->"), "share is not a form"),
+            (right.replace("<!--/-->", ""), "cannot be read"),
+        ]:
+            with self.subTest(fault):
+                [found] = figures.check("p", page, self.DATA)[1]
+                self.assertIn(fault, found)
 
 
 class Room(unittest.TestCase):

@@ -1,4 +1,4 @@
-"""Compares the robot's motors in recorded episodes with their limits: the table of docs/training_notes.md.
+"""Compares the robot's motors in recorded episodes with their limits: the table of docs/notes/walking.md.
 
     python python/benchmarks/motors.py results/walk
 

@@ -1,4 +1,4 @@
-"""Measures standing of the whole-body controller while both arms reach: the figures of docs/training_notes.md.
+"""Measures standing of the whole-body controller while both arms reach: the figures of docs/notes/walking.md.
 
     python python/benchmarks/stand_and_reach.py --episodes 8
 

@@ -6,8 +6,8 @@
 #
 # Needs Node 20 or newer with npm, and Debian's chromium (or CHROMIUM=/path/to/it); no graphics card. FIATLUX, SCORER and
 # SIM_SERVER name the programs, which are built otherwise; FIATLUX_BAGS a folder with two bags or more, which are played
-# otherwise. ONLY=replay, ONLY=leaderboard or ONLY=teleop leaves the others out; ONLY=grab is none of them:
-# an emulated headset takes the bulb of S08 in real time.
+# otherwise. ONLY=replay, ONLY=leaderboard or ONLY=teleop leaves the others out; two are none of them: with ONLY=grab an emulated
+# headset takes the bulb of S08 in real time, and ONLY=book looks at the pages in the folder BOOK, which `mkdocs build` made.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
 root="$(cd "$here/../.." && pwd)"
@@ -114,6 +114,7 @@ case "${ONLY:-all}" in
         drive headset S08 65 0
         ;;
     grab) drive grab S08 65 1 ;;
+    book) node "$work/book.mjs" "${BOOK:?the folder that mkdocs build made}" "$shots" ;;
     *)
         replays
         leaderboard

@@ -5,7 +5,7 @@
     python3 tests/oracle/violence.py starts target/violence
     python3 tests/oracle/violence.py errors target/violence
 
-Prints tables; docs/physics.md keeps them. Works in the environment of `oracle.py`.
+Prints tables; docs/notes/physics.md keeps them. Works in the environment of `oracle.py`.
 """
 
 import argparse
