@@ -67,6 +67,8 @@ def check(page: str, content: str, figures: dict) -> tuple[str, list[str]]:
     filled = MARK.sub(fill, content)
     if content.count("<!--=") != len(MARK.findall(content)):
         wrong.append(f"{page}: a rate's comment cannot be read; write <!--= NAME FORM -->...<!--/-->")
+    if re.search(r"^<!--=", filled, re.MULTILINE):
+        wrong.append(f"{page}: a rate begins a line, which ends the paragraph before it; put a word ahead of it")
     return filled, wrong
 
 

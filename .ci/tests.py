@@ -121,6 +121,7 @@ class Figures(unittest.TestCase):
             (right.replace("= a", "= c"), "has no figure c"),
             (right.replace(" of -->", " share -->"), "share is not a form"),
             (right.replace("<!--/-->", ""), "cannot be read"),
+            (right.replace("so ", "so\n"), "begins a line"),
         ]:
             with self.subTest(fault):
                 [found] = figures.check("p", page, self.DATA)[1]
