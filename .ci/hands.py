@@ -19,7 +19,7 @@ DATA = re.compile(
 )
 WEIGHTS = re.compile(r"(.*/)?weights/.*")
 TESTS = re.compile(r"(.*/)?tests/.*|.*[/_]tests\.rs|\.ci/.*")
-PROSE = re.compile(r".*\.md|NOTICE|cspell\.yaml|typos\.toml")
+PROSE = re.compile(r".*\.md|mkdocs\.yml|docs/figures\.toml|NOTICE|cspell\.yaml|typos\.toml")
 # A module of tests that stands in the file itself.
 OWN_TESTS = re.compile(r"#\[cfg\(test\)\]\s*(?:#\[[^\]]*\]\s*)*(?:pub(?:\([^)]*\))?\s+)?mod\s+\w+\s*\{")
 
