@@ -12,11 +12,13 @@ use crate::decode::{Field, messages};
 use crate::v3::{Observation, ObservationTerm, SessionInfo};
 
 const OBSERVATION: &str = "fiatlux.v3.Observation";
-const IMAGE: &str = "fiatlux.v3.Image";
+/// Messages of a picture: a width, a height and a number of values a pixel.
+const PICTURES: [&str; 3] = ["fiatlux.v3.Image", "fiatlux.v3.DepthImage", "fiatlux.v3.LabelImage"];
 /// Fields of an observation that no sensor fills.
 const NO_SENSORS: [&str; 3] = ["episode", "step", "end"];
 /// Messages made of a camera's image.
-const MADE_OF_IMAGES: [&str; 3] = [IMAGE, "fiatlux.v3.Features", "fiatlux.v3.FlatObservation"];
+const MADE_OF_IMAGES: [&str; 5] =
+    [PICTURES[0], PICTURES[1], PICTURES[2], "fiatlux.v3.Features", "fiatlux.v3.FlatObservation"];
 
 /// Why an observation, or a session's description of its own, was refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -65,10 +67,10 @@ impl ObservationLayout {
         let mut layout = Self::default();
         for term in &info.terms {
             let unknown = || TermError::UnknownField { sensor: term.sensor.clone(), field: term.field.clone() };
-            let field = find(&term.field).ok_or_else(unknown)?;
+            find(&term.field).ok_or_else(unknown)?;
             *layout.counts.entry(term.field.clone()).or_default() += term.length();
-            if let (Type::Bytes, Some((image, _)), [height, width, _]) =
-                (field.kind, term.field.rsplit_once('.'), term.shape.as_slice())
+            if let (Some((image, _)), [height, width, ..]) = (term.field.rsplit_once('.'), term.shape.as_slice())
+                && find(image).is_some_and(Field::is_picture)
             {
                 layout.images.insert(image.into(), [u64::from(*width), u64::from(*height)]);
             }
@@ -93,7 +95,7 @@ impl ObservationLayout {
                     return Err(TermError::NoTerm { field: part.path.clone() });
                 }
                 (Type::Message, _) => {
-                    if part.field.message.as_deref() == Some(IMAGE) {
+                    if part.field.is_picture() {
                         images.entry(&part.path).or_default();
                     }
                 }
@@ -170,6 +172,12 @@ fn find(path: &str) -> Option<&'static Field> {
         found = Some(field);
     }
     found
+}
+
+impl Field {
+    fn is_picture(&self) -> bool {
+        self.message.as_deref().is_some_and(|message| PICTURES.contains(&message))
+    }
 }
 
 fn is_single(path: &str) -> bool {

@@ -20,7 +20,7 @@ from .evaluation import Evaluation, evaluate
 from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
-from .settings import ROBOTS, EpisodeSettings, Settings
+from .settings import ROBOTS, EpisodeSettings, Settings, segments
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import ClimbingVectorEnv, SharedSettings, Start, VectorEnv, WalkingVectorEnv
@@ -61,5 +61,6 @@ __all__ = [
     "evaluate",
     "export_lerobot",
     "load_policy",
+    "segments",
     "submit",
 ]

@@ -15,6 +15,16 @@ ROBOTS: tuple[str, ...] = tuple(_native.robots())
 """Names of all robots. The first is the benchmark's."""
 
 
+def segments(robot: str = ROBOTS[0]) -> dict[int, str]:
+    """Names by label of what the sensors ``segmentation`` and ``chest_segmentation`` show: things, parts of the room, links of the
+    robot. Label 0 is a pixel at which nothing is seen.
+
+    Raises:
+        FiatluxError: No robot has that name.
+    """
+    return {label: name for label, name in enumerate(_native.segments(robot), 1)}
+
+
 ActionForm = Literal["action", "joint_target"]
 Reward = Literal["benchmark", "training"]
 Protocol = Literal["strict", "published"]

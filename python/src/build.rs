@@ -25,6 +25,13 @@ pub(crate) fn robots() -> Vec<&'static str> {
     Robot::NAMES.into()
 }
 
+/// Names of what segmentation shows, in the order of its labels from 1 on.
+#[pyfunction]
+pub(crate) fn segments(robot: &str) -> PyResult<Vec<String>> {
+    let robot = Robot::by_name(robot).map_err(|error| refused(&error))?;
+    Ok(fiatlux_sensing::segment_names(&robot))
+}
+
 /// Names of all sensors.
 #[pyfunction]
 pub(crate) fn sensors() -> Vec<&'static str> {

@@ -156,9 +156,9 @@ impl Field {
         Self { name, shape: shape.into(), range }
     }
 
-    /// True if the numbers are the bytes of a picture: height x width x 3, from 0 to 255.
+    /// True if the numbers are the bytes of a picture, from 0 to 255: height x width x 3, or height x width labels.
     pub fn is_picture(&self) -> bool {
-        matches!(self.shape[..], [_, _, 3]) && self.range == [0.0, 255.0]
+        matches!(self.shape[..], [_, _, 3] | [_, _]) && self.range == [0.0, 255.0]
     }
 
     /// Count of numbers in the field.

@@ -101,17 +101,33 @@ impl Renderer {
     /// A row whose joint angles are not finite is drawn without its robot.
     pub fn render(&mut self, visuals: &Visuals, row: &Row, camera: &Camera, lighting: &Lighting) -> &Image {
         let light = lighting.prepared();
-        let view = View::new(camera, self.grid());
-        visuals.place(row, &mut self.poses);
-        self.owners.clear();
-        self.owners.extend(visuals.meshes(self.detail).iter().map(|mesh| mesh.owner));
+        let view = self.draw_row(visuals, row, camera);
         let lit_bulb = row.attachments[Bulb::Fresh as usize].seated;
         let lamp = (lit_bulb && visuals.look() == Look::Two).then(|| Lamp::at(&row.things[errand::FRESH_BULB].pose));
-        self.draw(visuals, &view, camera.hidden_link, lit_bulb);
         let shaded = self.draw_shadows(visuals, &view, &light);
         self.find_occlusion(&view);
         self.shade(&view, &light, lamp, shaded);
         &self.image
+    }
+
+    /// Finds what a row shows at each pixel and how far away it is, without lighting it: [`Renderer::owner`] and
+    /// [`Renderer::depth`] then speak of this row as after [`Renderer::render`], and [`Renderer::image`] of an earlier one.
+    pub fn measure(&mut self, visuals: &Visuals, row: &Row, camera: &Camera) {
+        self.draw_row(visuals, row, camera);
+    }
+
+    fn draw_row(&mut self, visuals: &Visuals, row: &Row, camera: &Camera) -> View {
+        let view = View::new(camera, self.grid());
+        visuals.place(row, &mut self.poses);
+        self.owners.clear();
+        self.owners.extend(visuals.meshes(self.detail).iter().map(|mesh| mesh.owner));
+        self.draw(visuals, &view, camera.hidden_link, row.attachments[Bulb::Fresh as usize].seated);
+        view
+    }
+
+    /// Width and height of the pictures, pixels.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
     }
 
     /// The picture that was rendered last.

@@ -50,7 +50,21 @@ struct CameraSet {
     visuals: Arc<Visuals>,
     lighting: Lighting,
     /// By the camera's name.
-    cameras: Vec<(&'static str, Cached<Renderer>)>,
+    cameras: Vec<(&'static str, Eye)>,
+}
+
+/// A camera's renderer. A picture needs its geometry too; depth and labels need that alone.
+#[derive(Debug, Clone)]
+struct Eye {
+    renderer: Renderer,
+    measured_at: Option<u64>,
+    lit_at: Option<u64>,
+}
+
+impl Eye {
+    fn new(renderer: Renderer) -> Self {
+        Self { renderer, measured_at: None, lit_at: None }
+    }
 }
 
 #[derive(Debug)]
@@ -110,15 +124,14 @@ impl Devices {
         if cameras.peek().is_some() {
             let [width, height] = self.image_size;
             let mut old = self.camera_set.take().map(|camera_set| camera_set.cameras).unwrap_or_default();
-            let mut renderers: Vec<(_, Cached<Renderer>)> = Vec::new();
+            let mut eyes: Vec<(_, Eye)> = Vec::new();
             for name in cameras {
-                if !renderers.iter().any(|(other, _)| *other == name) {
-                    let renderer =
-                        old.pop().map_or_else(|| Renderer::new(width, height), |(_, renderer)| renderer.value);
-                    renderers.push((name, Cached::new(renderer)));
+                if !eyes.iter().any(|(other, _)| *other == name) {
+                    let renderer = old.pop().map_or_else(|| Renderer::new(width, height), |(_, eye)| eye.renderer);
+                    eyes.push((name, Eye::new(renderer)));
                 }
             }
-            self.camera_set = Some(CameraSet { visuals: visuals(), lighting, cameras: renderers });
+            self.camera_set = Some(CameraSet { visuals: visuals(), lighting, cameras: eyes });
         }
         if let Some(network) = &mut self.network {
             network.computed_at = None;
@@ -135,7 +148,7 @@ impl Devices {
         self.lidars.iter_mut().for_each(|(_, lidar)| lidar.computed_at = None);
         if let Some(camera_set) = &mut self.camera_set {
             camera_set.lighting = lighting;
-            camera_set.cameras.iter_mut().for_each(|(_, camera)| camera.computed_at = None);
+            camera_set.cameras.iter_mut().for_each(|(_, eye)| (eye.measured_at, eye.lit_at) = (None, None));
         }
         if let Some(network) = &mut self.network {
             network.computed_at = None;
@@ -163,16 +176,31 @@ impl Devices {
 
     /// The image of a camera at this row; drawn once a row, then kept.
     pub fn picture(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Image, SenseError> {
+        Ok(self.look(view, camera, true)?.image())
+    }
+
+    /// What a camera sees at this row and how far away it is; found once a row, then kept.
+    pub fn geometry(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Renderer, SenseError> {
+        self.look(view, camera, false)
+    }
+
+    fn look(&mut self, view: &View<'_>, camera: &'static str, lit: bool) -> Result<&Renderer, SenseError> {
         let CameraSet { visuals, lighting, cameras } = self.camera_set.as_mut().ok_or(SenseError::Absent("camera"))?;
         let found = cameras.iter_mut().find(|(name, _)| *name == camera);
-        let (_, renderer) = found.ok_or(SenseError::Absent("camera"))?;
-        if renderer.computed_at != Some(view.row.step) {
+        let (_, eye) = found.ok_or(SenseError::Absent("camera"))?;
+        let step = Some(view.row.step);
+        if (if lit { eye.lit_at } else { eye.measured_at }) != step {
             let [width, height] = self.image_size;
             let camera = Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height);
-            renderer.value.render(visuals, view.row, &camera, lighting);
-            renderer.computed_at = Some(view.row.step);
+            if lit {
+                eye.renderer.render(visuals, view.row, &camera, lighting);
+                eye.lit_at = step;
+            } else {
+                eye.renderer.measure(visuals, view.row, &camera);
+            }
+            eye.measured_at = step;
         }
-        Ok(renderer.value.image())
+        Ok(&eye.renderer)
     }
 
     /// The network, with the features of a camera's image.

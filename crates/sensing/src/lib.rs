@@ -49,7 +49,7 @@ pub use fiatlux_proto::Proprioception;
 pub use foot_force::{FOOT_FORCE_HEIGHT, foot_force_estimate};
 pub use kinematics::world_from_link;
 pub use lidar::{LIDAR_COLUMNS, LIDAR_RANGE, LIDAR_RAYS, LIDAR_ROWS, Lidar, Sight};
-pub use message::{camera_messages, term_messages};
+pub use message::{camera_messages, segment_names, term_messages};
 pub use noise::NoiseSeed;
 pub use observer::Observer;
 pub use registry::Sensor;

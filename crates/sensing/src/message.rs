@@ -3,6 +3,7 @@
 use fiatlux_proto::v3;
 use fiatlux_robot::Robot;
 use fiatlux_wire::pose_message;
+use fiatlux_world::ShapeOwner;
 
 use crate::{Sensor, Sensors, Setup, Term};
 
@@ -41,4 +42,11 @@ pub fn camera_messages(sensors: Sensors, robot: &Robot) -> Vec<v3::Camera> {
         })
     };
     sensors.iter().filter_map(of).collect()
+}
+
+/// Names of what segmentation shows, in the order of its labels from 1 on: parts of the room, things, then links of the robot.
+pub fn segment_names(robot: &Robot) -> Vec<String> {
+    let owners = (0..).map(ShapeOwner::from_label).take_while(|owner| !matches!(owner, ShapeOwner::Robot(_)));
+    let links = robot.links().iter().map(|link| link.name.clone());
+    owners.map(|owner| owner.name().to_owned()).chain(links).collect()
 }

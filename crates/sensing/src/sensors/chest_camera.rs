@@ -4,7 +4,7 @@ use super::camera::{image_terms, message};
 use crate::sensor::{Class, Entry, Needs};
 
 /// Its name in the robot's file.
-const MOUNT: &str = "chest_camera";
+pub(super) const MOUNT: &str = "chest_camera";
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "chest_camera",

@@ -4,7 +4,7 @@ use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::{Asset, EpisodeHeader, ServerInfo, SessionInfo, Source, TaskInfo};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
-use fiatlux_sensing::{Sensor, camera_messages, term_messages};
+use fiatlux_sensing::{Sensor, Sensors, camera_messages, segment_names, term_messages};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::Plan;
@@ -57,6 +57,9 @@ pub(super) struct Labels<'a> {
 }
 
 /// Description of a session, without its timeouts.
+/// Sensors whose numbers are labels of [`segment_names`].
+const SEGMENTATIONS: Sensors = Sensors::of(&[Sensor::Segmentation, Sensor::ChestSegmentation]);
+
 pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
     SessionInfo {
         protocol: Some(PROTOCOL),
@@ -85,6 +88,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         command_timeout_s: plan.command_timeout_s,
         take: plan.request.take,
         source: source(plan).into(),
+        segments: if plan.sensors.sensed().meets(SEGMENTATIONS) { segment_names(&scene.robot) } else { Vec::new() },
         ..SessionInfo::default()
     }
 }
