@@ -1,8 +1,7 @@
 """Depth and segmentation in environments: the same numbers in one environment and in a vector, with names for labels."""
 
-import numpy as np
-
 import fiatlux
+import numpy as np
 
 SENSORS = ["proprioception", "depth", "segmentation", "chest_depth", "chest_segmentation"]
 

@@ -179,7 +179,7 @@ impl Devices {
         Ok(self.look(view, camera, true)?.image())
     }
 
-    /// What a camera sees at this row and how far away it is; found once a row, then kept.
+    /// The camera's view of this row: owners and distances by pixel. Found once a row, then kept.
     pub fn geometry(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Renderer, SenseError> {
         self.look(view, camera, false)
     }

@@ -60,7 +60,8 @@ fn labels_are_where_things_are() {
         let label = (ShapeOwner::CRATE.label() + 1) as f32;
         let numbers = rig.compute(labels, &row);
         let mine: Vec<usize> = (0..numbers.len()).filter(|at| numbers[*at] == label).collect();
-        let mean = |axis: &dyn Fn(usize) -> usize| mine.iter().map(|at| axis(*at) as f64).sum::<f64>() / mine.len() as f64;
+        let mean =
+            |axis: &dyn Fn(usize) -> usize| mine.iter().map(|at| axis(*at) as f64).sum::<f64>() / mine.len() as f64;
         let middle = [mean(&|at| at % SIZE[0]), mean(&|at| at / SIZE[0])];
         let camera = Camera::mounted(&scene.robot, mount, &row).unwrap().fitted(SIZE[0], SIZE[1]);
         let place = camera.project(&row.things[errand::CRATE].pose.translation.vector, SIZE[0], SIZE[1]).unwrap();
