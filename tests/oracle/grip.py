@@ -2,7 +2,7 @@
 
     python3 tests/oracle/grip.py shake g1_inspire [--friction 0.5] [--timestep 0.005] [--impratio 10] [--noslip 0] [--down palm]
     python3 tests/oracle/grip.py shake g1_inspire --grasp crates/world/tests/grasps/g1_inspire.toml
-    python3 tests/oracle/grip.py search g1_dex3 --minutes 10
+    python3 tests/oracle/grip.py search g1_dex3 --minutes 10 [--tilt 0.1 0.3]
 
 The right hand alone, its root held still, made from the robot's file with the shapes, drives and friction of our exports, around the
 bulb of `crates/world/scene.toml`. It closes as starts are staged, with `--grasp` in slippery hands (`crates/world/src/start/hold.rs`); the motion is that of
@@ -220,16 +220,23 @@ class Rig:
         return float(np.linalg.norm(last - first)), float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def enclosure(rig, grasp, usual):
+def enclosure(rig, grasp, usual, tilt_bound):
     """Movement of the bulb in a slippery hand as gravity points along each axis; much more where it is not held."""
     np = rig.np
     cost = 5.0 * np.sum((rig.clipped(grasp) - grasp) ** 2)
-    rig.stage(grasp, settle=1.6)
-    center, axis = rig.glass()
-    if not np.linalg.norm(center - grasp[:3]) < 0.04:
+    rig.stage(grasp, settle=2.5)
+    before = rig.glass()[0]
+    if not np.linalg.norm(before - grasp[:3]) < 0.04:
         return 1e3
+    # What still slides has not found its place.
+    rig.step(1.0)
+    center, axis = rig.glass()
+    drift = np.linalg.norm(center - before)
+    if not drift < HELD:
+        return 5e2
+    cost += 5e3 * drift
     tilt = np.array([np.arcsin(np.clip(axis[1], -1.0, 1.0)), np.arctan2(-axis[0], -axis[2])])
-    cost += 40.0 * np.sum(np.maximum(0.0, np.abs(tilt - usual[3:5]) - 0.25) ** 2)
+    cost += 400.0 * np.sum(np.maximum(0.0, np.abs(tilt - usual[3:5]) - tilt_bound) ** 2)
     cost += 2e4 * np.sum(np.maximum(0.0, np.abs(center - usual[:3]) - 0.01) ** 2)
     moves = []
     for down in (sign * GRAVITY * axis for axis in np.eye(3) for sign in (1.0, -1.0)):
@@ -243,7 +250,7 @@ def enclosure(rig, grasp, usual):
     return cost + max(moves) + 0.3 * sum(moves)
 
 
-def search(rig, minutes, seed):
+def search(rig, usual, tilt_bound, minutes, seed):
     """CMA-ES from the present grasp (Hansen, The CMA Evolution Strategy: A Tutorial, 2016)."""
     import time
 
@@ -267,7 +274,7 @@ def search(rig, minutes, seed):
         axes = np.sqrt(np.maximum(values, 1e-12))
         steps = (random.standard_normal((population, n)) * axes) @ vectors.T
         tries = [rig.grasp + scale * (mean + sigma * step) for step in steps]
-        costs = np.array([enclosure(rig, grasp, rig.grasp) for grasp in tries])
+        costs = np.array([enclosure(rig, grasp, usual, tilt_bound) for grasp in tries])
         order = np.argsort(costs)
         best = min(best, (costs[order[0]], tries[order[0]]), key=lambda pair: pair[0])
         chosen = steps[order[:parents]]
@@ -297,6 +304,13 @@ def main():
     parser.add_argument(
         "--down", choices=["palm", "fingers", "back"], default="palm", help="where gravity points in the hand"
     )
+    parser.add_argument(
+        "--tilt",
+        type=float,
+        nargs=2,
+        default=[0.25, 0.25],
+        help="in the search, most that the bulb may be turned about x and y against the start's grasp, rad",
+    )
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -307,7 +321,8 @@ def main():
         moved, turned = rig.shake(args.down, args.seconds)
         print(f"moved {1e3 * moved:.2f} mm and {turned:.3f} rad" if moved < LOST else "lost")
         return
-    found = search(rig, args.minutes, args.seed)
+    usual = Rig(args.robot, friction).grasp
+    found = search(rig, usual, rig.np.array(args.tilt), args.minutes, args.seed)
     center, tilt = found[:3].round(4).tolist(), found[3:5].round(4).tolist()
     print(f"glass_center = {center}\nglass_height = {rig.height}\nglass_tilt = {tilt}")
     for name, target in zip(rig.names, found[5:].round(4).tolist(), strict=True):

@@ -147,7 +147,7 @@ impl Rest {
             // Staging holds bodies at rest that would not stay. Nobody asks what a fast body is near to.
             let near = |&pair: &usize| collider.is_near(model, pair);
             let is_slow = motion_of(state, loose.dof).iter().map(|speed| speed * speed).sum::<f64>() < SLOW * SLOW;
-            loose.disturbed = !is_slow || !input.locked.is_empty() || loose.moving_pairs.iter().any(near);
+            loose.disturbed = !is_slow || input.locked.contains(&true) || loose.moving_pairs.iter().any(near);
             if still && !loose.disturbed {
                 let verdict = loose.judge(&mut self.trial, model, parameters, kin, collider, state, input, dt);
                 if loose.verdicts[verdict].stays {

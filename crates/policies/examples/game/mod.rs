@@ -31,6 +31,8 @@ pub struct Start {
     pub hand_friction: Option<f64>,
     /// Control steps until an action has an effect.
     pub delay: usize,
+    /// The scene's numbers.
+    pub config: SceneConfig,
 }
 
 impl Start {
@@ -42,6 +44,7 @@ impl Start {
             task,
             hand_friction: None,
             delay: 0,
+            config: SceneConfig::default(),
         })
     }
 }
@@ -61,10 +64,10 @@ pub struct Game {
 
 impl Game {
     pub fn start(start: Start) -> Result<Self, Box<dyn Error>> {
-        let Start { robot, spec, task, hand_friction, delay } = start;
+        let Start { robot, spec, task, hand_friction, delay, config } = start;
         let mut of_scene = spec.scene(robot.gains(GainSet::default()));
         of_scene.hand_friction = hand_friction.or(of_scene.hand_friction);
-        let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, of_scene)?);
+        let scene = Arc::new(Scene::build(&config, robot, of_scene)?);
         let drawn = StartOptions { seed: Some(spec.seed), ..StartOptions::default() };
         let (world, _) = start_drawn(Arc::clone(&scene), spec.task, 0, &drawn)?;
         let options = JudgeOptions { end_on: spec.end_on, ..JudgeOptions::default() };

@@ -1,9 +1,9 @@
 //! Plays `hands` in rooms, the last included, and prints how each ended:
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
-//! `robot=NAME`, `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb), `delay=1` (control steps), `push=0.3@Close` (m/s, half a
-//! second into a phase, in another direction in each room) and `lying` (a force lays the fresh bulb down, away from the robot, in another
-//! direction in each room).
+//! `robot=NAME`, `scene=FILE` (numbers over those of the scene), `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb),
+//! `delay=1` (control steps), `push=0.3@Close` (m/s, half a second into a phase, in another direction in each room) and `lying` (a
+//! force lays the fresh bulb down, away from the robot, in another direction in each room).
 #![allow(missing_docs)]
 
 mod play;
@@ -22,7 +22,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     let rooms = SeedOwner::training_rooms(seeds)?;
     let trace = rest.iter().any(|word| word == "trace");
-    let file = rest.iter().find(|word| word.ends_with(".toml")).map(std::fs::read_to_string).transpose()?;
+    let file = rest
+        .iter()
+        .find(|word| word.ends_with(".toml") && !word.contains('='))
+        .map(std::fs::read_to_string)
+        .transpose()?;
     let changes = changes(rest)?;
     let (mut peaks, mut times, mut played, mut deepest) = (Vec::new(), Vec::new(), 0, 0.0_f64);
     for seed in rooms {
@@ -75,6 +79,7 @@ fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
     for (name, value) in words.iter().filter_map(|word| word.split_once('=')) {
         match name {
             "robot" => changes.robot = Some(value.into()),
+            "scene" => changes.scene = Some(std::fs::read_to_string(value)?),
             "friction" => changes.friction = Some(value.parse()?),
             "size" => changes.fresh_bulb = Some(value.parse()?),
             "delay" => changes.delay = value.parse()?,

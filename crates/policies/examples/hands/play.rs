@@ -8,7 +8,7 @@ use fiatlux_dynamics::Wrench;
 use fiatlux_policies::Hands;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Row, Task, Verdict, errand};
-use fiatlux_world::{AppliedWrench, Target, World};
+use fiatlux_world::{AppliedWrench, SceneConfig, Target, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
 #[path = "../game/mod.rs"]
@@ -21,6 +21,8 @@ use game::{Game, Start, push_towards};
 pub struct Changes {
     /// The robot, in place of the benchmark's.
     pub robot: Option<String>,
+    /// Numbers of the scene, over its own (TOML).
+    pub scene: Option<String>,
     /// Friction of the hands, in place of the drawn one.
     pub friction: Option<f64>,
     /// Size of the fresh bulb.
@@ -94,6 +96,9 @@ pub fn play(
     let mut start = Start { hand_friction: changes.friction, delay: changes.delay, ..Start::of(task, seed)? };
     if let Some(robot) = &changes.robot {
         start.robot = Arc::new(Robot::by_name(robot)?);
+    }
+    if let Some(scene) = &changes.scene {
+        start.config = SceneConfig::from_toml(scene)?;
     }
     start.spec.scale.fresh_bulb = changes.fresh_bulb.unwrap_or(start.spec.scale.fresh_bulb);
     let mut game = Game::start(start)?;
