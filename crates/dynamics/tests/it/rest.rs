@@ -270,6 +270,22 @@ fn a_body_at_rest_still_presses_on_the_floor() {
     assert!((carried - 2.0 * 9.81).abs() < 1e-2, "{carried} N");
 }
 
+/// Flags that lock nothing are as good as none.
+#[test]
+fn flags_that_lock_nothing_change_no_bit() {
+    let (model, rested, body) = box_on_floor();
+    let mut start = rested.clone();
+    start.qvel[0] = 0.01;
+    let free = vec![false; model.nv()];
+    let run = |locked: &[bool]| {
+        let (mut dynamics, mut state) = (Dynamics::new(&model), start.clone());
+        (0..100).for_each(|_| _ = dynamics.step(&model, &mut state, &Input { locked, ..Input::default() }, DT));
+        state
+    };
+    assert_eq!(run(&[]), run(&free));
+    assert!(is_still(&model, &run(&free), body));
+}
+
 /// A push beyond friction, a lift, other gravity and less friction each move it in the step in which they come.
 #[test]
 fn wrenches_and_variations_wake_it() {
