@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # One wheel with everything: the Python package, and the programs fiatlux, sim-server, recorder, policy-client and scorer as
-# commands of the environment it is installed into. Needs Rust, a C compiler and Python 3.10 or newer.
+# commands of the environment it is installed into. All five are one file, `fiatlux`, which a short script starts by each of the other
+# names. Needs Rust, a C compiler and Python 3.10 or newer.
 #
 #   python/wheel.sh [DIR]     writes DIR/fiatlux-VERSION-....whl [default: wheels]
 #
@@ -13,7 +14,7 @@ case "$out" in /*) ;; *) out="$PWD/$out" ;; esac
 cd "$(dirname "$0")/.."
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
-programs=(fiatlux sim-server recorder policy-client scorer)
+others=(sim-server recorder policy-client scorer)
 
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet "maturin>=1.9.4,<2" "wheel>=0.45"
@@ -38,7 +39,7 @@ END
 fi
 
 # One build for both, in the same target folder: the wheel shares nearly all of it with the programs.
-cargo build --release --locked --features network -p fiatlux -p sim-server -p policy-client -p scorer --bins
+cargo build --release --locked --features programs -p fiatlux --bins
 "$work/venv/bin/maturin" build --release --locked --quiet -m python/Cargo.toml --out "$work" ${older[@]+"${older[@]}"}
 
 # What stands in NAME.data/scripts of a wheel is installed as a command.
@@ -48,12 +49,24 @@ package=(tree/fiatlux-*)
 scripts="${package[0]}/$(basename "${package[0]}").data/scripts"
 mkdir -p "$scripts"
 target="$(cd "$OLDPWD" && cargo metadata --no-deps --format-version 1 | python3 -c 'import json, sys; print(json.load(sys.stdin)["target_directory"])')"
-for program in "${programs[@]}"; do
-    strip -o "$scripts/$program" "$target/release/$program"
-    chmod 755 "$scripts/$program"
+strip -o "$scripts/fiatlux" "$target/release/fiatlux"
+strip "${package[0]}"/fiatlux/*.so
+# Whoever installs the wheel puts its Python into the first line.
+for program in "${others[@]}"; do
+    cat >"$scripts/$program" <<END
+#!python
+"""Starts fiatlux, which stands next to this file, as $program."""
+
+import os
+import sys
+
+folder = os.path.dirname(os.path.realpath(__file__))
+os.execv(os.path.join(folder, "fiatlux"), ["$program", *sys.argv[1:]])
+END
 done
+chmod 755 "$scripts"/*
 if [ -n "${FIATLUX_GLIBC:-}" ]; then
-    for file in "$scripts"/* "${package[0]}"/fiatlux/*.so; do
+    for file in "$scripts/fiatlux" "${package[0]}"/fiatlux/*.so; do
         newest="$(objdump -T "$file" | grep -oE 'GLIBC_2\.[0-9]+' | cut -d. -f2 | sort -n | tail -1)"
         if [ "$newest" -gt "${FIATLUX_GLIBC#2.}" ]; then
             echo "wheel.sh: $(basename "$file") asks for glibc 2.$newest" >&2

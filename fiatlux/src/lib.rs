@@ -11,6 +11,8 @@ mod keys_command;
 mod lists_command;
 mod network;
 mod part;
+#[cfg(feature = "programs")]
+mod programs;
 #[allow(missing_docs)] // Used by this program and its tests.
 pub mod render;
 mod render_command;
@@ -23,6 +25,8 @@ use clap::{Parser, Subcommand};
 use fiatlux_policies::Policies;
 
 pub use part::part_of;
+#[cfg(feature = "programs")]
+pub use programs::program_named;
 
 /// Fiatlux on one machine.
 #[derive(Debug, Parser)]
