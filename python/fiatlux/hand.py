@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .baseline import Baseline, Network, format_of
+from .poses import conjugate, heading, multiply, of_vector, rotate, to_vector
 from .whole_body import ARMS, LEGS_AND_WAIST, WholeBodies
 
 FORMAT = "fiatlux-hand/1"
@@ -47,44 +48,6 @@ LARGEST_ACTION = 3.0
 SENSORS = ["proprioception", "hand_contact", "privileged"]
 
 Array = NDArray[np.float64]
-
-
-def multiply(a: Array, b: Array) -> Array:
-    """Product of quaternions, w first."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    parts = (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
-    return np.stack(parts, -1)
-
-
-def conjugate(q: Array) -> Array:
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Vectors turned by quaternions."""
-    u, w = q[..., 1:], q[..., :1]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
-
-
-def of_vector(v: Array) -> Array:
-    """Quaternions of rotation vectors."""
-    angle = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.concatenate((np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * v), -1)
-
-
-def to_vector(q: Array) -> Array:
-    """Rotation vectors of quaternions."""
-    q = np.where(q[..., :1] < 0, -q, q)
-    length = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(length, q[..., :1])
-    return q[..., 1:] * np.where(length > 1e-9, angle / np.maximum(length, 1e-9), 2.0)
 
 
 def _limited(v: Array, length: float) -> Array:
@@ -145,8 +108,7 @@ class HandActions:
         seen["twist"] = to_vector(multiply(np.broadcast_to(self.turn, palm[:, 3:].shape), into))
         seen["risen"] = bulb[:, 2:] - self.height
         seen["place"] = bulb[:, :2]
-        w, x, y, z = seen["turn"].T
-        seen["heading"] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        seen["heading"] = heading(seen["turn"])
         rests = seen["risen"][:, 0] < LIFTED
         self.anchor[rests] = np.concatenate((bulb[:, :2], np.full((self.num_envs, 1), self.height + self.glass)), 1)[
             rests

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._numbers import seed_of
+from .poses import rotate
 from .settings import ROBOTS, Gains
 
 Array = NDArray[np.float64]
@@ -141,6 +142,20 @@ class Kinematics:
         """Where its velocity and its angular velocity are in ``qvel``."""
         self.q0: Array = np.array(layout["q0"])
         """Their angles in the standing posture, rad."""
+        self.joint_limits: Array = np.array(layout["limits"]).reshape(-1, 2)
+        """Lower and upper end of their ranges, rad, shape (joints, 2)."""
+        drives = np.array(layout["drives"]).reshape(-1, 3)
+        self.stiffness: Array = drives[:, 0]
+        """Of their drives, N m/rad: a drive presses with this times what is left to its target, less damping times speed, at most with
+        :attr:`effort_limit`."""
+        self.damping: Array = drives[:, 1]
+        """Of their drives, N m s/rad."""
+        self.effort_limit: Array = drives[:, 2]
+        """Largest torque of their drives, N m."""
+        hands = layout["hand_bodies"]
+        self.hand_bodies: dict[str, list[str]] = {"right": hands[: len(hands) // 2], "left": hands[len(hands) // 2 :]}
+        """Names of the bodies whose forces the sensor ``hand_contact`` has, in its order: ``right_hand_contact[k]`` is of
+        ``hand_bodies["right"][k]``."""
         self.sites: list[str] = layout["sites"]
         """Names of all sites and of the robot's links."""
         self.shapes: dict[str, str] = dict(layout["shapes"])
@@ -224,7 +239,7 @@ class Kinematics:
         positions, speeds = rows[:, self._mujoco_qpos], speeds[:, self._mujoco_qvel]
         for turn, spin in self._mujoco_turns:
             quaternion = self._unit(positions[:, turn : turn + 4]) * [1.0, -1.0, -1.0, -1.0]
-            speeds[:, spin : spin + 3] = _rotated(quaternion, speeds[:, spin : spin + 3])
+            speeds[:, spin : spin + 3] = rotate(quaternion, speeds[:, spin : spin + 3])
         return positions.reshape(*lead, self.nq), speeds.reshape(*lead, self.nv)
 
     def from_mujoco(self, qpos: ArrayLike, qvel: ArrayLike | None = None, *, model: Any = None) -> tuple[Array, Array]:
@@ -241,7 +256,7 @@ class Kinematics:
         given = given.copy()
         for turn, spin in self._mujoco_turns:
             quaternion = self._unit(rows[:, turn : turn + 4])
-            given[:, spin : spin + 3] = _rotated(quaternion, given[:, spin : spin + 3])
+            given[:, spin : spin + 3] = rotate(quaternion, given[:, spin : spin + 3])
         positions, speeds = np.empty_like(rows), np.empty_like(given)
         positions[:, self._mujoco_qpos], speeds[:, self._mujoco_qvel] = rows, given
         return positions.reshape(*lead, self.nq), speeds.reshape(*lead, self.nv)
@@ -474,11 +489,3 @@ _BODIES = ("robot", "ladder", "old_bulb", "fresh_bulb")
 def _refuse_text(name: str, value: Sequence[str]) -> None:
     if isinstance(value, str):
         raise ValueError(f"{name} is {value!r}; give a list of names, [{value!r}]")
-
-
-def _rotated(quaternion: Array, vector: Array) -> Array:
-    """Vectors turned by quaternions, w first."""
-    w, axis = quaternion[:, :1], quaternion[:, 1:]
-    across = 2.0 * np.cross(axis, vector)
-    turned: Array = vector + w * across + np.cross(axis, across)
-    return turned

@@ -1,7 +1,6 @@
 """Steps many worlds in one call, for training."""
 
 import inspect
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
@@ -14,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _native
+from ._memory import available
 from ._numbers import MAX_SEED, seed_of, seeds_of, size_of, whole
 from .env import check_camera
 from .kinematics import Contacts
@@ -50,7 +50,8 @@ class SharedSettings(TypedDict, total=False):
     """Arguments that all vectors of worlds take; all are optional.
 
     Attributes:
-        num_threads: Number of threads; by default one for each core. Results do not depend on it.
+        num_threads: Number of threads; by default one for each core that the process may use, by its affinity and by a
+            container's limit of processors. Results do not depend on it.
         seed: Seed of the worlds' random streams.
         observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
         ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
@@ -119,11 +120,30 @@ _SHARED: dict[str, Any] = {
 }
 
 
+_WORLD_BYTES = 36_000
+"""A world takes somewhat more than that, without its observations."""
+
+
+def _check_memory(worlds: int, numbers: int | None = None) -> None:
+    """Raises MemoryError where a limit is sure to end the process; with a number of observations, for these alone."""
+    needed = worlds * (_WORLD_BYTES if numbers is None else 4 * numbers)
+    left = available() if needed > _SMALL else None
+    if left is not None and needed > left[0]:
+        raise MemoryError(
+            f"num_envs: no memory for {worlds} worlds: they take more than {needed / 2**30:.1f} GiB, and {left[0] / 2**30:.1f} GiB are "
+            f"left by {left[1]}; use fewer, or raise the limit"
+        )
+
+
+_SMALL = 64 << 20
+"""Bytes for which nobody is asked."""
+
+
 def _native_settings(num_envs: int, shared: Mapping[str, Any]) -> dict[str, Any]:
     """The shared settings in the form that the native part takes; without a number of threads, one for each core."""
     threads, links = shared["num_threads"], shared["links"]
     if threads is None:
-        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        threads = _native.available_threads()
     if isinstance(links, str):
         raise ValueError(f"links is {links!r}; give a list of names")
     return {
@@ -222,7 +242,9 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._render_size, self._render_camera = size_of("render_size", shared["render_size"]), camera
         check_camera(camera, arguments[-1]["robot"])
         self._made_for = arguments[0] if kind == "rulebook" else kind
-        self._batch = batch = _native.Batch(kind, (*arguments, _native_settings(num_envs, shared)))
+        native = _native_settings(num_envs, shared)
+        _check_memory(native["worlds"])
+        self._batch = batch = _native.Batch(kind, (*arguments, native))
         self._judge: Judgement | None = judge
         self._has_contacts = bool(shared["contacts"])
         self.autoreset_mode = _autoreset(shared["autoreset_mode"])
@@ -237,6 +259,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.observation_space = batch_space(layout.space, self.num_envs)
         self.action_space = batch_space(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.length
+        _check_memory(worlds, length)
         self._observation = np.zeros((worlds, length), np.float32)
         has_final = (shared["final_obs"] or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final = np.zeros((worlds, length), np.float32) if has_final else None

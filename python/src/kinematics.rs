@@ -7,6 +7,7 @@ use fiatlux_kinematics::{
     Acceleration, Clearance, Goal, InverseKinematics, Mechanics, Outcome, Part, SearchOptions, Site, Support,
     SupportError, SupportSolver, driven_angles,
 };
+use fiatlux_mjcf::{Grasp, Names};
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
@@ -74,14 +75,11 @@ impl Kinematics {
             None => SceneSpec::floor(gains),
         };
         let scene = Scene::build(&SceneConfig::default(), robot, spec).map_err(|error| refused(&error))?;
-        let mut sites: BTreeMap<String, Site> = scene.sites().into_iter().collect();
+        let mut sites: BTreeMap<String, Site> = Names::of_scene(&scene).sites.into_iter().collect();
         for (link, ids) in scene.robot.links().iter().zip(&scene.robot_ids.links) {
             sites.entry(link.name.clone()).or_insert(Site { body: ids.body, body_from_site: ids.body_from_link });
         }
-        let grasp = grasp_of(&scene).map(|(site, glass_height, grip)| {
-            sites.insert("right_grasp".into(), site);
-            (glass_height, grip)
-        });
+        let grasp = Grasp::of_scene(&scene).map(|grasp| (grasp.glass_height, grasp.grip));
         let shapes = scene.model.shapes().iter().enumerate();
         let shapes = shapes.map(|(index, shape)| (shape.name.clone(), ShapeId(index))).collect();
         let mechanics = Mechanics::new(&scene.model);
@@ -126,6 +124,11 @@ impl Kinematics {
         dict.set_item("shapes", shapes.collect::<Vec<_>>())?;
         dict.set_item("reference", model.reference_state().qpos)?;
         dict.set_item("q0", robot.q0().to_vec())?;
+        dict.set_item("limits", robot.joints().iter().map(|joint| [joint.lower, joint.upper]).collect::<Vec<_>>())?;
+        let drives = this.scene.spec.gains.0.iter().map(|gains| (gains.stiffness, gains.damping, gains.effort_limit));
+        dict.set_item("drives", drives.collect::<Vec<_>>())?;
+        let hands = robot.hand_links().iter().map(|&link| robot.links()[link].name.clone());
+        dict.set_item("hand_bodies", hands.collect::<Vec<_>>())?;
         let soles = robot.soles().into_iter().map(|sole| (sole.site.name, sole.half_extents));
         dict.set_item("soles", soles.collect::<Vec<_>>())?;
         Ok(dict)
@@ -443,30 +446,6 @@ impl Kinematics {
         let normal = Unit::new_normalize(Vector3::from(*normal));
         Ok(Support { body, point, normal, friction: *friction, most: *most })
     }
-}
-
-/// The right hand around a bulb as episodes begin with one in it: the place of the glass's centre with the bulb's axes, its height on the
-/// bulb's axis, and the targets of the hand's joints. By the robot's file, else by the scene's; none without fingers.
-fn grasp_of(scene: &Scene) -> Option<(Site, f64, BTreeMap<String, f64>)> {
-    let (robot, carry) = (&scene.robot, &scene.config.start.carry);
-    let names = robot.joints();
-    let (link, center, height, tilt, grip) = match robot.bulb_grasp() {
-        Some(own) => {
-            let grip = own.grip.iter().map(|(joint, angle)| (names[*joint].name.clone(), *angle)).collect();
-            (own.link, own.glass_center, own.glass_height, own.glass_tilt, grip)
-        }
-        None => {
-            let grip: BTreeMap<_, _> = carry.grip.iter().map(|(name, angle)| (name.clone(), *angle)).collect();
-            (robot.link_index(&carry.hand_link)?, carry.glass_center, carry.glass_height, carry.glass_tilt, grip)
-        }
-    };
-    if grip.keys().any(|name| robot.joint_index(name).is_none()) {
-        return None;
-    }
-    let turn = UnitQuaternion::from_euler_angles(std::f64::consts::PI + tilt[0], tilt[1], 0.0);
-    let link_from_glass = Isometry3::from_parts(Translation3::from(Vector3::from(center)), turn);
-    let ids = &scene.robot_ids.links[link];
-    Some((Site { body: ids.body, body_from_site: ids.body_from_link * link_from_glass }, height, grip))
 }
 
 fn count(array: &Array<'_>) -> usize {

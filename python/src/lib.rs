@@ -53,5 +53,13 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::climber_contract, module)?)?;
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
     module.add_function(wrap_pyfunction!(assets::asset_trials, module)?)?;
+    module.add_function(wrap_pyfunction!(available_threads, module)?)?;
     Ok(())
+}
+
+/// Number of threads that this process may keep busy: by its affinity and by the quota of its control groups, as `docker run --cpus` sets
+/// it, which Python's own count leaves out.
+#[pyfunction]
+fn available_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from).min(fiatlux_batch::MAX_THREADS)
 }

@@ -83,9 +83,7 @@ def test_pictures(size):
 
 
 def test_a_vector_that_no_memory_holds():
-    with pytest.raises(
-        MemoryError, match="num_envs: no memory for 1048576 worlds with observations of 50331648 numbers"
-    ):
+    with pytest.raises(MemoryError, match="num_envs: no memory for 1048576 worlds"):
         fiatlux.VectorEnv("S05", 2**20, seeds=[1000], sensors=["camera"], image_size=(4096, 4096))
 
 

@@ -303,10 +303,10 @@ print(size, peak() - before)
 
 def test_mujoco_has_the_same_poses():
     mujoco = pytest.importorskip("mujoco")
-    env = fiatlux.Env("S08")
+    env = fiatlux.Env("S08", noise=False)
     env.reset(seed=1000)
     for _ in range(15):
-        env.step(np.random.default_rng(0).uniform(-0.5, 0.5, 53))
+        seen, *_ = env.step(np.random.default_rng(0).uniform(-0.5, 0.5, 53))
     kinematics = fiatlux.Kinematics("S08", seed=1000)
     qpos, qvel = kinematics.state(env.row())
     model = mujoco.MjModel.from_xml_string(env.to_mjcf())
@@ -315,7 +315,11 @@ def test_mujoco_has_the_same_poses():
     np.testing.assert_allclose(data.qpos, model.key("start").qpos, atol=1e-12)
     np.testing.assert_allclose(data.qvel, model.key("start").qvel, atol=1e-9)
     mujoco.mj_forward(model, data)
-    for site in ("left_palm", "right_palm", "left_sole", "fresh_bulb_plug"):
+    # As proprioception senses them, and the turn.
+    for name in ("base_angular_velocity", "base_linear_velocity"):
+        np.testing.assert_allclose(data.sensor(name).data, seen[name], atol=1e-5, err_msg=name)
+    np.testing.assert_allclose(data.sensor("base_quaternion").data, env.row()["robot_pose"][3:], atol=1e-9)
+    for site in ("left_palm", "right_palm", "right_grasp", "imu", "left_sole", "fresh_bulb_plug"):
         pose = kinematics.poses(qpos, [site])[0]
         np.testing.assert_allclose(data.site(site).xpos, pose[:3], atol=1e-9, err_msg=site)
         velocity = np.zeros(6)
@@ -341,3 +345,15 @@ def test_mujoco_has_the_same_poses():
         kinematics.to_mujoco(qpos, qvel, model=mujoco.MjModel.from_xml_string(other))
     with pytest.raises(ValueError, match="a quaternion has length"):
         kinematics.from_mujoco(np.zeros(81))
+
+
+def test_mujoco_s_accelerometer_shows_gravity_at_rest():
+    mujoco = pytest.importorskip("mujoco")
+    env = fiatlux.Env("S08", robot="g1_bare")
+    env.reset(seed=1000)
+    text = env.to_mjcf().replace('<freejoint name="pelvis"/>', "")
+    assert "freejoint" in text and text != env.to_mjcf(), "the robot hangs by its pelvis, and nothing else does"
+    model = mujoco.MjModel.from_xml_string(text[: text.index("<keyframe>")] + "</mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.sensor("base_acceleration").data, [0, 0, 9.81], atol=1e-6)

@@ -8,6 +8,7 @@
 //! them in the order of [`Model::bodies`], and actuators are in the order of [`Model::drives`].
 #![allow(missing_docs)] // Used in this repository alone.
 
+mod grasp;
 mod scene;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use fiatlux_robot::{CameraMount, LinkIds, Robot, RobotIds};
 use fiatlux_world::Scene;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
+pub use grasp::Grasp;
 pub use scene::{ExportError, ExportScene};
 
 /// Stands for an infinite joint limit if the other one is finite, rad: MJCF has no one-sided ranges.
@@ -27,6 +29,18 @@ const NO_LIMIT: f64 = 1e6;
 /// MuJoCo's `impratio`: how much stiffer friction is than the normal force. At its default of 1 a held bulb creeps out of
 /// the hand.
 const IMPRATIO: f64 = 100.0;
+
+/// Site of the robot's root, whose motion sensors are written where the site is.
+const ROOT: &str = "imu";
+
+/// Kinds of MuJoCo's sensors at [`ROOT`], and their names. They sense what proprioception does, in the root's axes, and what an inertial
+/// unit has besides: the acceleration without gravity's pull, 9.81 upwards at rest, and the turn, w first.
+const SENSORS: [(&str, &str); 4] = [
+    ("gyro", "base_angular_velocity"),
+    ("velocimeter", "base_linear_velocity"),
+    ("accelerometer", "base_acceleration"),
+    ("framequat", "base_quaternion"),
+];
 
 /// Which of MuJoCo's options for friction and damping to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,22 +86,30 @@ impl Names {
             // Pictures are square.
             (mount.name.clone(), site, mount.horizontal_fov)
         };
+        let sites = robot.sites().into_iter().map(|site| (site.name.clone(), ids.site(&site)));
         Self {
-            sites: robot.sites().into_iter().map(|site| (site.name.clone(), ids.site(&site))).collect(),
+            sites: sites.chain([root(ids)]).collect(),
             cameras: robot.cameras().iter().map(camera).collect(),
             joints: ids.joints.iter().zip(robot.joints()).map(|(ids, joint)| (ids.body, joint.name.clone())).collect(),
         }
     }
 
-    /// Those of a scene.
+    /// Those of a scene, with the grasp of its robot's right hand.
     pub fn of_scene(scene: &Scene) -> Self {
-        Self { sites: scene.sites(), ..Self::of_robot(&scene.robot, &scene.robot_ids) }
+        let grasp = Grasp::of_scene(scene).map(|grasp| (Grasp::SITE.to_owned(), grasp.site));
+        let sites = scene.sites().into_iter().chain([root(&scene.robot_ids)]).chain(grasp).collect();
+        Self { sites, ..Self::of_robot(&scene.robot, &scene.robot_ids) }
     }
 
     fn joint<'a>(&'a self, model: &'a Model, body: usize) -> &'a str {
         let named = self.joints.iter().find(|(id, _)| id.0 == body);
         named.map_or(&model.bodies()[body].spec.name, |(_, name)| name)
     }
+}
+
+/// The site of the root, with its name.
+fn root(ids: &RobotIds) -> (String, Site) {
+    (ROOT.to_owned(), Site { body: ids.root, body_from_site: Isometry3::identity() })
 }
 
 /// Writes a model, with `state` and `targets` as its keyframe `start`.
@@ -150,6 +172,7 @@ impl Writer<'_> {
         self.xml.close("worldbody");
         self.exclusions();
         self.actuators();
+        self.sensors();
         self.order();
         self.keyframe(state, targets);
         self.xml.close("mujoco");
@@ -320,6 +343,22 @@ impl Writer<'_> {
             self.xml.leaf("position", &attributes);
         }
         self.xml.close("actuator");
+    }
+
+    fn sensors(&mut self) {
+        if self.options.names.sites.iter().all(|(name, _)| name != ROOT) {
+            return;
+        }
+        self.xml.open("sensor", &[]);
+        for (kind, name) in SENSORS {
+            let mut attributes: Vec<Attribute> = vec![("name", &name)];
+            match kind {
+                "framequat" => attributes.extend([("objtype", &"site" as &dyn Display), ("objname", &ROOT)]),
+                _ => attributes.push(("site", &ROOT)),
+            }
+            self.xml.leaf(kind, &attributes);
+        }
+        self.xml.close("sensor");
     }
 
     fn order(&mut self) {

@@ -178,6 +178,17 @@ fn names_are_those_of_the_contract() {
     for camera in robot.cameras() {
         assert!(xml.contains(&format!(r#"<camera name="{}""#, camera.name)));
     }
+    check_contains(
+        &xml,
+        &[
+            r#"<site name="imu" pos="0 0 0" quat="1 0 0 0"/>"#,
+            r#"<gyro name="base_angular_velocity" site="imu"/>"#,
+            r#"<velocimeter name="base_linear_velocity" site="imu"/>"#,
+            r#"<accelerometer name="base_acceleration" site="imu"/>"#,
+            r#"<framequat name="base_quaternion" objtype="site" objname="imu"/>"#,
+        ],
+    );
+    assert!(!export(OptionSet::Nearest).contains("<sensor>"), "without a robot there is nothing to sense");
 }
 
 #[test]
