@@ -337,6 +337,11 @@ impl ClientSession {
             }
             // An action was lost: those after it come too early, until it is sent again.
             Code::Step if self.is_ahead() => self.problem = Some(notice.message),
+            // The server went on without this action, as it does in real time, and what it saw then is under way or was lost.
+            Code::Step if self.is_behind(&notice) => {
+                self.problem = Some(notice.message);
+                self.ask_observation();
+            }
             Code::Malformed | Code::Size | Code::Value | Code::Step => self.refused(notice),
             Code::Rate | Code::Late | Code::Unspecified => self.problem = Some(notice.message),
         }
@@ -431,6 +436,12 @@ impl ClientSession {
         if !std::mem::replace(&mut self.asking, true) {
             self.outputs.push_back(Output::AskObservation);
         }
+    }
+
+    /// True if the server is at a later step of the episode than the client knows.
+    fn is_behind(&self, notice: &Notice) -> bool {
+        let Phase::Waiting { step, .. } = self.phase else { return false };
+        notice.episode == self.episode && notice.step > step
     }
 
     /// The server refused an action; the notice has the server's present step. A single refusal may be for an old copy, or for
