@@ -58,10 +58,10 @@ for program in "${others[@]}"; do
 """Starts fiatlux, which stands next to this file, as $program."""
 
 import os
+import pathlib
 import sys
 
-folder = os.path.dirname(os.path.realpath(__file__))
-os.execv(os.path.join(folder, "fiatlux"), ["$program", *sys.argv[1:]])
+os.execv(pathlib.Path(__file__).resolve().with_name("fiatlux"), ["$program", *sys.argv[1:]])
 END
 done
 chmod 755 "$scripts"/*
