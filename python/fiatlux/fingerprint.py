@@ -182,6 +182,10 @@ class _Reach:
                         is_method = isinstance(part, (FunctionType, property, functools.cached_property))
                         if not is_method and unwrapped(part) is None:
                             self._visit(part)
+            # What makes a class may also make its objects.
+            if self.is_users(type(value)):
+                self._constructed.add(id(type(value)))
+                self._visit(type(value))
             return
         if isinstance(value, MethodType):
             self._mentioned.add(value.__func__.__name__)
@@ -400,6 +404,8 @@ class _Walk:
             if issubclass(parent, tuple) and "_fields" in vars(parent):
                 defaults = getattr(parent, "_field_defaults", {})
                 yield from (self.digest(tuple(vars(parent)["_fields"])), self.digest(dict(defaults)))
+        if self._reach.is_users(type(kind)):
+            yield self.digest(type(kind))
 
     def _function(self, function: FunctionType) -> Iterator[bytes]:
         reach = self._reach

@@ -261,6 +261,36 @@ class Kinematics:
         positions[:, self._mujoco_qpos], speeds[:, self._mujoco_qvel] = rows, given
         return positions.reshape(*lead, self.nq), speeds.reshape(*lead, self.nv)
 
+    @property
+    def mujoco_actuators(self) -> list[str]:
+        """Names of the actuators in the order of MuJoCo's ``ctrl``: neither that of actions nor that of its ``qpos``."""
+        return [self.joints[joint] for joint in np.argsort(self.joint_qpos)]
+
+    def to_mujoco_ctrl(self, targets: ArrayLike, *, model: Any = None) -> Array:
+        """``ctrl`` of MuJoCo for the scene of :meth:`fiatlux.Env.to_mjcf`, of joint targets in the order of actions, rad.
+
+        Args:
+            targets: One for each of :attr:`joints`, with any leading axes.
+            model: A ``mujoco.MjModel``. If it is given, its actuators must be those of :attr:`mujoco_actuators`, in this order.
+
+        Raises:
+            ValueError: The number of targets is another, or the model has other actuators or another order.
+        """
+        given = np.asarray(targets, np.float64)
+        if given.shape[-1:] != (len(self.joints),):
+            raise ValueError(
+                f"targets: shape {given.shape} instead of (..., {len(self.joints)}); give one for each joint"
+            )
+        if model is not None:
+            found = [model.actuator(actuator).name for actuator in range(model.nu)]
+            if found != self.mujoco_actuators:
+                raise ValueError(
+                    f"model: its {len(found)} actuators are not those of mujoco_actuators; make it from to_mjcf() of the same task and "
+                    "robot, or move the numbers by their names"
+                )
+        ctrl: Array = given[..., np.argsort(self.joint_qpos)]
+        return ctrl
+
     def _check_model(self, model: Any) -> None:
         if model is None:
             return

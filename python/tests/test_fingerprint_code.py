@@ -11,6 +11,27 @@ from fiatlux.fingerprint import digest_of
 
 # Code, the expression for the policy, edits that must count, edits that must not.
 CASES = {
+    "a class's own class": (
+        """
+        class Meta(type):
+            bias = 0.5
+            def __new__(meta, name, bases, space):
+                space["scale"] = 3.0
+                return super().__new__(meta, name, bases, space)
+            def __call__(cls, *given):
+                made = super().__call__(*given)
+                made.gain = 2.0  # of each object
+                return made
+        class Base(metaclass=Meta):
+            pass
+        class Mine(Base):
+            def __call__(self, observation):
+                return self.gain * self.scale * type(self).bias
+        """,
+        "Mine",
+        [("made.gain = 2.0", "made.gain = 2.5"), ("bias = 0.5", "bias = 0.6"), ('"] = 3.0', '"] = 4.0')],
+        [("# of each object", "# of every object")],
+    ),
     "functions": (
         """
         import numpy as np

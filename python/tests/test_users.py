@@ -326,6 +326,17 @@ def test_mujoco_has_the_same_poses():
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, data.site(site).id, velocity, 0)
         found = kinematics.velocities(qpos, qvel, [site])[0]
         np.testing.assert_allclose(velocity[[3, 4, 5, 0, 1, 2]], found, atol=1e-8, err_msg=site)
+    targets = env.row()["joint_target"]
+    data.ctrl[:] = kinematics.to_mujoco_ctrl(targets, model=model)
+    np.testing.assert_array_equal(data.ctrl, model.key("start").ctrl)
+    for joint, target in zip(kinematics.joints, targets):
+        assert data.actuator(joint).ctrl[0] == target, joint
+    with pytest.raises(ValueError, match="targets: shape"):
+        kinematics.to_mujoco_ctrl(targets[:-1])
+    with pytest.raises(ValueError, match="its 29 actuators are not those"):
+        bare = fiatlux.Env("S07", robot="g1_bare")
+        bare.reset(seed=1000)
+        kinematics.to_mujoco_ctrl(targets, model=mujoco.MjModel.from_xml_string(bare.to_mjcf()))
     for joint in kinematics.joints:
         at = kinematics.joint_qpos[kinematics.joints.index(joint)]
         assert data.joint(joint).qpos[0] == qpos[at], joint
