@@ -1,4 +1,4 @@
-"""How much memory this process may still take: by the control groups of a container or a cluster's job, and by the machine.
+"""Memory that this process may still take: by the control groups of a container or a cluster's job, and by the machine.
 
 The kernel grants memory beyond such a limit and ends the process when it is used, so that nothing can be caught then.
 """

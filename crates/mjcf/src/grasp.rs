@@ -1,4 +1,4 @@
-//! How the right hand of a scene's robot holds a bulb, as a site.
+//! The grasp with which the right hand of a scene's robot holds a bulb, as a site.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
