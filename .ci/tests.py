@@ -13,6 +13,7 @@ import circles
 import features
 import figures
 import hands
+import homes
 import licences
 import room
 
@@ -150,6 +151,27 @@ class Room(unittest.TestCase):
         ]:
             with self.subTest(path=path, text=text):
                 self.assertEqual(list(room.faults(numbers, path, text)), lines)
+
+
+class Homes(unittest.TestCase):
+    def test_a_second_home_is_found(self):
+        for path, text, fault in [
+            ("crates/a/src/b.rs", "let delay = delay_steps(&varied);", "delay_steps( is an episode"),
+            ("crates/a/src/b.rs", "x\nlet kept = Recorder::start(a, b)?;", ":2: Recorder::start( is a server"),
+            ("crates/a/src/b.rs", "    const JOINTS: usize = 29;", "is the joints"),
+            ("crates/teleop/src/b.rs", "InverseKinematics::new(&model)", "is an arm"),
+        ]:
+            with self.subTest(text):
+                found = list(homes.faults(path, text))
+                self.assertTrue(len(found) == 1 and fault in found[0], found)
+        for path, text in [
+            ("crates/play/src/play.rs", "delay_steps(&varied)"),
+            ("crates/a/tests/it/b.rs", "Recorder::start(a, b)"),
+            ("crates/a/src/b.rs", "// Recorder::start(a, b)"),
+            ("python/src/batch.rs", "settings::delay_steps(least)"),
+        ]:
+            with self.subTest(text):
+                self.assertEqual(list(homes.faults(path, text)), [])
 
 
 class Circles(unittest.TestCase):

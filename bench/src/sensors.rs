@@ -2,18 +2,17 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{self, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fiatlux_client::Command as PolicyCommand;
 use fiatlux_features::{ResNet18, Weights};
+use fiatlux_play::{Command, Play};
 use fiatlux_proto::encode;
-use fiatlux_proto::v3::{Observation, SessionInfo};
-use fiatlux_render::{Lighting, Visuals};
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup};
 use fiatlux_wire::joint_messages;
 use fiatlux_world::{ACTION_SCALE, Episode, EpisodeSpec, Scene, SceneConfig};
 use serde::{Deserialize, Serialize};
@@ -95,56 +94,30 @@ pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
 }
 
 /// An episode and its sensors, as a session has them.
-struct Stage {
-    episode: Episode,
-    suite: SensorSuite,
-}
-
-impl Stage {
-    fn new(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Self, BenchError> {
-        let robot = Arc::new(Robot::benchmark().map_err(scene)?);
-        let gains = robot.gains(GainSet::Fiatlux);
-        let spec = EpisodeSpec::new(task, 0, 0);
-        let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);
-        let episode = Episode::start(Arc::clone(&built), &spec).map_err(scene)?;
-        let mut suite = SensorSuite::new(sensors, Setup::new(&built, task)).with_network(Some(network.twin()));
-        let visuals = || Arc::new(Visuals::new(&built));
-        suite.begin(&built, NoiseSeed::of(&spec), visuals, Lighting::default()).map_err(scene)?;
-        Ok(Self { episode, suite })
-    }
-
-    fn observe(&mut self, sensors: Sensors) -> Result<Observation, BenchError> {
-        self.suite.observe(&View::of(&self.episode), sensors).map_err(scene)
-    }
-
-    fn step(&mut self, command: PolicyCommand) -> Result<(), BenchError> {
-        let action = match command {
-            PolicyCommand::Action(numbers) => numbers,
-            PolicyCommand::JointTarget(numbers) => self.episode.action_for(&numbers),
-            PolicyCommand::WholeBody(..) => {
-                let problem = "its policy commands a controller, which only sessions have".into();
-                return Err(BenchError::Start { case: POLICY, problem });
-            }
-        };
-        self.episode.step(&action).map(|_| ()).map_err(scene)
-    }
+fn start(task: Task, sensors: Sensors, network: &ResNet18) -> Result<Play, BenchError> {
+    let robot = Arc::new(Robot::benchmark().map_err(scene)?);
+    let gains = robot.gains(GainSet::Fiatlux);
+    let spec = EpisodeSpec::new(task, 0, 0);
+    let built = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains)).map_err(scene)?);
+    let suite = SensorSuite::new(sensors, Setup::new(&built, task)).with_network(Some(network.twin()));
+    Play::start(Episode::start(built, &spec).map_err(scene)?, suite, 0).map_err(scene)
 }
 
 /// Takes control steps as a session does, except for sending messages: policy, physics, rules, sensors, encoding.
 fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> Result<StepCase, BenchError> {
-    let mut stage = Stage::new(TASK, sensors, network)?;
+    let mut play = start(TASK, sensors, network)?;
     let mut policy = fiatlux_policies::Policies::default().make(POLICY).map_err(scene)?;
-    let mut observation = stage.observe(sensors)?;
-    let room = stage.episode.scene();
+    let mut observation = play.observe(sensors).map_err(scene)?;
+    let room = play.episode().scene();
     let joints = joint_messages(&room.robot, &room.spec.gains);
     let info = SessionInfo { joints, action_scale: ACTION_SCALE, ..SessionInfo::default() };
     policy.reset(&info, &observation).map_err(scene)?;
     let mut times = Vec::new();
     let (mut message, start) = (Vec::new(), Instant::now());
-    while stage.episode.end().is_none() && start.elapsed() < budget {
+    while play.episode().end().is_none() && start.elapsed() < budget {
         let begun = Instant::now();
-        stage.step(policy.act(&observation).map_err(scene)?)?;
-        observation = stage.observe(sensors)?;
+        play.step(&policy.act(&observation).map_err(scene)?).map_err(scene)?;
+        observation = play.observe(sensors).map_err(scene)?;
         message = encode(&observation);
         times.push(begun.elapsed());
     }
@@ -167,18 +140,18 @@ fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
     let all = Sensors::of(&Sensor::ALL);
     let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); Sensor::ALL.len()];
     for place in PLACES {
-        let mut stage = Stage::new(place, all, network)?;
-        let hold = stage.episode.row().action.clone();
+        let mut play = start(place, all, network)?;
+        let hold = Command::Action(play.episode().row().action.clone());
         for _ in 0..ROWS {
             for (sensor, samples) in Sensor::ALL.into_iter().zip(&mut samples) {
                 let begun = Instant::now();
-                stage.observe(Sensors::of(&[sensor]))?;
+                play.observe(Sensors::of(&[sensor])).map_err(scene)?;
                 samples.push(begun.elapsed());
             }
-            if stage.episode.end().is_some() {
+            if play.episode().end().is_some() {
                 break;
             }
-            stage.step(PolicyCommand::Action(hold.clone()))?;
+            play.step(&hold).map_err(scene)?;
         }
     }
     let case = |(sensor, samples): (Sensor, &mut Vec<Duration>)| {
@@ -198,10 +171,10 @@ fn pytorch(script: &Path) -> Result<f64, BenchError> {
     if !script.is_file() {
         return Err(BenchError::NoOracle(script.to_owned()));
     }
-    let weights = std::env::temp_dir().join(format!("fiatlux-bench-{}.safetensors", std::process::id()));
+    let weights = std::env::temp_dir().join(format!("fiatlux-bench-{}.safetensors", process::id()));
     let io = |what: &str, source| BenchError::Io { what: what.into(), source };
     std::fs::write(&weights, Weights::seeded(0).to_safetensors()).map_err(|source| io("write the weights", source))?;
-    let mut command = Command::new("python3");
+    let mut command = process::Command::new("python3");
     command.arg(script).arg(&weights).args(["--time-only", "--json"]).stderr(Stdio::inherit());
     let output = command.output();
     drop(std::fs::remove_file(&weights));

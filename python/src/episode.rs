@@ -1,14 +1,14 @@
 //! One episode of the benchmark, with its sensors.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
 use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
+use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_rules::Protocol;
-use fiatlux_sensing::{NoiseSeed, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{Episode as Play, EpisodeError, PHYSICS_DT, Scene, SceneConfig, delay_steps, noise_scale};
+use fiatlux_sensing::{SensorSuite, Sensors, Setup};
+use fiatlux_world::{Episode as WorldEpisode, PHYSICS_DT, Scene, SceneConfig};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -25,10 +25,7 @@ pub(crate) struct Episode {
     /// Its settings as they were given, and the actions so far, for copies.
     settings: Py<PyDict>,
     played: Vec<f64>,
-    /// Actions that have yet to act, in action units, the oldest first.
-    delayed: VecDeque<Vec<f64>>,
     play: Play,
-    suite: SensorSuite,
     sensors: Sensors,
     spec: Spec,
     form: ActionForm,
@@ -61,28 +58,23 @@ impl Episode {
         let spec = settings.episode(task, seed, episode)?;
         let begin = || -> Result<_, Box<dyn std::error::Error + Send + Sync>> {
             let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains))?);
-            let play = Play::start(Arc::clone(&scene), &spec)?;
+            let episode = WorldEpisode::start(Arc::clone(&scene), &spec)?;
             let setup = Setup { protocol, image_size, ..Setup::new(&scene, task) };
-            let mut suite = SensorSuite::new(sensors, setup).with_network(network);
-            suite.scale_noise(noise_scale(&spec.varied()));
-            let visuals = sensors.meets(Sensors::WITH_IMAGE).then(|| Arc::new(Visuals::new(&scene)));
-            let drawn = || visuals.clone().unwrap_or_else(|| Arc::new(Visuals::new(&scene)));
-            suite.begin(&scene, NoiseSeed::of(&spec), drawn, Lighting::of(&spec.light()))?;
+            let suite = SensorSuite::new(sensors, setup).with_network(network);
+            let mut visuals = None;
+            let drawn = || Arc::clone(visuals.insert(Arc::new(Visuals::new(&scene))));
+            let play = Play::start_with(episode, suite, action_delay[0], drawn)?;
             // The same names as in a batch, so that both kinds of environment have one form.
             let named = Rulebook::new(task, &scene, options, None)?.spec().clone();
-            Ok((play, suite, visuals, named))
+            Ok((play, visuals, named))
         };
         let begun = py.detach(|| guarded(begin))?;
-        let (play, suite, visuals, spec) = begun.map_err(|error| refused(&*error))?;
+        let (play, visuals, spec) = begun.map_err(|error| refused(&*error))?;
         py.check_signals()?;
-        let delay = delay_steps(&play.spec().varied()).unwrap_or(action_delay[0]);
-        let (played, delayed) = (Vec::new(), VecDeque::from(vec![play.row().action.clone(); delay]));
         let mut made = Self {
             settings: given,
-            played,
-            delayed,
+            played: Vec::new(),
             play,
-            suite,
             sensors,
             spec,
             form,
@@ -100,7 +92,7 @@ impl Episode {
 
     /// A pickle holds what was played, and plays it again.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
-        let spec = self.play.spec();
+        let spec = self.episode().spec();
         let actions = PyArray1::from_slice(py, &self.played);
         let settings = self.settings.clone_ref(py);
         let arguments = (spec.task.short_id(), spec.seed, spec.episode, settings, actions).into_pyobject(py)?;
@@ -111,9 +103,7 @@ impl Episode {
         Self {
             settings: self.settings.clone_ref(py),
             played: self.played.clone(),
-            delayed: self.delayed.clone(),
             play: self.play.clone(),
-            suite: self.suite.clone(),
             spec: self.spec.clone(),
             visuals: self.visuals.clone(),
             painter: Painter::default(),
@@ -135,17 +125,8 @@ impl Episode {
         if found != expected {
             return Err(refused(&fiatlux_batch::BatchError::Length { field: "observation", found, expected }));
         }
-        let Self { play, suite, sensors, .. } = this;
-        let mut rest = observation;
-        guarded(|| {
-            for sensor in sensors.iter() {
-                let (numbers, others) = rest.split_at_mut(suite.length(sensor));
-                suite.compute(sensor, &View::of(play), numbers)?;
-                rest = others;
-            }
-            Ok::<_, fiatlux_sensing::SenseError>(())
-        })?
-        .map_err(|error| failed(&error))
+        let (suite, view) = this.play.senses();
+        guarded(|| suite.compute_all(this.sensors, &view, observation))?.map_err(|error| failed(&error))
     }
 
     /// Takes a control step; returns reward, terminated, truncated.
@@ -153,38 +134,42 @@ impl Episode {
         own_mut!(slf, this);
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
         py.detach(|| guarded(|| this.advance(action)))?.map_err(|error| refused(&error))?;
-        let end = this.play.end();
-        Ok((this.play.reward(), end.is_some_and(|end| end.is_terminated()), end.is_some_and(|end| end.is_truncated())))
+        let end = this.episode().end();
+        Ok((
+            this.episode().reward(),
+            end.is_some_and(|end| end.is_terminated()),
+            end.is_some_and(|end| end.is_truncated()),
+        ))
     }
 
     /// Value of each term of the reward in the last step.
     fn reward_terms<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         own!(slf, this);
         let terms = PyDict::new(py);
-        this.play.terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
+        this.episode().terms().iter().try_for_each(|term| terms.set_item(term.name, term.reward))?;
         Ok(terms)
     }
 
     /// Digest of the rows so far, hexadecimal.
     #[getter]
     fn digest(&self) -> String {
-        self.play.digest().hex()
+        self.episode().digest().hex()
     }
 
     /// Domain sample of the episode, as the header of its bag has it.
     fn drawn<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         own!(slf, this);
-        bag::described(py, &fiatlux_wire::domain_sample_message(&this.play.domain_sample()))
+        bag::described(py, &fiatlux_wire::domain_sample_message(&this.episode().domain_sample()))
     }
 
     /// Summary of the episode so far: the fields of `results.json` that follow from its rows.
     fn summary<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         own!(slf, this);
-        let (judges, spec) = (this.play.judges(), this.play.spec());
+        let (judges, spec) = (this.episode().judges(), this.episode().spec());
         let summary = judges.of(Protocol::Published).summary();
         let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
         // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
-        let end = summary.end.or(this.play.end());
+        let end = summary.end.or(this.episode().end());
         let dict = PyDict::new(py);
         dict.set_item("task", spec.task.short_id())?;
         dict.set_item("seed", spec.seed)?;
@@ -213,32 +198,32 @@ impl Episode {
     /// The parts of the present row that a learner or a test reads.
     fn row<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         own!(slf, this);
-        describe_row(py, this.play.row())
+        describe_row(py, this.episode().row())
     }
 
     /// Contact points of the last physics step, as of [`Batch::contacts`](crate::batch::Batch).
     fn contacts<'py>(&self, py: Python<'py>) -> Contacts<'py> {
         let (mut shapes, mut numbers) = (Vec::new(), Vec::new());
-        let contacts = self.play.world().dynamics().contacts();
-        describe_contacts(&self.play.scene().model, 0, contacts, &mut shapes, &mut numbers);
+        let contacts = self.episode().world().dynamics().contacts();
+        describe_contacts(&self.episode().scene().model, 0, contacts, &mut shapes, &mut numbers);
         (shapes, numbers.into_pyarray(py))
     }
 
     /// The scene as MJCF for MuJoCo; its keyframe `start` is the present state with the present targets.
     fn mjcf(slf: &Bound<'_, Self>, nearest: bool) -> PyResult<String> {
         own!(slf, this);
-        let (scene, row) = (this.play.scene(), this.play.row());
+        let (scene, row) = (this.episode().scene(), this.episode().row());
         let mut targets = vec![0.0; scene.model.drives().len()];
         for (ids, target) in scene.robot_ids.joints.iter().zip(&row.joint_target) {
             targets[ids.drive] = *target;
         }
         let options = MjcfOptions {
-            name: this.play.spec().task.short_id().into(),
+            name: this.episode().spec().task.short_id().into(),
             timestep: PHYSICS_DT,
             option_set: if nearest { OptionSet::Nearest } else { OptionSet::Defaults },
             names: Names::of_scene(scene),
         };
-        guarded(|| to_mjcf(&scene.model, this.play.world().state(), &targets, &options))
+        guarded(|| to_mjcf(&scene.model, this.episode().world().state(), &targets, &options))
     }
 
     /// A picture for display, RGB, row by row from the top: from the robot's side, or from one of its cameras.
@@ -251,28 +236,29 @@ impl Episode {
         camera: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         own_mut!(slf, this);
-        let scene = Arc::clone(this.play.scene());
-        let light = Lighting::of(&this.play.spec().light());
+        let scene = Arc::clone(this.episode().scene());
+        let light = Lighting::of(&this.episode().spec().light());
         if let Some(visuals) = &this.visuals {
             this.painter.share(&scene, visuals);
         }
-        this.painter.paint(py, &scene, this.play.row(), &light, [width, height], camera)
+        this.painter.paint(py, &scene, this.play.episode().row(), &light, [width, height], camera)
     }
 }
 
 impl Episode {
+    fn episode(&self) -> &WorldEpisode {
+        self.play.episode()
+    }
+
     /// Takes a control step; if it is refused, nothing changes.
-    fn advance(&mut self, action: &[f64]) -> Result<(), EpisodeError> {
-        let counts = self.play.judges().of(Protocol::Published).verdict().end.is_none();
-        let received = match self.form {
-            ActionForm::Action => action.to_vec(),
-            ActionForm::JointTarget => self.play.action_for(action),
+    fn advance(&mut self, action: &[f64]) -> Result<(), PlayError> {
+        let counts = self.episode().judges().of(Protocol::Published).verdict().end.is_none();
+        let command = match self.form {
+            ActionForm::Action => Command::Action(action.to_vec()),
+            ActionForm::JointTarget => Command::JointTarget(action.to_vec()),
         };
-        self.play.world().check_action(&received)?;
-        self.delayed.push_back(received);
-        let acting = self.delayed.pop_front().unwrap_or_default();
-        self.play.step(&acting)?;
-        let holds = self.play.judges().of(Protocol::Published).verdict().criteria.all();
+        self.play.step(&command)?;
+        let holds = self.episode().judges().of(Protocol::Published).verdict().criteria.all();
         self.steps_in_gate += u64::from(counts && holds);
         self.played.extend_from_slice(action);
         Ok(())

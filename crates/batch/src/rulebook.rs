@@ -9,7 +9,7 @@ use fiatlux_rules::{
     CONTROL_DT, Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
 };
 use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
+use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Delay, Light, Random, Scene, World};
 use serde::{Deserialize, Serialize};
 
 use crate::task::check_weights;
@@ -96,8 +96,7 @@ pub struct Rulebook {
     weights: String,
     /// Factors of the reward's terms.
     factors: Arc<[f64]>,
-    /// Actions that have yet to act, one after the other, the oldest first.
-    delayed: Vec<f64>,
+    delay: Delay,
     /// Factor of the noise in the present episode.
     noise_scale: f64,
 }
@@ -111,7 +110,7 @@ struct State {
     /// Seed and episode.
     noise: Option<(u64, u64)>,
     noise_scale: f64,
-    delayed: Vec<f64>,
+    delay: Delay,
 }
 
 /// The meshes of each scene, for its cameras; worlds of one scene share them.
@@ -182,7 +181,7 @@ impl Rulebook {
             noise: None,
             weights,
             factors,
-            delayed: Vec::new(),
+            delay: Delay::default(),
             noise_scale: 1.0,
         })
     }
@@ -218,13 +217,12 @@ impl Task for Rulebook {
         let seed = (random.unit() * (1_u64 << 53) as f64) as u64;
         let (noise, lighting) = (self.options.noise.then_some(NoiseSeed { seed, episode: 0 }), Lighting::of(light));
         self.noise = noise;
-        self.delayed.clear();
         let [least, most] = self.options.action_delay;
         let delay = if most > least { least + random.index(most - least + 1) } else { least };
         let [least, most] = self.options.noise_scale;
         self.noise_scale = if most > least { random.uniform(least, most) } else { least };
         self.suite.scale_noise(self.noise_scale);
-        (0..delay).for_each(|_| self.delayed.extend_from_slice(&world.row().action));
+        self.delay.restart(&world.row().action, delay);
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
@@ -250,10 +248,8 @@ impl Task for Rulebook {
             };
             *target = q0 + ACTION_SCALE * *to;
         }
-        if !self.delayed.is_empty() {
-            let joints = control.action.len();
-            self.delayed[..joints].swap_with_slice(&mut control.action);
-            self.delayed.rotate_left(joints);
+        if !self.delay.is_none() {
+            self.delay.swap(&mut control.action);
             let targets = control.joint_target.iter_mut().zip(scene.robot.q0()).zip(&control.action);
             targets.for_each(|((target, q0), action)| *target = q0 + ACTION_SCALE * action);
         }
@@ -280,13 +276,7 @@ impl Task for Rulebook {
         let (judge, reward) = (judges.in_force(), rewards.reward());
         let (scene, row) = (world.scene(), world.row());
         let view = View { scene, episode: self.episode, row, task: self.task, judge, reward };
-        let mut rest = observation;
-        for sensor in self.options.sensors.iter() {
-            let (numbers, others) = rest.split_at_mut(self.suite.length(sensor));
-            self.suite.compute(sensor, &view, numbers)?;
-            rest = others;
-        }
-        Ok(())
+        Ok(self.suite.compute_all(self.options.sensors, &view, observation)?)
     }
 
     fn settings(&self) -> Vec<(&'static str, String)> {
@@ -324,17 +314,17 @@ impl Task for Rulebook {
     }
 
     fn drawn(&self) -> Vec<(&'static str, f64)> {
-        let joints = self.spec.actions.len();
+        let steps = self.delay.steps(self.spec.actions.len()).unwrap_or_default();
         let noise = if self.noise.is_some() { self.noise_scale } else { 0.0 };
-        vec![("action_delay_ms", (self.delayed.len() / joints) as f64 * CONTROL_DT * 1e3), ("noise", noise)]
+        vec![("action_delay_ms", steps as f64 * CONTROL_DT * 1e3), ("noise", noise)]
     }
 
     fn save(&self) -> Result<Vec<u8>, TaskError> {
         let Referee { judges, rewards } = self.referee.as_ref().ok_or("no episode has begun")?;
         let noise = self.noise.map(|noise| (noise.seed, noise.episode));
         let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
-        let (noise_scale, delayed) = (self.noise_scale, self.delayed.clone());
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delayed })?)
+        let (noise_scale, delay) = (self.noise_scale, self.delay.clone());
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay })?)
     }
 
     fn copy_from(&mut self, other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
@@ -346,7 +336,7 @@ impl Task for Rulebook {
         if !own.rewards.set_state(theirs.rewards.state(), row) {
             return Err("the other world has another number of reward terms".into());
         }
-        self.delayed.clone_from(&other.delayed);
+        self.delay.clone_from(&other.delay);
         (self.episode, self.noise, self.noise_scale) = (other.episode, other.noise, other.noise_scale);
         self.suite.scale_noise(self.noise_scale);
         self.suite.restart(self.noise, Lighting::of(light));
@@ -356,14 +346,14 @@ impl Task for Rulebook {
     fn load(&mut self, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
         let Referee { judges, rewards } = self.referee.as_mut().ok_or("no episode has begun")?;
         let state: State = postcard::from_bytes(saved)?;
-        if !state.delayed.len().is_multiple_of(row.action.len()) {
+        if state.delay.steps(row.action.len()).is_none() {
             return Err("the snapshot is damaged: it has a part of a delayed action".into());
         }
         if !rewards.set_state(state.rewards, row) {
             return Err("the snapshot has another number of reward terms".into());
         }
         judges.set_state(state.judges);
-        self.delayed.clone_from(&state.delayed);
+        self.delay = state.delay;
         self.episode = state.episode;
         self.noise_scale = state.noise_scale;
         self.suite.scale_noise(state.noise_scale);

@@ -54,7 +54,7 @@ fn recorded(policy: &str, task: Task, room: u64, steps: usize) -> Vec<bool> {
             assert!(off < ROUNDED, "{policy}, {task:?}, step {step}: {off} rad");
         }
         all.push(chunk.is_some());
-        seen = game.go_on(answer, None).unwrap();
+        seen = game.go_on(&answer, None).unwrap();
     }
     all
 }

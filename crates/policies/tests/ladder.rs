@@ -45,18 +45,18 @@ fn it_comes_out_to_the_steps() {
     let mut put_down = None;
     while ladder.phase().as_deref() != Some("Away") {
         let phase = ladder.phase().unwrap();
-        assert!(game.verdict().end.is_none() && game.world.row().step < 6000, "{:?} in {phase}", game.verdict().end);
+        assert!(game.verdict().end.is_none() && game.world().row().step < 6000, "{:?} in {phase}", game.verdict().end);
         if phase == "Done" {
-            put_down = Some(game.world.row().things[errand::LADDER].pose);
+            put_down = Some(game.world().row().things[errand::LADDER].pose);
         }
         seen = game.step(&mut ladder, &seen, None).unwrap();
     }
-    let row = game.world.row();
+    let row = game.world().row();
     let (now, put_down) = (row.things[errand::LADDER].pose, put_down.unwrap());
     assert!((now.translation.vector - put_down.translation.vector).norm() < 0.005);
     let here = now.inverse() * row.robot.pose;
     assert!(here.translation.y < -0.8 && here.translation.x.abs() < 0.1, "{here}");
-    assert!(play::distance(&game.world) < 0.67);
+    assert!(play::distance(game.world()) < 0.67);
 }
 
 #[test]

@@ -25,7 +25,6 @@ mod scenes;
 mod sessions;
 mod shell;
 mod state;
-mod whole_body;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

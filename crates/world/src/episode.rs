@@ -11,8 +11,9 @@ use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, DomainSample, EpisodeRanges, HandFriction, Layout, Light, PropScale, RNG_NAME, Randomization, Scene,
-    SceneKind, SceneSpec, StartError, StartOffset, StartOptions, Varied, World, WorldError, start_drawn,
+    ACTION_SCALE, AppliedWrench, ControlInput, DomainSample, EpisodeRanges, HandFriction, Layout, Light, PropScale,
+    Push, RNG_NAME, Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, Varied, World,
+    WorldError, start_drawn,
 };
 
 /// Defines an episode. It plays in the scene that [`EpisodeSpec::scene`] describes, with that scene's gains.
@@ -212,19 +213,25 @@ impl Episode {
             seed: Some(spec.seed),
             thresholds: spec.thresholds.clone(),
         };
-        let (world, start) = start_drawn(Arc::clone(&scene), spec.task, spec.episode, &options)?;
-        let row = world.row();
-        let mut judges = spec.judges(&scene);
+        let (world, start) = start_drawn(scene, spec.task, spec.episode, &options)?;
+        Ok(Self::in_world(world, start, spec))
+    }
+
+    /// Begins in a world as it stands. What was changed in it, or in its scene, the episode's identity does not know: digests can be
+    /// compared only with those of a world like it.
+    pub fn in_world(world: World, start: StartOffset, spec: &EpisodeSpec) -> Self {
+        let (scene, row) = (world.scene(), world.row());
+        let mut judges = spec.judges(scene);
         judges.start(row);
         let mut rewards = Rewards::new(judges.in_force(), spec.variant, scene.joint_groups());
         rewards.start(judges.in_force(), row);
-        let context = spec.identity(&scene).digest();
+        let context = spec.identity(scene).digest();
         let mut digest = context.clone();
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let joint_target = row.joint_target.clone();
         let spec = spec.clone();
-        Ok(Self { spec, start, joint_target, judges, rewards, context, digest, totals, world })
+        Self { spec, start, joint_target, judges, rewards, context, digest, totals, world }
     }
 
     /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
@@ -239,13 +246,25 @@ impl Episode {
     /// # Errors
     /// [`EpisodeError`]; the episode is unchanged.
     pub fn step(&mut self, action: &[f64]) -> Result<Step<'_>, EpisodeError> {
-        if let Some(end) = self.end() {
-            return Err(EpisodeError::Ended { step: end.step });
-        }
+        self.step_under(action, None, &[])
+    }
+
+    /// As [`Episode::step`], after a push and under wrenches. No episode of the benchmark has them.
+    ///
+    /// # Errors
+    /// As of [`Episode::step`], or a wrench on what the scene lacks; the episode is unchanged.
+    pub fn step_under(
+        &mut self,
+        action: &[f64],
+        push: Option<Push>,
+        wrenches: &[AppliedWrench],
+    ) -> Result<Step<'_>, EpisodeError> {
+        self.check_ongoing()?;
         self.joint_target.clear();
         let q0 = self.world.scene().robot.q0();
         self.joint_target.extend(q0.iter().zip(action).map(|(q0, action)| q0 + ACTION_SCALE * action));
-        let row = self.world.step(action, &self.joint_target)?;
+        let input = ControlInput { push, wrenches, ..ControlInput::new(action, &self.joint_target) };
+        let row = self.world.step_with(&input)?;
         self.judges.advance(row);
         self.rewards.advance(self.judges.in_force(), row);
         self.digest.push(row);
@@ -259,6 +278,19 @@ impl Episode {
             terms: self.rewards.terms(),
             outside_box,
         })
+    }
+
+    /// Refuses an action that [`Episode::step`] would refuse.
+    ///
+    /// # Errors
+    /// [`EpisodeError`].
+    pub fn check_action(&self, action: &[f64]) -> Result<(), EpisodeError> {
+        self.check_ongoing()?;
+        Ok(self.world.check_action(action)?)
+    }
+
+    fn check_ongoing(&self) -> Result<(), EpisodeError> {
+        self.end().map_or(Ok(()), |end| Err(EpisodeError::Ended { step: end.step }))
     }
 
     /// The spec that the episode was started with.

@@ -30,6 +30,7 @@
 mod action;
 mod attach;
 pub mod config;
+mod delay;
 mod domain_sample;
 mod episode;
 mod error;
@@ -51,6 +52,7 @@ mod world;
 pub use action::{ACTION_LIMIT, ACTION_SCALE};
 pub use attach::{Attachment, AttachmentState, PlugState, hold_wrench};
 pub use config::SceneConfig;
+pub use delay::Delay;
 pub use domain_sample::DomainSample;
 pub use episode::{Episode, EpisodeError, EpisodeSpec, Step, Totals};
 pub use error::{SceneError, WorldError};

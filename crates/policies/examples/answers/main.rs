@@ -63,7 +63,7 @@ fn play(policy: &str, task: Task, room: u64, times: &mut Vec<f64>) -> Result<(),
         }
         let command = policy.act(&seen)?;
         times.push((processor_time()? - began) * 1e3);
-        seen = game.go_on(command, None)?;
+        seen = game.go_on(&command, None)?;
         began = processor_time()?;
     }
     Ok(())

@@ -178,12 +178,10 @@ pub fn play(
 ) -> Result<Played, Box<dyn Error>> {
     let mut start = Start { delay: changes.delay, ..Start::of(task, seed)? };
     start.spec.scale = changes.scale;
-    let mut game = Game::start(start)?;
-    let varied = variation(game.world.scene(), seed, changes);
-    game.world.set_variation(&varied)?;
+    let mut game = Game::start_varied(start, |scene| variation(scene, seed, changes))?;
     let mut seen = game.observe()?;
     if let Some([roll, elbow]) = changes.arms {
-        for (joint, action) in game.world.scene().robot.joints().iter().zip(&mut seen.last_action) {
+        for (joint, action) in game.world().scene().robot.joints().iter().zip(&mut seen.last_action) {
             let angle = match joint.name.as_str() {
                 "left_shoulder_roll_joint" => roll,
                 "right_shoulder_roll_joint" => -roll,
@@ -194,8 +192,8 @@ pub fn play(
         }
     }
     climb.reset(&game.info, &seen)?;
-    let gains = game.world.scene().spec.gains.clone();
-    let first = game.world.row().things[errand::LADDER].pose;
+    let gains = game.world().scene().spec.gains.clone();
+    let first = game.world().row().things[errand::LADDER].pose;
     let grip =
         task.spec().gate.criteria_of(Protocol::Strict).position(|criterion| criterion.name.ends_with("_in_grip"));
     let (mut ladder, mut effort, mut loads, mut loose) = ((0.0_f64, 0.0_f64), 0.0_f64, Loads::new(gains.0.len()), 0);
@@ -204,15 +202,15 @@ pub fn play(
         Task::Climb => [20.0, 80.0],
         _ => [8.0, 86.0],
     };
-    let (mut is_pushed, mut again) = (false, game.world.dynamics().clone());
+    let (mut is_pushed, mut again) = (false, game.world().dynamics().clone());
     loop {
-        let row = game.world.row();
+        let row = game.world().row();
         let now = row.things[errand::LADDER].pose;
         let moved = (now.translation.vector - first.translation.vector).norm();
         ladder = (ladder.0.max(moved), ladder.1.max(now.rotation.angle_to(&first.rotation)));
         let shares = row.joint_effort.iter().zip(&gains.0).map(|(effort, gains)| effort.abs() / gains.effort_limit);
         effort = shares.fold(effort, f64::max);
-        loads.take(&game.world);
+        loads.take(game.world());
         let holds = grip.is_none_or(|grip| game.verdict().criteria.as_slice()[grip]);
         loose = if holds { 0 } else { loose + 1 };
         loads.loose = (loads.loose.0 + u32::from(!holds), loads.loose.1.max(loose));
@@ -235,10 +233,10 @@ pub fn play(
         let is_due = !is_pushed && game.seconds() > due;
         let push = changes.push.filter(|_| is_due).map(|speed| push_towards(SPREAD * seed as f64, speed));
         is_pushed |= is_due;
-        let mut state = game.world.state().clone();
+        let mut state = game.world().state().clone();
         seen = game.step(&mut climb, &seen, push)?;
-        if push.is_none() && game.world.row().joint_speed_peak > FAST {
-            see_speeds(&game.world, &mut state, &mut again, &mut loads.speeds);
+        if push.is_none() && game.world().row().joint_speed_peak > FAST {
+            see_speeds(game.world(), &mut state, &mut again, &mut loads.speeds);
         }
     }
 }

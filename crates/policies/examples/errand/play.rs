@@ -44,7 +44,7 @@ pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&World, &str)) -> Resu
             stages.push((task, seconds));
         }
         let phase = expert.phase().unwrap_or_default();
-        watch(&game.world, &format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string())));
+        watch(game.world(), &format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string())));
         if seconds > MAX_SECONDS {
             return Ok(Played { stages, seconds, end: "stuck".into() });
         }

@@ -1,19 +1,19 @@
 //! An episode without a server, the same to the last bit as in a session: what the examples of the policies share.
 #![allow(dead_code)] // Each of them uses a part.
 
-use std::collections::VecDeque;
 use std::error::Error;
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy};
+use fiatlux_dynamics::Variation;
+use fiatlux_play::Play;
 use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
-use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Judge, JudgeOptions, Protocol, Task, Thresholds, Verdict};
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_rules::{CONTROL_DT, Task, Verdict};
+use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup};
 use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
 use fiatlux_world::{
-    ACTION_SCALE, AppliedWrench, ControlInput, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
+    ACTION_SCALE, AppliedWrench, Episode, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
 };
 use nalgebra::Vector3;
 
@@ -51,49 +51,48 @@ impl Start {
 
 /// An episode under the strict rules, and what the robot senses.
 pub struct Game {
-    pub world: World,
     pub info: SessionInfo,
     /// Wrenches that are held over every step.
     pub wrenches: Vec<AppliedWrench>,
-    task: Task,
-    judge: Judge,
-    suite: SensorSuite,
-    /// Targets that are still to come into effect.
-    late: VecDeque<Vec<f64>>,
+    play: Play,
 }
 
 impl Game {
     pub fn start(start: Start) -> Result<Self, Box<dyn Error>> {
+        Self::start_varied(start, |_| Variation::default())
+    }
+
+    /// Starts with what varies in the world, which is told of its scene.
+    pub fn start_varied(start: Start, varied: impl FnOnce(&Scene) -> Variation) -> Result<Self, Box<dyn Error>> {
         let Start { robot, spec, task, hand_friction, delay, config } = start;
         let mut of_scene = spec.scene(robot.gains(GainSet::default()));
         of_scene.hand_friction = hand_friction.or(of_scene.hand_friction);
         let scene = Arc::new(Scene::build(&config, robot, of_scene)?);
         let drawn = StartOptions { seed: Some(spec.seed), ..StartOptions::default() };
-        let (world, _) = start_drawn(Arc::clone(&scene), spec.task, 0, &drawn)?;
-        let options = JudgeOptions { end_on: spec.end_on, ..JudgeOptions::default() };
-        let mut judge = Judge::new(Protocol::Strict, task, Thresholds::default(), scene.geometry(), options);
-        judge.start(world.row());
-        let mut suite = SensorSuite::new(SENSORS, Setup::new(&scene, task));
-        suite.begin(&scene, NoiseSeed::of(&spec), || unreachable!("no camera"), Lighting::default())?;
-        let late = std::iter::repeat_n(world.row().joint_target.clone(), delay).collect();
-        Ok(Self { info: session(task, &scene), wrenches: Vec::new(), world, task, judge, suite, late })
+        let (mut world, offset) = start_drawn(Arc::clone(&scene), spec.task, 0, &drawn)?;
+        world.set_variation(&varied(&scene))?;
+        let episode = Episode::in_world(world, offset, &EpisodeSpec { task, ..spec });
+        let play = Play::start(episode, SensorSuite::new(SENSORS, Setup::new(&scene, task)), delay)?;
+        Ok(Self { info: session(task, &scene), wrenches: Vec::new(), play })
+    }
+
+    pub fn world(&self) -> &World {
+        self.play.episode().world()
     }
 
     /// The verdict on what was so far.
     pub fn verdict(&self) -> &Verdict {
-        self.judge.verdict()
+        self.play.episode().verdict()
     }
 
     /// Time since the start, s.
     pub fn seconds(&self) -> f64 {
-        self.world.row().step as f64 * CONTROL_DT
+        self.world().row().step as f64 * CONTROL_DT
     }
 
-    /// The robot's sensors now. Every call draws noise anew.
+    /// The robot's sensors now.
     pub fn observe(&mut self) -> Result<Observation, Box<dyn Error>> {
-        let (scene, row) = (self.world.scene(), self.world.row());
-        let view = View { scene, episode: 0, row, task: self.task, judge: &self.judge, reward: 0.0 };
-        Ok(self.suite.observe(&view, SENSORS)?)
+        Ok(self.play.observe(SENSORS)?)
     }
 
     /// A control step with a policy's answer to an observation; the next observation.
@@ -104,20 +103,12 @@ impl Game {
         push: Option<Push>,
     ) -> Result<Observation, Box<dyn Error>> {
         let command = policy.act(seen)?;
-        self.go_on(command, push)
+        self.go_on(&command, push)
     }
 
     /// A control step with a command; the next observation.
-    pub fn go_on(&mut self, command: Command, push: Option<Push>) -> Result<Observation, Box<dyn Error>> {
-        let Command::JointTarget(targets) = command else { return Err("no targets".into()) };
-        self.late.push_back(targets);
-        let wanted = self.late.pop_front().unwrap_or_default();
-        let q0 = self.world.scene().robot.q0();
-        let action: Vec<f64> = wanted.iter().zip(q0).map(|(target, q0)| (target - q0) / ACTION_SCALE).collect();
-        let targets: Vec<f64> = q0.iter().zip(&action).map(|(q0, action)| q0 + ACTION_SCALE * action).collect();
-        let wrenches = self.wrenches.as_slice();
-        self.world.step_with(&ControlInput { push, wrenches, ..ControlInput::new(&action, &targets) })?;
-        self.judge.advance(self.world.row());
+    pub fn go_on(&mut self, command: &Command, push: Option<Push>) -> Result<Observation, Box<dyn Error>> {
+        self.play.step_under(command, push, &self.wrenches)?;
         self.observe()
     }
 }

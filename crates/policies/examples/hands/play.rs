@@ -106,7 +106,7 @@ pub fn play(
     hands.reset(&game.info, &seen)?;
     let bulb = bulb_of(task);
     let (mut peak, mut later_peak, mut penetration, mut phase) =
-        (forces(game.world.row(), bulb).fold(0.0, f64::max), 0.0_f64, 0.0_f64, String::new());
+        (forces(game.world().row(), bulb).fold(0.0, f64::max), 0.0_f64, 0.0_f64, String::new());
     let mut push_at = None;
     loop {
         if let Some(end) = game.verdict().end {
@@ -114,13 +114,13 @@ pub fn play(
             let seconds = end.step as f64 * CONTROL_DT;
             return Ok(Played { cause: end.cause(), seconds, phase, peak, later_peak, is_spoilt, penetration });
         }
-        let step = game.world.row().step;
+        let step = game.world().row().step;
         let topples = changes.lying && step < TOPPLED;
-        game.wrenches = topples.then(|| topple(&game.world, seed)).flatten().into_iter().collect();
+        game.wrenches = topples.then(|| topple(game.world(), seed)).flatten().into_iter().collect();
         let push = changes.push.as_ref().filter(|_| push_at == Some(step));
         let push = push.map(|(speed, _)| push_towards(2.4 * seed as f64, *speed));
         seen = game.step(&mut hands, &seen, push)?;
-        let row = game.world.row();
+        let row = game.world().row();
         let force = forces(row, bulb).fold(0.0, f64::max);
         peak = peak.max(force);
         later_peak = if row.step > 10 { later_peak.max(force) } else { later_peak };

@@ -86,8 +86,8 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
     let mut put_down = None;
     while ladder.phase().as_deref() != Some("Away") {
         let phase = ladder.phase().unwrap_or_default();
-        if trace && game.world.row().step.is_multiple_of(50) {
-            print_state(&game.world, &phase);
+        if trace && game.world().row().step.is_multiple_of(50) {
+            print_state(game.world(), &phase);
         }
         if let Some(end) = game.verdict().end {
             return Ok((format!("{:?} after {:.1} s in {phase}", end.cause(), game.seconds()), false));
@@ -96,20 +96,20 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
             return Ok((format!("still in {phase} after {MAX_SECONDS} s"), false));
         }
         if phase == "Done" {
-            put_down = Some(game.world.row().things[errand::LADDER].pose);
+            put_down = Some(game.world().row().things[errand::LADDER].pose);
         }
         seen = game.step(&mut ladder, &seen, None)?;
     }
-    let (out, ladder) = (game.seconds(), game.world.row().things[errand::LADDER].pose);
+    let (out, ladder) = (game.seconds(), game.world().row().things[errand::LADDER].pose);
     let moved = put_down.map_or(f64::NAN, |pose| (pose.translation.vector - ladder.translation.vector).norm());
     let mut climb = Climb::new()?;
     let task = Some(TaskInfo { task: "S02".into(), ..TaskInfo::default() });
     // As at the start of an episode.
     seen.step = 0;
     climb.reset(&SessionInfo { task, ..game.info.clone() }, &seen)?;
-    let mut row = game.world.row().clone();
+    let mut row = game.world().row().clone();
     row.step = 0;
-    let geometry = game.world.scene().geometry();
+    let geometry = game.world().scene().geometry();
     let mut judge = Judge::new(Protocol::Strict, Task::S02, Thresholds::default(), geometry, JudgeOptions::default());
     judge.start(&row);
     loop {
@@ -124,10 +124,10 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
         }
         if trace && row.step.is_multiple_of(50) {
             let part = climb.progress().map_or("to S02".into(), |(time, all)| format!("{time:.1}/{all:.1}"));
-            print_state(&game.world, &part);
+            print_state(game.world(), &part);
         }
         seen = game.step(&mut climb, &seen, None)?;
-        row.clone_from(game.world.row());
+        row.clone_from(game.world().row());
         row.step = ((game.seconds() - out) / CONTROL_DT).round() as u64;
         seen.step = row.step;
         judge.advance(&row);

@@ -91,12 +91,12 @@ pub fn play(
     let mut game = start(seed, changes)?;
     let mut seen = game.observe()?;
     ladder.reset(&game.info, &seen)?;
-    let first = distance(&game.world);
+    let first = distance(game.world());
     let (mut tilt, mut penetration) = (0.0_f64, 0.0_f64);
     let (mut pressed, mut push_at) = ((0.0, "nothing"), None);
     loop {
         let phase = ladder.phase().unwrap_or_default();
-        let world = &game.world;
+        let world = game.world();
         let step = world.row().step;
         if changes.push.as_ref().is_some_and(|(_, after)| *after == phase) {
             push_at.get_or_insert(step + UNTIL_PUSH);

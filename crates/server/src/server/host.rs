@@ -3,27 +3,24 @@
 #[cfg(test)]
 pub(super) mod tests;
 
-use std::borrow::Cow;
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use fiatlux_access::{Identity, sign_result};
 use fiatlux_cli::in_full;
 use fiatlux_features::ResNet18;
+use fiatlux_play::{Play, PlayError, Received};
+use fiatlux_proto::encode;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{ActionRecord, EpisodeResult, Observation, Refusal, SessionInfo, StepRecord};
-use fiatlux_proto::{BodyCommand, encode};
-use fiatlux_render::Lighting;
-use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
+use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors};
 use fiatlux_session::{Command, Host};
-use fiatlux_world::{Episode, delay_steps, noise_scale};
+use fiatlux_world::Episode;
 
 use super::info;
 use super::plan::{Plan, SensorPlan};
 use super::record::{self, Record, SensorData};
 use super::runs::Attempt;
 use super::scenes::Built;
-use super::whole_body::{self, WholeBody};
 
 /// Episodes of one plan, in one scene.
 #[derive(Debug)]
@@ -32,6 +29,7 @@ pub(super) struct Simulation {
     id: String,
     plan: Plan,
     built: Built,
+    /// The sensors as an episode begins with them.
     suite: SensorSuite,
     /// Label of the weights of the camera's features; empty without them.
     weights: String,
@@ -44,17 +42,12 @@ pub(super) struct Simulation {
 
 #[derive(Debug)]
 struct Run {
-    episode: Episode,
+    play: Play,
     /// `None` before row 0 is recorded.
     record: Option<Record>,
     observation: Observation,
-    /// A number of the last action was outside the box [-1, 1].
-    outside_box: bool,
-    /// Actions on their way to the robot, next one first.
-    delayed: VecDeque<Vec<f64>>,
-    /// The controller while the client commands it, and the joint targets that came of the last command, rad.
-    whole_body: Option<WholeBody>,
-    followed: Option<Vec<f64>>,
+    /// Of the last command, until it is recorded.
+    received: Received,
 }
 
 impl Simulation {
@@ -90,7 +83,7 @@ impl Simulation {
         let scene = &self.built.scene;
         let senses = self.plan.sensors.sensed().contains(Sensor::Proprioception);
         SessionInfo {
-            whole_body_range: if senses { whole_body::ranges(scene) } else { Vec::new() },
+            whole_body_range: if senses { fiatlux_play::whole_body_range(scene) } else { Vec::new() },
             ..info::session(&self.server, &self.id, &self.plan, self.labels(), scene)
         }
     }
@@ -111,72 +104,46 @@ impl Host for Simulation {
         let scene = self.built.for_episode(&spec).map_err(|error| start(&error))?;
         let episode = Episode::start(scene, &spec).map_err(|error| start(&error))?;
         note_row(self.attempt.as_deref(), &episode)?;
-        let (suite, built, varied) = (&mut self.suite, &self.built, spec.varied());
-        suite.scale_noise(noise_scale(&varied));
-        let observation = suite
-            .begin(episode.scene(), NoiseSeed::of(&spec), || built.visuals(), Lighting::of(&spec.light()))
-            .and_then(|()| observe(suite, &episode, self.plan.sensors.due(0)))
+        let (suite, built) = (self.suite.clone(), &self.built);
+        let mut play = Play::start_with(episode, suite, self.plan.action_delay, || built.visuals())
             .map_err(|error| sensors_fail(&error))?;
-        // Until the first action arrives, the staged posture holds.
-        let delay = delay_steps(&varied).unwrap_or(self.plan.action_delay);
-        let delayed = VecDeque::from(vec![episode.row().action.clone(); delay]);
-        let (whole_body, followed) = (None, None);
-        let run = Run { episode, record: None, observation, outside_box: false, delayed, whole_body, followed };
+        let observation = observe(&mut play, self.plan.sensors.due(0)).map_err(|error| sensors_fail(&error))?;
+        let run = Run { play, record: None, observation, received: Received::default() };
         Ok(&self.run.insert(run).observation)
     }
 
     fn step(&mut self, command: &Command) -> Result<&Observation, Refusal> {
         let run = self.run.as_mut().ok_or_else(no_episode)?;
-        let action = match command {
-            Command::Action(action) => Cow::Borrowed(action),
-            Command::JointTarget(target) => Cow::Owned(run.episode.action_for(target)),
-            Command::WholeBody(command, named) => {
-                let target = run.follow(&mut self.suite, command, named)?;
-                let action = run.episode.action_for(&target);
-                run.followed = Some(target);
-                Cow::Owned(action)
-            }
-        };
-        if !matches!(command, Command::WholeBody(..)) {
-            run.whole_body = None;
-        }
-        // Flags of the action that arrived and is recorded; the row has the one that takes effect.
-        run.outside_box = action.iter().any(|number| number.abs() > 1.0);
-        let acting = if run.delayed.is_empty() {
-            action
-        } else {
-            run.delayed.push_back(action.into_owned());
-            Cow::Owned(run.delayed.pop_front().unwrap_or_default())
-        };
-        run.episode.step(&acting).map_err(|error| Refusal::new(Code::Value, "action", in_full(&error)))?;
-        note_row(self.attempt.as_deref(), &run.episode)?;
-        let due = self.plan.sensors.due(run.episode.row().step);
-        run.observation = observe(&mut self.suite, &run.episode, due).map_err(|error| sensors_fail(&error))?;
+        run.received = run.play.step(command).map_err(|error| not_carried_out(&error))?;
+        let episode = run.play.episode();
+        note_row(self.attempt.as_deref(), episode)?;
+        let due = self.plan.sensors.due(episode.row().step);
+        run.observation = observe(&mut run.play, due).map_err(|error| sensors_fail(&error))?;
         Ok(&run.observation)
     }
 
     fn look(&mut self, names: &[String]) -> Result<Observation, Refusal> {
-        let run = self.run.as_ref().ok_or_else(no_episode)?;
+        let run = self.run.as_mut().ok_or_else(no_episode)?;
         let asked = sensors(names, &self.plan.sensors)?;
-        let seen = self.suite.observe(&View::of(&run.episode), asked);
-        seen.map_err(|error| Refusal::new(Code::Value, "sensors", in_full(&error)))
+        run.play.observe(asked).map_err(|error| Refusal::new(Code::Value, "sensors", in_full(&error)))
     }
 
     fn record(&mut self, action: Option<ActionRecord>, large: bool) -> Result<StepRecord, Refusal> {
-        let Self { plan, suite, run, .. } = self;
+        let Self { plan, run, .. } = self;
         let run = run.as_mut().ok_or_else(no_episode)?;
-        let seen = recorded(suite, &run.episode, &plan.sensors, large, &run.observation);
+        let seen = recorded(&mut run.play, &plan.sensors, large, &run.observation);
         let seen = seen.map_err(|error| sensors_fail(&error))?;
+        let episode = run.play.episode();
         if let Some((record, action)) = run.record.as_mut().zip(action) {
-            let mut action = ActionRecord { outside_box: run.outside_box, ..action };
-            if let (Some(target), Some(received)) = (run.followed.take(), &mut action.action) {
+            let mut action = ActionRecord { outside_box: run.received.outside_box, ..action };
+            if let (Some(target), Some(received)) = (run.received.followed.take(), &mut action.action) {
                 received.joint_target = target;
             }
-            return Ok(record.row(&run.episode, &action, seen));
+            return Ok(record.row(episode, &action, seen));
         }
         let labels = info::Labels { weights: &self.weights, meshes: self.built.meshes() };
-        let header = info::header(&self.server, &self.id, plan, labels, &run.episode);
-        let (record, first) = Record::start(&run.episode, header, self.built.shapes.to_vec(), seen);
+        let header = info::header(&self.server, &self.id, plan, labels, episode);
+        let (record, first) = Record::start(episode, header, self.built.shapes.to_vec(), seen);
         run.record = Some(record);
         Ok(first)
     }
@@ -185,31 +152,14 @@ impl Host for Simulation {
         if let Some(attempt) = &self.attempt {
             attempt.is_cut_short(why);
         }
-        self.run.as_ref().map(|run| record::cut_short(&run.episode, cause, run.record.as_ref())).unwrap_or_default()
+        let cut = |run: &Run| record::cut_short(run.play.episode(), cause, run.record.as_ref());
+        self.run.as_ref().map(cut).unwrap_or_default()
     }
 
     fn sign(&self, result: &mut EpisodeResult) {
         if let Some(signer) = &self.signer {
             sign_result(signer, result);
         }
-    }
-}
-
-impl Run {
-    /// Joint targets that follow a whole-body command, rad. The controller sees what a client would, with the same noise.
-    fn follow(&mut self, suite: &mut SensorSuite, command: &BodyCommand, named: &[f64]) -> Result<Vec<f64>, Refusal> {
-        const SENSES: Sensors = Sensors::of(&[Sensor::Proprioception]);
-        let refused = |error: &dyn std::error::Error| Refusal::new(Code::Value, "whole_body", in_full(error));
-        let seen = suite.observe(&View::of(&self.episode), SENSES).map_err(|error| refused(&error))?;
-        let seen = seen.proprioception.unwrap_or_default();
-        let body = match &mut self.whole_body {
-            Some(body) => body,
-            none => {
-                let action = &self.episode.row().action;
-                none.insert(WholeBody::take_over(self.episode.scene(), action).map_err(|error| refused(&error))?)
-            }
-        };
-        body.step(&seen, command, named).map_err(|error| refused(&error))
     }
 }
 
@@ -221,6 +171,13 @@ fn note_row(attempt: Option<&Attempt>, episode: &Episode) -> Result<(), Refusal>
 
 fn no_episode() -> Refusal {
     Refusal::new(Code::Value, "", "no episode runs; send reset")
+}
+
+fn not_carried_out(error: &PlayError) -> Refusal {
+    match error {
+        PlayError::Episode(error) => Refusal::new(Code::Value, "action", in_full(error)),
+        error => Refusal::new(Code::Value, "whole_body", in_full(error)),
+    }
 }
 
 fn sensors_fail(error: &SenseError) -> Refusal {
@@ -241,33 +198,33 @@ fn sensors(names: &[String], plan: &SensorPlan) -> Result<Sensors, Refusal> {
 }
 
 /// The observation of the last row.
-fn observe(suite: &mut SensorSuite, episode: &Episode, due: Sensors) -> Result<Observation, SenseError> {
-    Ok(Observation { end: record::end(episode), ..suite.observe(&View::of(episode), due)? })
+fn observe(play: &mut Play, due: Sensors) -> Result<Observation, SenseError> {
+    Ok(Observation { end: record::end(play.episode()), ..play.observe(due)? })
 }
 
 /// Sensor values that the bag stores of the last row, whose observation has been published.
 fn recorded(
-    suite: &mut SensorSuite,
-    episode: &Episode,
+    play: &mut Play,
     sensors: &SensorPlan,
     large: bool,
     published: &Observation,
 ) -> Result<SensorData, SenseError> {
     /// Sensors that have topics of their own.
     const APART: Sensors = Sensors::of(&[Sensor::Camera, Sensor::Lidar]);
-    let step = episode.row().step;
+    let step = play.episode().row().step;
     let wanted = sensors.recorded(step);
     let wanted = if large { wanted } else { wanted.without(Sensors::LARGE) };
     let observation = match wanted.without(APART) {
         same if same == sensors.due(step) => encode(published),
-        others => encode(&observe(suite, episode, others)?),
+        others => encode(&observe(play, others)?),
     };
     let mut seen = SensorData { observation, ..SensorData::default() };
+    let (suite, view) = play.senses();
     if wanted.contains(Sensor::Camera) {
-        seen.camera = encode(&suite.compressed_image(Sensor::Camera, &View::of(episode))?);
+        seen.camera = encode(&suite.compressed_image(Sensor::Camera, &view)?);
     }
     if wanted.contains(Sensor::Lidar) {
-        seen.lidar = encode(&suite.point_cloud(&View::of(episode))?);
+        seen.lidar = encode(&suite.point_cloud(&view)?);
     }
     Ok(seen)
 }

@@ -121,7 +121,7 @@ fn joint_targets_are_recorded_in_action_units() {
 fn whole_body_commands_walk_and_are_recorded_as_joint_targets() {
     let mut harness = harness(OpenRequest::default());
     harness.reset(0);
-    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.row().clone();
+    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().play.episode().row().clone();
     let first = row(&harness).robot.pose;
     let walk = WholeBodyCommand { vx: 0.5, height: 0.75, ..WholeBodyCommand::default() };
     let mut named = harness.session.host().built.scene.robot.q0().to_vec();
@@ -139,7 +139,7 @@ fn whole_body_commands_walk_and_are_recorded_as_joint_targets() {
     let last = row(&harness).robot.pose;
     let way = first.rotation.inverse_transform_vector(&(last.translation.vector - first.translation.vector));
     assert!(way.x > 0.5 && way.y.abs() < 0.3 && last.translation.z > 0.7, "{way}");
-    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().play.episode().digest().hex();
     let played = digest(&harness);
     harness.reset(0);
     for (step, joint_target) in (0..).zip(targets) {
@@ -197,7 +197,7 @@ fn delayed_actions_act_later() {
             assert_eq!(received.action, action(step), "recorded as it arrived");
             rows.push(State::decode(&*record.state).unwrap().action);
         }
-        let digest = harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+        let digest = harness.session.host().run.as_ref().unwrap().play.episode().digest().hex();
         (digest, rows)
     };
     let staged = {

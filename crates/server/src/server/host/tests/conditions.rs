@@ -35,8 +35,8 @@ fn real_time_steps_by_the_clock() {
 fn a_whole_body_command_expires_in_real_time() {
     let walk = WholeBodyCommand { vx: 0.5, height: 0.7, ..WholeBodyCommand::default() };
     let stand = WholeBodyCommand { vx: 0.0, ..walk };
-    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.row().clone();
-    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().episode.digest().hex();
+    let row = |harness: &Harness| harness.session.host().run.as_ref().unwrap().play.episode().row().clone();
+    let digest = |harness: &Harness| harness.session.host().run.as_ref().unwrap().play.episode().digest().hex();
     // Steps that follow the command, for the default time and another one.
     for (command_timeout_ms, steps) in [(0, 25), (200, 10)] {
         let mut harness = harness(OpenRequest { mode: 2, command_timeout_ms, ..OpenRequest::default() });

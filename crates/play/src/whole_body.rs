@@ -1,4 +1,4 @@
-//! The whole-body controller of a session, for clients that command it in place of legs and waist.
+//! The whole-body controller, for policies that command it in place of legs and waist.
 
 use std::sync::{Arc, LazyLock};
 
@@ -6,12 +6,12 @@ use fiatlux_proto::v3;
 use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, Joint, MOVED, Network, Proprioception, WbcError};
 use fiatlux_world::{ACTION_SCALE, Scene};
 
-/// The shipped network, read when the first session opens.
+/// The shipped network, read when it is first asked for.
 static NETWORK: LazyLock<Result<Arc<Network>, WbcError>> = LazyLock::new(|| Network::shipped().map(Arc::new));
 
 /// Least and greatest of each number of a command, in the order of `SessionInfo.whole_body_range`; nothing where the controller
 /// was not trained for the scene's robot and drives.
-pub(super) fn ranges(scene: &Scene) -> Vec<f64> {
+pub fn whole_body_range(scene: &Scene) -> Vec<f64> {
     let fits = |network: &&Arc<Network>| network.contract().fits_joints(&joints(scene)).is_ok();
     let Some(network) = NETWORK.as_ref().ok().filter(fits) else { return Vec::new() };
     let [walking, standing] = [true, false].map(|walks| network.contract().command_ranges(walks));
@@ -28,14 +28,14 @@ fn joints(scene: &Scene) -> Vec<Joint> {
 }
 
 /// The controller while it is commanded.
-#[derive(Debug)]
-pub(super) struct WholeBody {
+#[derive(Debug, Clone)]
+pub(crate) struct WholeBody {
     controller: Controller,
     arms: Arms,
     sensed: Proprioception,
     /// Of all joints, rad. Those of arms and hands are as they are wanted.
     targets: Vec<f64>,
-    /// The client has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
+    /// The policy has named targets: angles at which the arms shall rest. Earlier ones are played as they are.
     is_named: bool,
 }
 
