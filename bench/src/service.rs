@@ -7,12 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use fiatlux_carrier::{Carrier, Reach};
+use fiatlux_carrier::Reach;
 use fiatlux_client::Client;
 use fiatlux_link::{LinkArgs, Role, choose_port};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::OpenRequest;
-use fiatlux_server::{Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions};
+use fiatlux_server::{LocalBags, LocalServer, Naming, ServerOptions};
 use serde::Serialize;
 
 use super::machine::machine;
@@ -22,8 +22,6 @@ use super::report::write_table;
 const TASK: &str = "S05";
 const POLICY: &str = "stand";
 const SERVER: &str = "bench";
-/// Longest time for closing a server and its bags.
-const CLOSING_TIME: Duration = Duration::from_secs(15);
 /// Longest time for client processes to open their sessions.
 const START_TIME: Duration = Duration::from_secs(60);
 
@@ -104,9 +102,7 @@ fn failed(case: &str, problem: String) -> ServiceError {
 
 /// A server, with a recorder if requested, which writes to a temporary folder.
 struct Service {
-    link: Carrier,
-    server: Server,
-    recorder: Option<Recorder>,
+    server: LocalServer,
     folder: PathBuf,
 }
 
@@ -119,31 +115,15 @@ impl Service {
                 link.map_err(text)?.carrier()
             }
         };
-        let key = fiatlux_access::RecorderKey::generate().map_err(text)?;
         let folder = std::env::temp_dir().join(format!("fiatlux-bench-{}", std::process::id()));
-        let options = RecorderOptions {
-            out: folder.clone(),
-            server: Some(SERVER.into()),
-            name: SERVER.into(),
-            naming: Naming::BySession,
-            records: RecordsFrom::ThisProcess(key.clone()),
-            on_bag: Box::new(|_| ()),
-            on_loss: Box::new(|_, _| ()),
-        };
-        let recorder = recorded.then(|| Recorder::start(link.clone(), options)).transpose().map_err(text)?;
-        let options = ServerOptions {
-            name: SERVER.into(),
-            capacity: 1024,
-            records_to: RecordsTo::ThisProcess(key),
-            ..ServerOptions::default()
-        };
-        let server = Server::start(link.clone(), options).map_err(text)?;
-        Ok(Self { link, server, recorder, folder })
+        let bags = LocalBags { out: folder.clone(), naming: Naming::BySession, on_bag: Box::new(|_| ()) };
+        let options = ServerOptions { name: SERVER.into(), capacity: 1024, ..ServerOptions::default() };
+        let server = LocalServer::start(link, options, recorded.then_some(bags)).map_err(text)?;
+        Ok(Self { server, folder })
     }
 
     fn stop(self) {
-        self.server.shutdown(CLOSING_TIME);
-        drop(self.recorder.map(Recorder::stop));
+        self.server.stop();
         drop(std::fs::remove_dir_all(self.folder));
     }
 }
@@ -153,7 +133,7 @@ fn one_session(name: &str, over_tcp: bool, recorded: bool) -> Result<ServiceCase
     let endpoint = over_tcp.then(free_endpoint).transpose()?;
     let service = Service::start(endpoint.clone(), recorded)?;
     let link = match endpoint {
-        None => service.link.clone(),
+        None => service.server.carrier().clone(),
         Some(endpoint) => {
             let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
             link.map_err(text)?.carrier()
@@ -183,10 +163,13 @@ fn processes(name: &str, sessions: usize, options: &ServiceOptions) -> Result<Se
     let service = Service::start(Some(endpoint.clone()), true)?;
     let rows = Arc::new(AtomicU64::new(0));
     let counted = Arc::clone(&rows);
-    let subscriber =
-        service.link.subscribe(&ServerKeys::new(SERVER).session("*").truth_row(), Reach::Everywhere, move |_| {
+    let subscriber = service.server.carrier().subscribe(
+        &ServerKeys::new(SERVER).session("*").truth_row(),
+        Reach::Everywhere,
+        move |_| {
             counted.fetch_add(1, Ordering::Relaxed);
-        });
+        },
+    );
     let subscriber = subscriber.map_err(text)?;
     let clients = (0..sessions).map(|seed| Player::start(&options.policy_client, &endpoint, seed));
     let clients = clients.collect::<Result<Vec<_>, _>>()?;

@@ -8,7 +8,7 @@ use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_rules::{ReservedSeed, Task};
-use fiatlux_server::{RecorderError, ServerError};
+use fiatlux_server::ServerError;
 use fiatlux_world::SceneConfig;
 use thiserror::Error;
 
@@ -90,12 +90,8 @@ pub enum EvaluateError {
     Robot(#[from] fiatlux_robot::RobotError),
     #[error("cannot use the meshes of the robot")]
     Meshes(#[from] fiatlux_render::MeshError),
-    #[error("cannot draw a key for the recorder")]
-    Key(#[from] fiatlux_access::AccessError),
     #[error("cannot start the server")]
     Server(#[from] ServerError),
-    #[error("cannot start the recorder")]
-    Recorder(#[from] RecorderError),
     #[error("no episode was recorded:\n  {lost}")]
     Nothing { lost: String },
     #[error("{problem}")]

@@ -3,19 +3,12 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
-use std::time::Duration;
 
-use fiatlux_access::RecorderKey;
 use fiatlux_client::{Attempt, Client, RunProgress, WantedEpisode, play_each};
-use fiatlux_server::{
-    BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions,
-};
+use fiatlux_server::{BagEnd, BagReport, LocalBags, LocalServer, Naming, ServerOptions};
 
 use crate::job::{EvaluateError, EvaluateOptions, Job, SERVER};
 use crate::losses::Played;
-
-/// Longest time for bags to close after the last episode.
-const CLOSING_TIME: Duration = Duration::from_secs(15);
 
 /// Plays the jobs; returns what became of them.
 pub(super) fn play(
@@ -26,25 +19,11 @@ pub(super) fn play(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&RunProgress),
 ) -> Result<Played, EvaluateError> {
-    let link = fiatlux_carrier::memory();
-    let key = RecorderKey::generate()?;
     let (unwritten, reports) = mpsc::channel();
-    let recorder = Recorder::start(
-        link.clone(),
-        RecorderOptions {
-            out: bags.into(),
-            server: Some(SERVER.into()),
-            naming: Naming::Flat,
-            records: RecordsFrom::ThisProcess(key.clone()),
-            // The bags themselves show which of them are whole.
-            on_bag: Box::new(move |report| note_cut(&report, &unwritten)),
-            // An episode without a bag is reported at the end.
-            on_loss: Box::new(|_, _| ()),
-            name: SERVER.into(),
-        },
-    )?;
-    let server = ServerOptions { records_to: RecordsTo::ThisProcess(key), ..server };
-    let server = Server::start(link.clone(), server)?;
+    // The bags themselves show which of them are whole.
+    let on_bag = Box::new(move |report| note_cut(&report, &unwritten));
+    let bags = LocalBags { out: bags.into(), naming: Naming::Flat, on_bag };
+    let server = LocalServer::start(fiatlux_carrier::memory(), server, Some(bags))?;
     let wanted = |job: &Job| WantedEpisode {
         task: job.task.to_string(),
         seed: Some(job.seed),
@@ -52,12 +31,11 @@ pub(super) fn play(
     };
     let play = |index: usize, attempt: &Attempt| {
         let mut policy = options.policies.make(&options.policy)?;
-        let client = Client::open(&link, Some(SERVER), options.request(jobs[index], policy.as_ref()))?;
+        let client = Client::open(server.carrier(), Some(SERVER), options.request(jobs[index], policy.as_ref()))?;
         attempt.play(client, policy.as_mut(), stop)
     };
     let ends = play_each(jobs.iter().map(wanted).collect(), options.workers, play, progress, stop);
-    server.shutdown(CLOSING_TIME);
-    recorder.stop();
+    server.stop();
     let ended = jobs.iter().zip(ends).filter_map(|(job, end)| Some((*job, end?.err().map(|error| error.to_string()))));
     Ok(Played { ended: ended.collect(), unwritten: reports.try_iter().collect() })
 }

@@ -5,15 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
-use fiatlux_access::RecorderKey;
 use fiatlux_carrier::Carrier;
 use fiatlux_client::{Access, Client, ClientError, describe_servers, find_server};
 use fiatlux_proto::v3::{OpenRequest, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
-use fiatlux_server::{
-    BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom, RecordsTo, Server, ServerOptions,
-};
+use fiatlux_server::{BagEnd, BagReport, LocalBags, LocalServer, Naming, ServerOptions};
 use fiatlux_world::SceneConfig;
 use thiserror::Error;
 
@@ -31,12 +28,8 @@ const ASIDE: &str = "discarded";
 pub enum TakeError {
     #[error("cannot use the folder {}; name another one with --out", path.display())]
     Folder { path: PathBuf, source: std::io::Error },
-    #[error("cannot draw a key for the recorder")]
-    Key(#[from] fiatlux_access::AccessError),
     #[error("cannot start the server")]
     Server(#[from] fiatlux_server::ServerError),
-    #[error("cannot start the recorder")]
-    Recorder(#[from] fiatlux_server::RecorderError),
     #[error("cannot load the robot")]
     Robot(#[from] fiatlux_robot::RobotError),
     #[error("cannot show the room")]
@@ -86,9 +79,7 @@ pub(crate) struct Bag {
 
 /// A server in this process, with its recorder.
 pub(crate) struct OwnServer {
-    link: Carrier,
-    server: Server,
-    recorder: Recorder,
+    server: LocalServer,
     reports: Receiver<BagReport>,
     out: PathBuf,
 }
@@ -96,47 +87,24 @@ pub(crate) struct OwnServer {
 impl OwnServer {
     pub fn start(out: &Path) -> Result<Self, TakeError> {
         std::fs::create_dir_all(out).map_err(|source| TakeError::Folder { path: out.into(), source })?;
-        let link = fiatlux_carrier::memory();
-        let key = RecorderKey::generate()?;
         let (sender, reports) = mpsc::channel();
-        let sender = std::sync::Mutex::new(sender);
-        let recorder = Recorder::start(
-            link.clone(),
-            RecorderOptions {
-                out: out.into(),
-                server: Some(SERVER.into()),
-                naming: Naming::Flat,
-                records: RecordsFrom::ThisProcess(key.clone()),
-                on_bag: Box::new(move |report| {
-                    if let Ok(sender) = sender.lock() {
-                        // Nobody waits for it if the program ends.
-                        drop(sender.send(report));
-                    }
-                }),
-                on_loss: Box::new(|_, _| ()),
-                name: SERVER.into(),
-            },
-        )?;
-        let options = ServerOptions {
-            name: SERVER.into(),
-            workers: 1,
-            action_timeout: PATIENCE,
-            records_to: RecordsTo::ThisProcess(key),
-            ..ServerOptions::default()
-        };
-        let server = Server::start(link.clone(), options)?;
-        Ok(Self { link, server, recorder, reports, out: out.into() })
+        // Nobody waits for it if the program ends.
+        let on_bag = Box::new(move |report| drop(sender.send(report)));
+        let bags = LocalBags { out: out.into(), naming: Naming::Flat, on_bag };
+        let options =
+            ServerOptions { name: SERVER.into(), workers: 1, action_timeout: PATIENCE, ..ServerOptions::default() };
+        let server = LocalServer::start(fiatlux_carrier::memory(), options, Some(bags))?;
+        Ok(Self { server, reports, out: out.into() })
     }
 
     pub fn close(self) {
-        self.server.shutdown(CLOSING_TIME);
-        self.recorder.stop();
+        self.server.stop();
     }
 }
 
 impl Studio for OwnServer {
     fn client(&self, request: OpenRequest) -> Result<Client, ClientError> {
-        Client::open(&self.link, Some(SERVER), request)
+        Client::open(self.server.carrier(), Some(SERVER), request)
     }
 
     fn next_episode(&self, task: Task, seed: u64) -> u64 {

@@ -127,7 +127,7 @@ pub enum ServerError {
     Meshes(#[from] MeshError),
     #[error("cannot record")]
     Record(#[from] RecordError),
-    #[error("cannot draw the server's identity")]
+    #[error("cannot draw the server's keys")]
     Identity(#[from] AccessError),
     #[error("cannot start the recorder")]
     Recorder(#[from] RecorderError),
