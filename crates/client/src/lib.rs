@@ -7,6 +7,7 @@
 mod client;
 mod lists;
 mod policy;
+mod replay;
 mod run;
 mod session_args;
 mod stats;
@@ -15,6 +16,7 @@ pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find
 pub use fiatlux_session::{Command, SessionFailure};
 pub use lists::{SeedList, TaskList, fresh_seeds, is_fresh, parse_seed, parse_seeds, parse_tasks};
 pub use policy::{Policy, PolicyError, check_tasks, source_of};
+pub use replay::Replay;
 pub use run::{
     Attempt, AttemptEnd, EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome,
     RunProgress, WantedEpisode, play_each,

@@ -30,7 +30,6 @@ pub use hold::Hold;
 pub use ladder::Ladder;
 pub use random::Random;
 pub use registry::Policies;
-pub use replay::Replay;
 pub use stand::Stand;
 pub use vla::{Answer, ProbeReport, Vla, VlaArgs, VlaSource};
 pub use walk::Walk;

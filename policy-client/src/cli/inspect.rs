@@ -1,9 +1,8 @@
 //! The command `policy-client inspect`.
 
 use clap::Args;
-use fiatlux_client::{AccessArgs, Policy, SessionArgs};
+use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs};
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_policies::Replay;
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};

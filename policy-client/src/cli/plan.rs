@@ -1,9 +1,9 @@
 //! Turns the flags of `run` into a request; for a replay, the bag fills in the rest.
 
 use clap::Args;
-use fiatlux_client::{AccessArgs, Policy, SessionArgs, parse_seed, source_of};
+use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs, parse_seed, source_of};
 use fiatlux_link::LinkArgs;
-use fiatlux_policies::{Replay, VlaArgs};
+use fiatlux_policies::VlaArgs;
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, model_server, policy};

@@ -1,7 +1,7 @@
 //! Turns the flags into the specification of a run.
 
-use fiatlux_client::{Policy, check_tasks, source_of};
-use fiatlux_policies::{Replay, VlaSource};
+use fiatlux_client::{Policy, Replay, check_tasks, source_of};
+use fiatlux_policies::VlaSource;
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
