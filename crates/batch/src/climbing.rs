@@ -9,8 +9,8 @@ mod state;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_climb::{Body, JOINTS, MOVED, OBSERVATION, OBSERVED, Reference, Tracker};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_climb::{Body, OBSERVATION, OBSERVED, Reference, Tracker};
+use fiatlux_robot::{ARMS, BODY, GainSet, MOVED, Robot};
 use fiatlux_rules::{CONTROL_DT, Limb, Row, errand};
 use fiatlux_sensing::{NoiseSeed, Observer, Proprioception};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Light, Random, Scene, World};
@@ -33,8 +33,6 @@ const PELVIS_ENDS: (f64, f64) = (0.18, 0.6);
 const FOOT_ENDS: (f64, f64, f64) = (0.07, 0.15, 0.8);
 /// Way of the ladder that ends the episode, m.
 const LADDER_ENDS: f64 = 0.05;
-/// Joints of the arms, after those that a policy moves.
-const ARMS: usize = JOINTS - MOVED;
 /// Robot of the reference.
 const ROBOT: &str = "g1_bare";
 
@@ -289,7 +287,7 @@ impl Task for Climbing {
         control.joint_target.copy_from_slice(scene.robot.q0());
         self.tracker.act(action, &mut control.joint_target);
         if let Some(arms) = &self.arms {
-            control.joint_target[MOVED..JOINTS].copy_from_slice(arms);
+            control.joint_target[MOVED..BODY].copy_from_slice(arms);
         }
         let targets = control.joint_target.iter_mut().zip(scene.robot.joints());
         targets.for_each(|(target, joint)| *target = target.clamp(joint.lower, joint.upper));

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use fiatlux_robot::BODY;
 use serde::Deserialize;
 
 use crate::BridgeError;
@@ -35,7 +36,6 @@ const MAX_PLACE: f64 = 5.0;
 const MAX_ANGLE: f64 = 7.0;
 /// Index of the first wrist joint in Isaac Lab's order.
 const FIRST_WRIST: usize = 23;
-const JOINTS: usize = 29;
 const POINTS: usize = 24;
 
 /// A moment of a tracked body.
@@ -310,8 +310,8 @@ fn motion(fields: &Fields<'_>, version: u8) -> Result<BodyMotion, String> {
             let indices = fields.needed::<1>(&["frame_index"], version)?;
             let joints = fields.needed::<{ 3 * POINTS }>(&["smpl_joints"], version)?;
             let roots = fields.needed::<4>(&["body_quat", "body_quat_w"], version)?;
-            let angles = fields.rows::<JOINTS>(&["joint_pos"])?;
-            let angles = angles.unwrap_or_else(|| vec![[0.0; JOINTS]; joints.len()]);
+            let angles = fields.rows::<BODY>(&["joint_pos"])?;
+            let angles = angles.unwrap_or_else(|| vec![[0.0; BODY]; joints.len()]);
             let counts = [joints.len(), roots.len(), angles.len()];
             if !(1..=MAX_FRAMES).contains(&indices.len()) || counts.iter().any(|count| *count != indices.len()) {
                 return Err(format!(

@@ -10,10 +10,10 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use fiatlux_climb::{Arm, Foothold, JOINTS, Places, Plan, Planner};
+use fiatlux_climb::{Arm, Foothold, Places, Plan, Planner};
 use fiatlux_dynamics::{Mechanics, ShapeId};
 use fiatlux_kinematics::{Clearance, at_once};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{BODY, GainSet, MOVED, Robot};
 use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -30,9 +30,6 @@ const OFFSET: f64 = -0.01;
 /// Half extents of the platform, and distance of its middle from the ladder's, m.
 const PLATFORM_HALF: [f64; 2] = [0.24, 0.20];
 const TOP_POINT: f64 = 0.1;
-
-/// Legs and waist have the joints before it.
-const FIRST_OF_ARMS: usize = 15;
 
 /// The way in which the robot goes up.
 #[derive(Debug, Clone, Copy)]
@@ -218,7 +215,7 @@ fn turn(file: &str) {
     let mut state = scene.model.reference_state();
     state.set_pose(&scene.model, ids.root, &(world_from_plan * last.pelvis));
     let rest = planner.rest([0.4; 2]);
-    let angles = last.angles[..FIRST_OF_ARMS].iter().chain(&rest[FIRST_OF_ARMS..JOINTS]);
+    let angles = last.angles[..MOVED].iter().chain(&rest[MOVED..BODY]);
     ids.joints.iter().zip(angles).for_each(|(joint, angle)| state.qpos[joint.qpos] = *angle);
     let mut plan = Plan { keyframes: vec![last.clone()] };
     let mut feet = [0, 1].map(|side| ladder.foothold(side, PLATFORM));
@@ -304,7 +301,7 @@ fn main() {
     if let Some(arms) = way.on_platform {
         planner.arms = arms;
         let rest = planner.rest([0.4; 2]);
-        for index in FIRST_OF_ARMS..JOINTS {
+        for index in MOVED..BODY {
             state.qpos[scene.robot_ids.joints[index].qpos] = rest[index];
         }
         let (_, last) = at_once(planner.stand(&state, feet)).expect("no posture on the platform");

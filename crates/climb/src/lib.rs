@@ -17,11 +17,11 @@ mod tracker;
 pub use approach::{approach, stand};
 pub use body::Body;
 pub use network::{Contract, Follower, Network, NetworkError};
-pub use plan::{JOINTS, Keyframe, Plan, PlanError};
+pub use plan::{Keyframe, Plan, PlanError};
 pub use planner::{Apart, Arm, Foothold, Places, Planner};
 pub use player::Player;
 pub use raised::raised;
-pub use reference::{MOVED, Pose, Reference};
+pub use reference::{Pose, Reference};
 pub use tracker::{ACTION_CLAMP, OBSERVATION, OBSERVED, Tracker, TrackerMemory};
 
 /// The file of the plan.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use data_encoding::HEXLOWER;
 use fiatlux_nets::{Dense, Rounding, elu, largest_difference};
-use fiatlux_robot::Robot;
+use fiatlux_robot::{MOVED, Robot};
 use fiatlux_safetensors::{File, SafetensorsError};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,6 @@ use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use crate::LADDER;
-use crate::reference::MOVED;
 use crate::tracker::{OBSERVATION, OBSERVED, Tracker};
 
 /// Name and version of the contract's layout.

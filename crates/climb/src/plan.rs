@@ -2,13 +2,12 @@
 
 use std::fmt::Write;
 
+use fiatlux_robot::BODY;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-/// Joints of a keyframe: legs, waist and arms, in the robot's order.
-pub const JOINTS: usize = 29;
 /// Numbers of a line: seconds, what each foot bears, its two ranges, the pelvis and the joints.
-const NUMBERS: usize = 7 + 7 + JOINTS;
+const NUMBERS: usize = 7 + 7 + BODY;
 /// Numbers in the file are whole; so many of them are 1 m, rad or s.
 const UNIT: f64 = 1e4;
 /// Largest speed of a joint, rad/s.

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use fiatlux_dynamics::{Mechanics, Model, Site, State};
 use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Outcome, SearchOptions, Work};
-use fiatlux_robot::{Robot, RobotIds};
+use fiatlux_robot::{BODY, Robot, RobotIds};
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
 use crate::body::pelvis;
-use crate::plan::{JOINTS, Keyframe};
+use crate::plan::Keyframe;
 
 /// Largest change of a joint between two postures, rad: more is another posture and no step on the way.
 const JUMP: f64 = 0.35;
@@ -340,7 +340,7 @@ impl<'a> Planner<'a> {
     }
 
     pub(crate) fn keyframe(&self, state: &State, seconds: f64, bears: [f64; 2], ranges: [[f64; 2]; 2]) -> Keyframe {
-        let angles = self.ids.joints.iter().take(JOINTS).map(|joint| state.qpos[joint.qpos]).collect();
+        let angles = self.ids.joints.iter().take(BODY).map(|joint| state.qpos[joint.qpos]).collect();
         Keyframe { seconds, bears, ranges, pelvis: pelvis(self.ids, state), angles }
     }
 

@@ -2,10 +2,11 @@
 
 use fiatlux_dynamics::State;
 use fiatlux_kinematics::{Held, JointFilter, Mechanics, Site, Stance, StanceController, Support, SupportError};
+use fiatlux_robot::BODY;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::body::Body;
-use crate::plan::{JOINTS, Keyframe, Plan};
+use crate::plan::{Keyframe, Plan};
 
 /// Friction of soles that the controller counts on.
 const FRICTION: f64 = 0.6;
@@ -142,7 +143,7 @@ impl Player {
         let body = &self.body;
         let state = |key: &Keyframe| {
             // Fingers stay.
-            let fingers = angles.iter().skip(JOINTS).map(|_| &0.0);
+            let fingers = angles.iter().skip(BODY).map(|_| &0.0);
             let all: Vec<f64> = key.angles.iter().chain(fingers).copied().collect();
             body.state(&(self.world_from_plan * key.pelvis), &all)
         };

@@ -2,13 +2,11 @@
 
 use fiatlux_dynamics::Mechanics;
 use fiatlux_kinematics::{Acceleration, Support, SupportError, SupportSolver};
+use fiatlux_robot::BODY;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::body::Body;
-use crate::plan::{JOINTS, Keyframe, Plan};
-
-/// Joints that a policy moves: legs and waist, the first of a plan's.
-pub const MOVED: usize = 15;
+use crate::plan::{Keyframe, Plan};
 
 /// Friction of soles that the targets count on.
 const FRICTION: f64 = 0.6;
@@ -19,9 +17,9 @@ pub struct Pose {
     /// The pelvis.
     pub pelvis: Isometry3<f64>,
     /// Angles of legs, waist and arms, rad.
-    pub angles: [f64; JOINTS],
+    pub angles: [f64; BODY],
     /// Added to the angles so that the drives bear the robot at rest, rad.
-    pub lead: [f64; JOINTS],
+    pub lead: [f64; BODY],
     /// Centre of mass, m.
     pub com: Vector3<f64>,
     /// Middle of each sole, left first.
@@ -62,13 +60,13 @@ impl Reference {
             solver.targets(&body.model, &mechanics, &posture, &mut targets);
             let mut pose = Pose {
                 pelvis: key.pelvis,
-                angles: [0.0; JOINTS],
-                lead: [0.0; JOINTS],
+                angles: [0.0; BODY],
+                lead: [0.0; BODY],
                 com: mechanics.center_of_mass(&body.model, body.ids.root).1,
                 soles: soles.map(|site| mechanics.world_from_site(&site)),
                 bears: key.bears,
             };
-            for (joint, ids) in body.ids.joints.iter().enumerate().take(JOINTS) {
+            for (joint, ids) in body.ids.joints.iter().enumerate().take(BODY) {
                 pose.angles[joint] = key.angles[joint];
                 pose.lead[joint] = targets[ids.drive];
             }

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{Mechanics, Site, State};
+use fiatlux_robot::{BODY, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::body::Body;
-use crate::plan::JOINTS;
-use crate::reference::{MOVED, Pose, Reference};
+use crate::reference::{Pose, Reference};
 
 /// Parts by which angles and speeds of the joints go to what is sensed in each control step: sensed speeds are noisy.
 const SHARES: (f64, f64) = (0.2, 0.1);
@@ -194,7 +194,7 @@ impl Tracker {
         self.velocity = [velocity, turn];
         state.qvel[ids.root_dof..][..3].copy_from_slice(velocity.as_slice());
         state.qvel[ids.root_dof + 3..][..3].copy_from_slice(turn.as_slice());
-        for ((joint, angle), speed) in ids.joints.iter().zip(angles).zip(speeds).take(JOINTS) {
+        for ((joint, angle), speed) in ids.joints.iter().zip(angles).zip(speeds).take(BODY) {
             let (q, v) = (&mut state.qpos[joint.qpos], &mut state.qvel[joint.dof]);
             if is_first {
                 (*q, *v) = (*angle, 0.0);
@@ -267,7 +267,7 @@ impl Tracker {
         for (place, number) in self.actions[0].iter_mut().zip(action) {
             *place = number.clamp(-ACTION_CLAMP, ACTION_CLAMP);
         }
-        for (joint, target) in targets.iter_mut().enumerate().take(JOINTS) {
+        for (joint, target) in targets.iter_mut().enumerate().take(BODY) {
             *target = self.due.angles[joint] + self.due.lead[joint];
             if joint < MOVED {
                 *target += scale(joint) * self.actions[0][joint];

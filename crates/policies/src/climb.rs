@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Body, Follower, JOINTS, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
-    ladder_with_bulb, raised, stand, turn, turn_with_bulb,
+    Body, Follower, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder, ladder_with_bulb,
+    raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
@@ -182,7 +182,7 @@ impl Policy for Climb {
             ..*own
         });
         let gains = Gains(gains.collect());
-        let fingers = gains.0.iter().skip(JOINTS).map(|gains| (PRESSES * gains.effort_limit / gains.stiffness, None));
+        let fingers = gains.0.iter().skip(BODY).map(|gains| (PRESSES * gains.effort_limit / gains.stiffness, None));
         let fingers = if matches!(task, "S04" | "S10") { fingers.collect() } else { Vec::new() };
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
@@ -319,7 +319,7 @@ impl Episode {
     ) -> Result<(), PolicyError> {
         let lost = || PolicyError::Unfit { policy: "climb", reason: "the robot does not stand; start again".into() };
         let (robot, first) = (self.robot.take().ok_or_else(lost)?, self.plan.keyframes.first().ok_or_else(lost)?);
-        let body_angles = angles.get(..JOINTS).ok_or_else(lost)?;
+        let body_angles = angles.get(..BODY).ok_or_else(lost)?;
         let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first, self.goes_down);
         let plan = plan.ok_or_else(lost)?;
         self.player = Some(Player::new(robot, plan, *world_from_plan).map_err(PolicyError::of("climb"))?);
@@ -348,7 +348,7 @@ impl Episode {
             }
         } else if !self.climbs && player.time() > player.seconds() + STILL {
             let (ids, first) = (&player.body().ids, self.plan.keyframes.first());
-            let now: Vec<f64> = ids.joints.iter().take(JOINTS).map(|joint| player.state().qpos[joint.qpos]).collect();
+            let now: Vec<f64> = ids.joints.iter().take(BODY).map(|joint| player.state().qpos[joint.qpos]).collect();
             let here = world_from_plan.inverse() * pelvis;
             match first.cloned() {
                 Some(first) => {
@@ -374,7 +374,7 @@ impl Episode {
 
     /// The fingers press on as they do at the start, but not with all that their drives have.
     fn hold_bulb(&mut self, targets: &mut [f64], angles: &[f64]) {
-        let places = targets.iter_mut().zip(&self.walker.targets).zip(angles).skip(JOINTS);
+        let places = targets.iter_mut().zip(&self.walker.targets).zip(angles).skip(BODY);
         for (((target, start), sensed), (reach, average)) in places.zip(&mut self.fingers) {
             let angle = average.get_or_insert(*sensed);
             *angle += SENSED * (sensed - *angle);

@@ -1,18 +1,10 @@
 //! Observations of the controller.
 
 use fiatlux_proto::Proprioception;
+use fiatlux_robot::{ARMS, LEGS, MOVED};
 use serde::{Deserialize, Serialize};
 
 use crate::BodyCommand;
-
-/// Joints of the robot's body, legs, waist and arms: the first ones of the public joint order.
-pub const BODY: usize = MOVED + ARMS;
-/// Joints of both legs, which come first in the public joint order.
-pub const LEGS: usize = 12;
-/// Joints of legs and waist, which the controller moves.
-pub const MOVED: usize = 15;
-/// Joints of both arms, which come next; the controller sees them alone.
-pub const ARMS: usize = 14;
 
 /// Terms of one frame: name, count.
 pub const FRAME: [(&str, usize); 10] = [
@@ -148,7 +140,9 @@ pub fn mirrored_frame(index: usize) -> (usize, f32) {
 
 #[cfg(test)]
 mod tests {
-    use super::{FRAME, FRAME_LENGTH, LEGS, MOVED, mirrored_action, mirrored_frame};
+    use fiatlux_robot::{LEGS, MOVED};
+
+    use super::{FRAME, FRAME_LENGTH, mirrored_action, mirrored_frame};
 
     #[test]
     fn two_reflections_are_none() {

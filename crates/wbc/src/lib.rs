@@ -4,7 +4,7 @@
 //! sets in, the rhythm of the feet ([`Clock`]), and what is observed ([`History`]). A [`Network`] comes from a file with its
 //! [`Contract`] inside, which says what robot and engine it fits; a [`Controller`] plays it, and
 //! stands by [`balance`] where nothing asks for steps. [`Arms`] adds
-//! to the targets of the arms what their weight takes away; [`Reach`] moves hands to poses; [`Swing`] swings free arms with the legs.
+//! to the targets of the arms what their weight takes away; [`Swing`] swings free arms with the legs.
 mod arms;
 pub mod balance;
 mod clock;
@@ -13,7 +13,6 @@ mod controller;
 mod error;
 mod frame;
 mod network;
-mod reach;
 mod setpoint;
 mod standing;
 mod swing;
@@ -25,11 +24,9 @@ pub use contract::{Contract, Joint, Training};
 pub use controller::Controller;
 pub use error::WbcError;
 pub use fiatlux_proto::{BodyCommand, NOMINAL_HEIGHT, Proprioception};
-pub use frame::{
-    ARMS, BODY, FRAME, FRAME_LENGTH, History, LEGS, MOVED, Sensed, first_unsound, mirrored_action, mirrored_frame,
-};
+pub use fiatlux_robot::{ARMS, BODY, LEGS, MOVED};
+pub use frame::{FRAME, FRAME_LENGTH, History, Sensed, first_unsound, mirrored_action, mirrored_frame};
 pub use network::Network;
-pub use reach::{HandGoal, Reach};
 pub use setpoint::Setpoint;
 pub use swing::Swing;
 

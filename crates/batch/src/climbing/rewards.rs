@@ -1,6 +1,7 @@
 //! Reward terms of following the plan, a second.
 
-use fiatlux_climb::{MOVED, Pose};
+use fiatlux_climb::Pose;
+use fiatlux_robot::MOVED;
 use fiatlux_rules::{Limb, Row, errand};
 use fiatlux_world::World;
 use nalgebra::{Isometry3, Vector3};

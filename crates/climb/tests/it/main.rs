@@ -228,7 +228,7 @@ fn picked(plan: &Plan) -> Vec<usize> {
 fn a_way_to_the_first_posture_is_found() {
     let (body, plan) = (body(), fiatlux_climb::ladder().unwrap());
     let first = &plan.keyframes[0];
-    let angles = &body.robot.q0()[..fiatlux_climb::JOINTS];
+    let angles = &body.robot.q0()[..fiatlux_robot::BODY];
     let away = Isometry3::translation(-0.1, 0.02, 0.0) * first.pelvis;
     let still = stand(&body, &away, angles, first, false).unwrap();
     let last = still.keyframes.last().unwrap();

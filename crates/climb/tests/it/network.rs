@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use fiatlux_climb::{Body, Contract, Follower, MOVED, Network, NetworkError, OBSERVED, Reference, Tracker};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_climb::{Body, Contract, Follower, Network, NetworkError, OBSERVED, Reference, Tracker};
+use fiatlux_robot::{GainSet, MOVED, Robot};
 
 /// A file whose network gives the same action for every observation.
 fn file(contract: &str, action: f32) -> Vec<u8> {

@@ -1,12 +1,25 @@
 //! The G1 with Dex3 hands against the one with Inspire hands, and its grasp.
 
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{BODY, GainSet, LEGS, MOVED, Robot};
 
 const FILE: &str = include_str!("../../robots/g1_dex3.toml");
-const BODY: usize = 29;
 
 fn dex3() -> Robot {
     Robot::by_name("g1_dex3").unwrap()
+}
+
+/// Code counts joints from the first one on: the files' groups say the same.
+#[test]
+fn every_robot_begins_with_legs_waist_and_arms() {
+    for name in Robot::NAMES {
+        let robot = Robot::by_name(name).unwrap();
+        let groups = robot.joint_groups();
+        let mut legs: Vec<usize> = groups.legs.iter().chain(&groups.ankles).copied().collect();
+        legs.sort_unstable();
+        assert!(legs.into_iter().eq(0..LEGS), "{name}");
+        assert!(groups.waist.iter().copied().eq(LEGS..MOVED), "{name}");
+        assert!(groups.fingers.iter().copied().eq(BODY..robot.joints().len()), "{name}");
+    }
 }
 
 #[test]
