@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, HandGoal, MOVED, Network, Reach, Sensed, WbcError};
+use fiatlux_skills::{HandGoal, Reach};
+use fiatlux_wbc::{ARMS, Arms, BODY, BodyCommand, Controller, MOVED, Network, Sensed, WbcError};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::PyTypeError;
@@ -123,8 +124,9 @@ impl WholeBody {
     ) -> PyResult<Reached> {
         own_mut!(slf, this);
         this.has_begun = true;
-        let goals =
-            goals.map(|goal| goal.map(|(pose, firmness)| HandGoal { pelvis_from_palm: pose_of(pose), firmness }));
+        let goals = goals.map(|goal| {
+            goal.map(|(pose, firmness)| HandGoal { pelvis_from_palm: pose_of(pose), firmness: Some(firmness) })
+        });
         let angles = this.reach.angles(&Sensed::upright(&joint_position, &[]), &goals);
         Ok((angles.map_err(|error| refused(&error))?, this.reach.residuals()))
     }
@@ -202,7 +204,7 @@ impl WholeBodies {
                 body.controller.step(&sensed, &BodyCommand::from(command), moved)?;
                 let goal = |side: usize| {
                     let pose: Pose = std::array::from_fn(|at| goals[world * GOALS + side * 7 + at]);
-                    (!pose[0].is_nan()).then(|| HandGoal { pelvis_from_palm: pose_of(pose), firmness: [1.0; 3] })
+                    (!pose[0].is_nan()).then(|| HandGoal { pelvis_from_palm: pose_of(pose), firmness: Some([1.0; 3]) })
                 };
                 let angles = body.reach.angles(&sensed, &[goal(0), goal(1)])?;
                 arms.copy_from_slice(&body.arms.targets(&sensed, &angles)?);

@@ -9,7 +9,6 @@
 //! [`Frame`] is what all inputs say; the pilot, which reads no clock, turns it into commands. [`takes::play`] opens a session for
 //! each take, on a server of this process or elsewhere: one like any other, in real time, whose bag says that it is a take.
 #![allow(missing_docs)] // Used in this repository alone.
-mod arms;
 mod command;
 mod frame;
 mod gestures;

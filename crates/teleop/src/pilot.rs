@@ -5,14 +5,15 @@
 //! hands stay where they are on it, and its fingers close or open as far as they were told.
 
 use fiatlux_client::PolicyError;
+use fiatlux_kinematics::SearchOptions;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_session::Command;
-use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, NOMINAL_HEIGHT};
+use fiatlux_skills::{HandGoal, Reach, ReachOptions};
+use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, NOMINAL_HEIGHT, Sensed};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::NAME;
-use crate::arms::Arms;
 use crate::frame::{Fingers, Frame, Motion};
 use crate::grip::Grips;
 
@@ -25,6 +26,14 @@ const TORSO: f64 = 0.3;
 /// Speed of a hand by keys and sticks, m/s and rad/s, and the lead that its goal may have, m.
 const HAND: [f64; 2] = [0.2, 0.8];
 const AHEAD_M: f64 = 0.08;
+/// Where the joints of the right arm rest, from the shoulder down, rad, and how strongly they are pulled there: those of the policy
+/// `hands`. They keep the elbows out where a pose leaves that free, so that the next pose can be reached, too.
+const REST: [f64; ARMS / 2] = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
+const REST_PULL: f64 = 0.1;
+/// Room to the limits of a joint, rad.
+const LIMIT_MARGIN: f64 = 0.03;
+/// How far a joint may be commanded ahead of what is sensed, rad: a hand that is blocked presses with what this bends its drives by.
+const LEAD: f64 = 0.25;
 /// A device that moves farther between two control steps has lost its tracking, m.
 const MAX_JUMP_M: f64 = 0.2;
 /// Share of the way to a device's pose that its filtered pose goes in a control step.
@@ -60,9 +69,8 @@ struct Held {
 /// Drives the robot of a session.
 pub struct Pilot {
     robot: Robot,
-    q0: Vec<f64>,
     /// `None` until the operator moves a hand, so that the staged posture stays what it is.
-    arms: Option<Arms>,
+    arms: Option<Reach>,
     grips: Grips,
     /// Least and greatest of each number of a command.
     range: [[f64; 2]; 7],
@@ -95,7 +103,6 @@ impl Pilot {
         let staged = info.joints.iter().zip(&first.last_action);
         Ok(Self {
             robot,
-            q0: info.joints.iter().map(|joint| joint.q0).collect(),
             arms: None,
             grips: Grips::new(info).map_err(PolicyError::of(NAME))?,
             range,
@@ -129,22 +136,27 @@ impl Pilot {
         }
         let frame = frame.unwrap_or(&idle);
         let moves = |hand: &crate::frame::Hand| hand.motion != Motion::Still || hand.fingers.is_some();
-        let q: Vec<f64> =
-            self.q0.iter().zip(&body.joint_position).map(|(q0, turned)| q0 + f64::from(*turned)).collect();
-        if q.len() != self.q0.len() || !q.iter().all(|angle| angle.is_finite()) {
+        let turned: Vec<f64> = body.joint_position.iter().map(|turned| f64::from(*turned)).collect();
+        if turned.len() != self.targets.len() || !turned.iter().all(|angle| angle.is_finite()) {
             return Err(PolicyError::Sensor { policy: NAME, sensor: "proprioception" });
         }
+        let sensed = Sensed::upright(&turned, &[]);
         let mut arms = match self.arms.take() {
-            None if frame.hands.iter().any(moves) => Some(Arms::new(&self.robot, &q)?),
+            None if frame.hands.iter().any(moves) => Some(arms(&self.robot)?),
             arms => arms,
         };
         if let Some(arms) = &mut arms {
-            let (wanted, palms) = (arms.palms(&q), arms.sensed_palms(&q));
+            let failed = PolicyError::of(NAME);
+            let wanted = arms.wanted_palms(&sensed).map_err(&failed)?;
+            let palms = arms.palms(&sensed).map_err(&failed)?;
             for side in 0..2 {
                 self.hand(side, frame, &wanted[side], &palms[side]);
             }
-            arms.step(&q, &self.driven.goals)?;
-            self.targets[MOVED..BODY].copy_from_slice(arms.angles());
+            let goals = self
+                .driven
+                .goals
+                .map(|goal| goal.map(|pelvis_from_palm| HandGoal { pelvis_from_palm, firmness: None }));
+            self.targets[MOVED..BODY].copy_from_slice(&arms.angles(&sensed, &goals).map_err(&failed)?);
             self.grips.step(self.fingers, &body.joint_position, &observation.hand_contact_force, &mut self.targets);
         }
         self.arms = arms;
@@ -219,4 +231,11 @@ impl Pilot {
         }
         self.driven.follows[side] = self.held[side].is_some();
     }
+}
+
+/// Arms that take over where they are.
+fn arms(robot: &Robot) -> Result<Reach, PolicyError> {
+    let search =
+        SearchOptions { tries: 1, limit_margin: LIMIT_MARGIN, rest_pull: REST_PULL, ..SearchOptions::default() };
+    Reach::of(robot, ReachOptions { search, rest: Some(REST), lead: LEAD }).map_err(PolicyError::of(NAME))
 }

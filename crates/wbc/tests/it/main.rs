@@ -1,7 +1,6 @@
 //! The whole-body controller: what is shipped, how it stands, and what it refuses.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-mod reach;
 mod shipped;
 mod standing;
 mod swing;

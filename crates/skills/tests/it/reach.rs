@@ -4,7 +4,8 @@ use fiatlux_dynamics::{
     BodyId, Dynamics, Geometry, Input, Material, Model, ModelBuilder, ShapeId, ShapeSpec, State, Wrench,
 };
 use fiatlux_robot::{BuildOptions, GainSet, Robot, RobotIds};
-use fiatlux_wbc::{Arms, BODY, HandGoal, Joint, MOVED, Reach, Sensed, WbcError};
+use fiatlux_skills::{HandGoal, Reach};
+use fiatlux_wbc::{Arms, BODY, Joint, MOVED, Sensed, WbcError};
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 const SECOND: usize = 50;
@@ -87,7 +88,7 @@ impl Statue {
 /// A palm ahead of the shoulder, turned as it is at first.
 fn ahead(statue: &Statue, x: f64) -> HandGoal {
     let pelvis_from_palm = Isometry3::from_parts(Translation3::new(x, 0.2, 0.15), statue.palm().rotation);
-    HandGoal { pelvis_from_palm, firmness: [1.0; 3] }
+    HandGoal { pelvis_from_palm, firmness: None }
 }
 
 #[test]
@@ -109,7 +110,7 @@ fn a_soft_axis_yields_and_the_others_do_not() {
         let goal = ahead(&statue, 0.3);
         statue.play(3 * SECOND, goal, Vector3::zeros());
         let before = statue.palm().translation.vector;
-        statue.play(SECOND, HandGoal { firmness: [firmness, 1.0, 1.0], ..goal }, -8.0 * Vector3::x());
+        statue.play(SECOND, HandGoal { firmness: Some([firmness, 1.0, 1.0]), ..goal }, -8.0 * Vector3::x());
         *moved = statue.palm().translation.vector - before;
     }
     let [firm, soft] = moved;
