@@ -30,6 +30,11 @@ HOMES = [
         r"crates/skills/src/reach\.rs|crates/policies/src/hands/arm\.rs|crates/kinematics/.*|crates/climb/.*|python/src/kinematics\.rs",
     ),
     (
+        "fingers: whose they are by their names, and how hard they press",
+        r'"thumb", *"index"|\[\["L_", *"left_"\]|\bbulb_grasp\(\)|\btorque \w*/ .*stiffness',
+        r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|python/src/kinematics\.rs|crates/policies/src/hands/arm\.rs",
+    ),
+    (
         "the joints of the robot's body",
         r"\bconst \w+: usize = (29|15)\b",
         r"crates/robot/src/groups\.rs",

@@ -130,10 +130,10 @@ class Figures(unittest.TestCase):
 
 
 class Room(unittest.TestCase):
-    SCENE = {"bulb": {"seat_z": 0.036259, "mass": 0.035, "rings": [[0.0, 0.0202]]}, "ladder": {"top": [0.0, 0.1, 1.18]}, "start": {"carry": {"grip": 0.7468}, "turn": 0.08726646259971647}}
+    SCENE = {"bulb": {"seat_z": 0.036259, "mass": 0.035, "rings": [[0.0, 0.0202]]}, "ladder": {"top": [0.0, 0.1, 1.18]}, "start": {"carry": {"grip": {"R_thumb": 0.7468}, "glass_tilt": [0.2863, -0.1539]}, "turn": 0.08726646259971647}}
 
     def test_numbers_that_count(self):
-        numbers = {"bulb.seat_z": 0.036259, "bulb.rings[0]": 0.0202, "ladder.top": (0.0, 0.1, 1.18)}
+        numbers = {"bulb.seat_z": 0.036259, "bulb.rings[0]": 0.0202, "ladder.top": (0.0, 0.1, 1.18), "start.carry.grip.R_thumb": 0.7468}
         found = {name: value for name, value in room.named(self.SCENE) if value != (0.0, 0.0202)}
         self.assertEqual(found, numbers)
 

@@ -5,12 +5,16 @@ use std::fmt::Write;
 use std::path::Path;
 use std::{env, fs};
 
+/// Targets of the hand's joints by name, the one section below another that is read.
+const GRIP: &str = "start.carry.grip";
+
 fn main() {
     let file =
         Path::new(&env::var_os("CARGO_MANIFEST_DIR").expect("cargo names the folder")).join("../world/scene.toml");
     println!("cargo::rerun-if-changed={}", file.display());
     let scene = fs::read_to_string(file).expect("the scene");
     let (mut modules, mut section, mut entry) = (String::new(), String::new(), String::new());
+    let mut grip = Vec::new();
     for line in scene.lines().map(|line| line.split('#').next().unwrap_or_default().trim()) {
         entry.push_str(line);
         if entry.matches('[').count() > entry.matches(']').count() {
@@ -19,6 +23,7 @@ fn main() {
         let entry = std::mem::take(&mut entry);
         match entry.split_once('=') {
             None if !entry.is_empty() => entry.trim_matches(['[', ']']).clone_into(&mut section),
+            Some((name, value)) if section == GRIP => grip.push(format!("({:?}, {})", name.trim(), value.trim())),
             Some((name, value)) if !section.contains('.') => {
                 if let Some(kind) = kind(value.trim()) {
                     let (name, value) = (name.trim(), value.trim());
@@ -32,7 +37,12 @@ fn main() {
         }
     }
     let out = Path::new(&env::var_os("OUT_DIR").expect("cargo names the folder")).join("numbers.rs");
-    fs::write(out, joined(&modules)).expect("the numbers");
+    let grip = format!(
+        "/// The grasp of a bulb.\npub mod grasp {{\n    /// `[{GRIP}]`.\n    pub const GRIP: [(&str, f64); {}] = [{}];\n}}\n",
+        grip.len(),
+        grip.join(", ")
+    );
+    fs::write(out, joined(&modules) + &grip).expect("the numbers");
 }
 
 /// One module for each name, its constants documented by their names in the scene.

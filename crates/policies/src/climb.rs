@@ -16,7 +16,7 @@ use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_room::{bulb, ladder as ladder_numbers};
 use fiatlux_rules::Task;
 use fiatlux_skills::path::wrapped;
-use fiatlux_skills::{GAIN, Slew, heading, towards};
+use fiatlux_skills::{GAIN, Slew, grip, heading, towards};
 use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -61,7 +61,6 @@ const OTHER_HEIGHT: f64 = 0.002;
 /// Part of its largest effort with which a finger presses on a bulb at most, and that by which the average of its angle goes to the
 /// sensed one in each control step.
 const PRESSES: f64 = 0.9;
-const SENSED: f64 = 0.1;
 /// Work of a search in a control step.
 const SLICE: u32 = 40_000;
 /// Speed of the plan's time where a network follows it.
@@ -88,8 +87,8 @@ struct Episode {
     /// The climb, from where this task begins.
     plan: Plan,
     goes_down: bool,
-    /// Where a bulb is held, how far each finger's target may be from its angle, rad, and the average of that angle.
-    fingers: Vec<(f64, Option<f64>)>,
+    /// Hands with a bulb.
+    hold: grip::Hold,
     climbs: bool,
     player: Option<Player>,
     /// For the way to the plan's first posture; meanwhile the robot stands.
@@ -182,8 +181,8 @@ impl Policy for Climb {
             ..*own
         });
         let gains = Gains(gains.collect());
-        let fingers = gains.0.iter().skip(BODY).map(|gains| (PRESSES * gains.effort_limit / gains.stiffness, None));
-        let fingers = if matches!(task, "S04" | "S10") { fingers.collect() } else { Vec::new() };
+        let holds = matches!(task, "S04" | "S10");
+        let hold = if holds { grip::Hold::new(&info.joints, PRESSES) } else { grip::Hold::default() };
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
         let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
@@ -198,7 +197,7 @@ impl Policy for Climb {
             stood: 0,
             plan,
             goes_down,
-            fingers,
+            hold,
             climbs: false,
             player: None,
             search: None,
@@ -228,7 +227,7 @@ impl Policy for Climb {
             let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
                 if let Command::JointTarget(targets) = &mut goes_on {
-                    episode.hold_bulb(targets, &angles);
+                    episode.hold.write(&episode.walker.targets, &angles, targets);
                 }
                 return Ok(goes_on);
             }
@@ -304,7 +303,7 @@ impl Episode {
     /// Brings free arms to where they are at the start of a task, away from the ladder: whatever played before may have left them
     /// beside the body, where a hand meets the ladder as the pelvis turns.
     fn move_arms(&mut self) {
-        if self.fingers.is_empty() {
+        if self.hold.is_empty() {
             let arms = self.walker.targets.iter_mut().zip(&self.q0).take(BODY).skip(MOVED);
             arms.for_each(|(now, to)| *now = towards(*now, *to, ARM_RATE));
         }
@@ -368,17 +367,7 @@ impl Episode {
             self.follower = Some(Follower::new(climber, tracker));
         }
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
-        self.hold_bulb(&mut targets, angles);
+        self.hold.write(&self.walker.targets, angles, &mut targets);
         Ok(targets)
-    }
-
-    /// The fingers press on as they do at the start, but not with all that their drives have.
-    fn hold_bulb(&mut self, targets: &mut [f64], angles: &[f64]) {
-        let places = targets.iter_mut().zip(&self.walker.targets).zip(angles).skip(BODY);
-        for (((target, start), sensed), (reach, average)) in places.zip(&mut self.fingers) {
-            let angle = average.get_or_insert(*sensed);
-            *angle += SENSED * (sensed - *angle);
-            *target = start.clamp(*angle - *reach, *angle + *reach);
-        }
     }
 }

@@ -18,10 +18,10 @@ use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Bulb, Task};
+use fiatlux_skills::grip::HandBodies;
 use fiatlux_wbc::{CONTROL_DT, Network};
-use nalgebra::Vector3;
 
-use self::arm::{FINGERS, RightArm};
+use self::arm::RightArm;
 use self::grab::Grab;
 use self::insert::Insert;
 use self::place::Place;
@@ -53,8 +53,7 @@ struct Played {
     body: WholeBody,
     arm: RightArm,
     skill: Box<dyn Skill>,
-    /// Names of the hands' bodies, right hand first.
-    bodies: Vec<String>,
+    bodies: HandBodies,
 }
 
 impl Hands {
@@ -114,14 +113,15 @@ impl Policy for Hands {
         let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
         let is_up = matches!(task, "S03" | "S11");
         let body = if is_up { body.without_steps() } else { body.bending_low() };
-        let seen = seen(first, &info.hand_bodies, false)?;
+        let bodies = HandBodies::new(&info.hand_bodies);
+        let seen = seen(first, &bodies, false)?;
         let surroundings = match task {
             "S03" => room::on_platform(info, first, &seen, Bulb::Old)?,
             "S11" => room::on_platform(info, first, &seen, Bulb::Fresh)?,
             _ => Surroundings::default(),
         };
         let arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
-        self.episode = Some(Played { body, arm, skill, bodies: info.hand_bodies.clone() });
+        self.episode = Some(Played { body, arm, skill, bodies });
         Ok(())
     }
 
@@ -141,19 +141,10 @@ impl Policy for Hands {
     }
 }
 
-fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Seen, PolicyError> {
+fn seen(observation: &Observation, bodies: &HandBodies, stands: bool) -> Result<Seen, PolicyError> {
     let poses = observation.privileged.as_ref();
     let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
-    // The right hand comes first.
-    let right = &observation.hand_contact_force[..observation.hand_contact_force.len() / 2];
-    let (mut force, mut palm_force) = ([0.0_f64; FINGERS.len()], 0.0_f64);
-    for (&[x, y, z], name) in right.as_chunks().0.iter().zip(bodies) {
-        let largest = match FINGERS.iter().position(|finger| name.contains(finger)) {
-            Some(finger) => &mut force[finger],
-            None => &mut palm_force,
-        };
-        *largest = largest.max(Vector3::new(x, y, z).cast::<f64>().norm());
-    }
+    let [_, touch] = bodies.touch(&observation.hand_contact_force);
     Ok(Seen {
         stands,
         time: observation.step as f64 * CONTROL_DT,
@@ -164,7 +155,6 @@ fn seen(observation: &Observation, bodies: &[String], stands: bool) -> Result<Se
         old_bulb: body::pose("hands", poses.old_bulb.as_ref())?,
         crate_: body::pose("hands", poses.crate_.as_ref())?,
         seated: [0, 1].map(|bulb| poses.seated.get(bulb).copied().unwrap_or_default()),
-        force,
-        palm_force,
+        touch,
     })
 }

@@ -34,6 +34,9 @@ mod tests {
         let lists = |name: &str| scene["bulb"][name].clone().try_into::<Vec<Vec<f64>>>().expect("lists");
         assert_eq!(lists("solids"), bulb::SOLIDS.map(Vec::from));
         assert_eq!(lists("outline"), bulb::OUTLINE.map(Vec::from));
+        let grip = scene["start"]["carry"]["grip"].clone();
+        let grip: std::collections::BTreeMap<String, f64> = grip.try_into().expect("angles");
+        assert_eq!(grip, grasp::GRIP.map(|(name, angle)| (name.to_owned(), angle)).into());
         assert_eq!(scene["bulb"]["cap_balls"].as_integer(), Some(i64::from(bulb::CAP_BALLS)));
     }
 }

@@ -1,7 +1,8 @@
 //! Parts that the skills of a robot share, below the policies that play them: paths on the floor that keep clear of what stands there
 //! ([`Map`]), velocities that bring a robot along them ([`walker`]), changes at a bounded rate ([`towards`]),
-//! and arms that bring the hands to poses ([`Reach`]).
+//! arms that bring the hands to poses ([`Reach`]), and fingers that close around things ([`grip`]).
 
+pub mod grip;
 pub mod path;
 mod reach;
 pub mod walker;

@@ -3,15 +3,13 @@
 use std::collections::BTreeMap;
 
 use fiatlux_proto::v3::SessionInfo;
-use fiatlux_wbc::{BODY, CONTROL_DT};
+use fiatlux_robot::Robot;
+use fiatlux_skills::grip::{HandBodies, HandJoint, finger, grasp_of, side};
+use fiatlux_wbc::CONTROL_DT;
 use serde::Deserialize;
 
 use crate::frame::{Bends, Fingers};
 
-/// Fingers, as the names of bodies and joints have them. The thumb closes first.
-const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
-/// Beginnings of the names of both sides.
-const SIDES: [[&str; 2]; 2] = [["L_", "left_"], ["R_", "right_"]];
 /// Share of the way from open to closed in a second, and by how much of it the fingers are behind the thumb.
 const RATE: f64 = 1.0;
 const LAG: f64 = 0.3;
@@ -43,6 +41,8 @@ struct Angles {
     bent: f64,
     #[serde(default)]
     open: f64,
+    /// Around a bulb: in the robot's own grasp.
+    #[serde(skip)]
     bulb: f64,
     index_pinch: Option<f64>,
     middle_pinch: Option<f64>,
@@ -74,14 +74,11 @@ impl Angles {
 /// A joint of a finger.
 #[derive(Debug, Clone)]
 struct Joint {
-    /// Its index in the session.
-    index: usize,
+    joint: HandJoint,
     side: usize,
     finger: usize,
     angles: Angles,
-    limits: [f64; 2],
     q0: f64,
-    stiffness: f64,
 }
 
 impl Joint {
@@ -114,41 +111,27 @@ struct Finger {
 #[derive(Debug, Clone)]
 pub(crate) struct Grips {
     joints: Vec<Joint>,
-    /// Side and finger of each sensed hand body.
-    bodies: Vec<Option<(usize, usize)>>,
+    bodies: HandBodies,
     hands: [Option<[Finger; 5]>; 2],
     /// The fingers do as those of a tracked hand.
     are_taken: [bool; 2],
 }
 
-/// Side, left first, finger, and the name without its side.
-fn place(name: &str) -> Option<(usize, usize, &str)> {
-    let (side, rest) = (0..2).find_map(|side| {
-        let rest = SIDES[side].iter().find_map(|start| name.strip_prefix(start));
-        rest.map(|rest| (side, rest))
-    })?;
-    Some((side, FINGERS.iter().position(|finger| rest.contains(finger))?, rest))
-}
-
 impl Grips {
     pub fn new(info: &SessionInfo) -> Result<Self, toml::de::Error> {
         let known: BTreeMap<String, Angles> = toml::from_str(include_str!("grip.toml"))?;
-        let joint = |(index, joint): (usize, &fiatlux_proto::v3::Joint)| {
-            let (side, finger, name) = place(&joint.name)?;
-            Some(Joint {
-                index,
-                side,
-                finger,
-                angles: known.get(name)?.of_side(side),
-                limits: [joint.lower, joint.upper],
-                q0: joint.q0,
-                stiffness: joint.stiffness.max(1e-3),
-            })
+        let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
+        let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
+        let bulb: BTreeMap<&str, f64> =
+            grasp.iter().filter_map(|(name, angle)| Some((side(name)?.1, *angle))).collect();
+        let joint = |(joint, name): (HandJoint, &str)| {
+            let (side, of_hand) = side(name)?;
+            let angles = Angles { bulb: *bulb.get(of_hand)?, ..*known.get(of_hand)? }.of_side(side);
+            Some(Joint { joint, side, finger: finger(name)?, angles, q0: info.joints[joint.index].q0 })
         };
-        let body = |name: &String| place(name).map(|(side, finger, _)| (side, finger));
         Ok(Self {
-            joints: info.joints.iter().enumerate().skip(BODY).filter_map(joint).collect(),
-            bodies: info.hand_bodies.iter().map(body).collect(),
+            joints: HandJoint::all(&info.joints).filter_map(joint).collect(),
+            bodies: HandBodies::new(&info.hand_bodies),
             hands: [None; 2],
             are_taken: [false; 2],
         })
@@ -157,13 +140,7 @@ impl Grips {
     /// Moves the targets of both hands for a control step. A hand without a command, left first, stays as it is. `turned` are the
     /// sensed angles from q0, rad, `forces` those of the sensor `hand_contact`.
     pub fn step(&mut self, wanted: [Option<Fingers>; 2], turned: &[f32], forces: &[f32], targets: &mut [f64]) {
-        let mut force = [[0.0_f64; 5]; 2];
-        for (place, &[x, y, z]) in self.bodies.iter().zip(forces.as_chunks().0) {
-            if let Some((side, finger)) = *place {
-                let pressed = [x, y, z].iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
-                force[side][finger] = force[side][finger].max(pressed);
-            }
-        }
+        let force = self.bodies.touch(forces).map(|touch| touch.fingers);
         for side in 0..2 {
             let joints = self.joints.iter().filter(|joint| joint.side == side);
             let Some(wanted) = wanted[side] else {
@@ -194,7 +171,7 @@ impl Grips {
                 }
             }
             for joint in joints {
-                let (Some(target), finger) = (targets.get_mut(joint.index), hand[joint.finger]) else { continue };
+                let (Some(target), finger) = (targets.get_mut(joint.joint.index), hand[joint.finger]) else { continue };
                 let Angles { open, bulb, .. } = joint.angles;
                 let goal = match wanted {
                     Fingers::Close(_) => open + finger.share * (bulb - open),
@@ -202,11 +179,11 @@ impl Grips {
                 };
                 let step = MAX_TURN_RATE * CONTROL_DT;
                 let mut next = *target + (goal - *target).clamp(-step, step);
-                if let (true, Some(turned)) = (finger.has_touched, turned.get(joint.index)) {
-                    let (at, bend) = (joint.q0 + f64::from(*turned), TORQUE_NM / joint.stiffness);
-                    next = next.clamp(at - bend, at + bend);
+                if let (true, Some(turned)) = (finger.has_touched, turned.get(joint.joint.index)) {
+                    next = joint.joint.bounded(next, joint.q0 + f64::from(*turned), TORQUE_NM);
                 }
-                *target = next.clamp(joint.limits[0], joint.limits[1]);
+                let [lower, upper] = joint.joint.limits;
+                *target = next.clamp(lower, upper);
             }
         }
     }
@@ -228,7 +205,7 @@ fn closures<'a>(joints: impl Iterator<Item = &'a Joint>, bends: &Bends, targets:
     let (mut sums, mut counts) = ([[0.0_f64; 2]; 5], [0.0_f64; 5]);
     for joint in joints {
         let angles = &joint.angles;
-        let target = targets.get(joint.index).copied().unwrap_or(angles.straight);
+        let target = targets.get(joint.joint.index).copied().unwrap_or(angles.straight);
         sums[joint.finger][0] += angles.share(joint.bent(bends));
         sums[joint.finger][1] += angles.share(target);
         counts[joint.finger] += 1.0;
@@ -248,7 +225,7 @@ fn staged<'a>(joints: impl Iterator<Item = &'a Joint>, targets: &[f64]) -> [Fing
     let mut sums = [[0.0_f64; 2]; 5];
     for joint in joints {
         let Angles { open, bulb, .. } = joint.angles;
-        let (way, target) = (bulb - open, targets.get(joint.index).copied().unwrap_or(open));
+        let (way, target) = (bulb - open, targets.get(joint.joint.index).copied().unwrap_or(open));
         sums[joint.finger][0] += way * (target - open);
         sums[joint.finger][1] += way * way;
     }
@@ -349,8 +326,8 @@ mod tests {
     fn shares(info: &SessionInfo, targets: &[f64]) -> Vec<(String, usize, f64)> {
         let grips = Grips::new(info).expect("data");
         let share = |joint: &Joint| {
-            let share = joint.angles.share(targets[joint.index]);
-            (info.joints[joint.index].name.clone(), joint.finger, share)
+            let share = joint.angles.share(targets[joint.joint.index]);
+            (info.joints[joint.joint.index].name.clone(), joint.finger, share)
         };
         grips.joints.iter().map(share).collect()
     }

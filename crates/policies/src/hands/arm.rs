@@ -1,6 +1,5 @@
 //! The right arm and its hand: brings the hand to poses in the room, and opens and closes the fingers.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use fiatlux_client::PolicyError;
@@ -8,6 +7,7 @@ use fiatlux_dynamics::{BodyId, Mechanics, Model, ModelBuilder, ShapeId, Site, St
 use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Work, at_once};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
+use fiatlux_skills::grip::{FINGERS, Finger, Grip};
 use fiatlux_skills::towards;
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
@@ -31,12 +31,6 @@ const MAX_AHEAD: f64 = 0.25;
 const BLOCKED: f64 = 0.4;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
 pub(super) const TURN_M: f64 = 0.3;
-
-/// Fingers of a hand, as the names of its bodies and joints have them.
-pub(super) const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
-
-/// Angles or targets of joints by name, rad.
-pub(super) type Angles = BTreeMap<String, f64>;
 
 /// Where something that the hand holds, or is to hold, is wanted.
 #[derive(Debug, Clone, Copy)]
@@ -100,9 +94,6 @@ pub(super) struct RightArm {
     way: Option<Isometry3<f64>>,
     /// For how long something has held up the arm, s.
     held_up: f64,
-    names: Vec<String>,
-    /// Of the drives, N m/rad.
-    stiffness: Vec<f64>,
     /// Budget of its searches.
     pub work: Work,
 }
@@ -117,8 +108,8 @@ impl RightArm {
         surroundings: Surroundings,
     ) -> Result<Self, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
-        let names: Vec<String> = info.joints.iter().map(|joint| joint.name.clone()).collect();
-        let robot = Robot::with_joints(names.iter().map(String::as_str)).map_err(|error| unfit(error.to_string()))?;
+        let names = info.joints.iter().map(|joint| joint.name.as_str());
+        let robot = Robot::with_joints(names).map_err(|error| unfit(error.to_string()))?;
         let link = hand_link(&robot).ok_or_else(|| {
             unfit(format!("the robot has no {HAND} and no grasp of its own; use {}", Robot::NAMES[0]))
         })?;
@@ -176,8 +167,6 @@ impl RightArm {
             rest,
             way: None,
             held_up: 0.0,
-            names,
-            stiffness: info.joints.iter().map(|joint| joint.stiffness.max(1e-3)).collect(),
             work: Work::unlimited(),
             model: Arc::new(model),
         })
@@ -416,28 +405,9 @@ impl RightArm {
         targets[ARM].copy_from_slice(&self.angles);
     }
 
-    /// Writes targets of the hand's joints: for each finger of [`FINGERS`] its share of the way from open to closed. Fingers with
-    /// a torque, N m, do not press harder than that.
-    pub fn write_fingers(
-        &self,
-        open: &Angles,
-        closed: &Angles,
-        fingers: &[Finger; FINGERS.len()],
-        targets: &mut [f64],
-    ) {
-        for (joint, name) in self.names.iter().enumerate().skip(BODY) {
-            let Some(closed) = closed.get(name) else { continue };
-            let Some(finger) = FINGERS.iter().position(|finger| name.contains(finger)) else { continue };
-            let open = open.get(name).copied().unwrap_or_default();
-            let [lower, upper] = self.limits[joint];
-            let mut target = (open + fingers[finger].share * (closed - open)).clamp(lower, upper);
-            if let (Some(torque), Some(sensed)) = (fingers[finger].torque, &self.sensed) {
-                let bend = torque / self.stiffness[joint];
-                let most = sensed[joint] + bend;
-                target = if *closed > open { target.min(most) } else { target.max(sensed[joint] - bend) };
-            }
-            targets[joint] = target;
-        }
+    /// Writes targets of the hand's joints.
+    pub fn write_fingers(&self, grip: &Grip, fingers: &[Finger; FINGERS.len()], targets: &mut [f64]) {
+        grip.write(fingers, self.sensed.as_deref(), targets);
     }
 }
 
@@ -457,15 +427,6 @@ pub(super) enum Apart {
     Carrying,
     /// The same, while the socket may hold the bulb, too.
     Working,
-}
-
-/// Closure of a finger.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Finger {
-    /// From 0, open, to 1, closed.
-    pub share: f64,
-    /// Most that its joints press with, N m; `None`: what their drives can.
-    pub torque: Option<f64>,
 }
 
 /// The pose on a straight way after a control step, m/s, and the way that is left then, m, turns included.

@@ -8,12 +8,13 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::{Search, at_once};
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::bench;
+use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::{Steps, heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm};
+use super::arm::RightArm;
 use super::plan::{ArmAngles, SLICE};
 use super::skill::{CAP, GLASS, Seen, Skill, parameters};
 
@@ -94,6 +95,7 @@ struct Close {
     verify: f64,
     risen: f64,
     open: Angles,
+    #[serde(default)]
     grip: Angles,
 }
 
@@ -112,6 +114,7 @@ struct Lying {
     thumb_delay: f64,
     finger_delay: f64,
     torque: f64,
+    #[serde(default)]
     grip: Angles,
 }
 
@@ -165,6 +168,9 @@ pub(super) struct Grab {
     /// Where the robot looked first, rad, and keeps looking.
     heading: f64,
     fingers: [Finger; FINGERS.len()],
+    /// The hand around a bulb that stands, and around one that lies.
+    grip: Grip,
+    lying_grip: Grip,
     /// Chooses how the hand comes to the bulb.
     search: Option<Search<Result<Option<Choice>, PolicyError>>>,
 }
@@ -181,7 +187,11 @@ struct Choice {
 impl Grab {
     /// With parameters of the form of `grab.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "grab", joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "grab", joints, |params: &mut Params| {
+            let lying = params.lying.as_mut().map(|lying| &mut lying.grip);
+            [&mut params.close.grip].into_iter().chain(lying).collect()
+        })?;
+        let grip = |closed| Grip::new(joints, &params.close.open, closed);
         Ok(Self {
             phase: Phase::Raise,
             since: 0.0,
@@ -194,6 +204,8 @@ impl Grab {
             from_above: None,
             heading: 0.0,
             fingers: Default::default(),
+            grip: grip(&params.close.grip),
+            lying_grip: params.lying.as_ref().map(|lying| grip(&lying.grip)).unwrap_or_default(),
             search: None,
             params,
         })
@@ -252,7 +264,9 @@ impl Grab {
 
     /// Begins to choose how the hand comes to the bulb.
     fn ask(&mut self, seen: &Seen, arm: &RightArm) {
-        let mut grab = Self { params: self.params.clone(), search: None, ..*self };
+        let params = self.params.clone();
+        let (grip, lying_grip) = (Grip::default(), Grip::default());
+        let mut grab = Self { params, grip, lying_grip, search: None, ..*self };
         let (seen, arm) = (seen.clone(), arm.clone());
         self.search = Some(Search::new(move |work| {
             let mut arm = arm.searching(work);
@@ -443,7 +457,7 @@ impl Skill for Grab {
                     (Some(_), Some(lying)) => (lying.thumb_delay, lying.finger_delay, lying.torque),
                     _ => (close.thumb_delay, close.finger_delay, close.torque),
                 };
-                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
+                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.touch.fingers).enumerate() {
                     let delay = if index == 0 { thumb_delay } else { finger_delay };
                     finger.share += if elapsed > delay { closing } else { 0.0 };
                     finger.torque = finger.torque.or((force > close.touch).then_some(torque));
@@ -478,10 +492,10 @@ impl Skill for Grab {
         arm.write(targets);
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, closed));
         let grip = match (self.from_above, &params.lying) {
-            (Some(_), Some(lying)) => &lying.grip,
-            _ => &close.grip,
+            (Some(_), Some(_)) => &self.lying_grip,
+            _ => &self.grip,
         };
-        arm.write_fingers(&close.open, grip, &self.fingers, targets);
+        arm.write_fingers(grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since) = (next, seen.time);
         }

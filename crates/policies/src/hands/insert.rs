@@ -7,11 +7,12 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::fixture;
+use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm, ToolGoal};
+use super::arm::{RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::skill::{CAP, Seen, Skill, parameters};
 use super::socket::Plug;
@@ -84,6 +85,7 @@ struct Opening {
     speed: f64,
     wait: f64,
     open: Angles,
+    #[serde(default)]
     grip: Angles,
 }
 
@@ -124,6 +126,7 @@ pub(super) struct Insert {
     /// Where the hand is wanted once the bulb is seated.
     goal: Isometry3<f64>,
     fingers: [Finger; FINGERS.len()],
+    grip: Grip,
     /// The grip is loosened, since at first it presses hard.
     loosens: Option<bool>,
 }
@@ -131,7 +134,7 @@ pub(super) struct Insert {
 impl Insert {
     /// With parameters of the form of `insert.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "insert", joints, |params: &Params| &params.open.grip)?;
+        let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phase: Phase::Take,
             since: 0.0,
@@ -142,6 +145,7 @@ impl Insert {
             deepest: (0.0, 0.0),
             goal: Isometry3::identity(),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
+            grip: Grip::new(joints, &params.open.open, &params.open.grip),
             loosens: None,
             params,
         })
@@ -334,12 +338,12 @@ impl Skill for Insert {
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phase != Phase::Done);
         let is_opening = matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done);
-        let presses = |hold: &Holding| seen.force.iter().any(|force| *force > hold.felt);
+        let presses = |hold: &Holding| seen.touch.fingers.iter().any(|force| *force > hold.felt);
         let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
         if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
             let torque = params.hold.as_ref().map(|hold| hold.torque);
             self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
-            arm.write_fingers(&open.open, &open.grip, &self.fingers, targets);
+            arm.write_fingers(&self.grip, &self.fingers, targets);
         }
         if let Some(next) = next {
             (self.phase, self.since, self.held_since) = (next, seen.time, None);

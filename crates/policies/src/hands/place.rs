@@ -9,13 +9,14 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::{bulb, crate_};
+use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
 use fiatlux_skills::{heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, FINGERS, Finger, RightArm, Torso};
+use super::arm::{RightArm, Torso};
 use super::skill::{CAP, GLASS, GLASS_RADIUS, Seen, Skill, parameters};
 
 /// Radius of the cap, m.
@@ -95,6 +96,7 @@ struct Motion {
 #[serde(deny_unknown_fields)]
 struct Close {
     open: Angles,
+    #[serde(default)]
     grip: Angles,
 }
 
@@ -140,12 +142,13 @@ pub(super) struct Place {
     /// The arm hangs again.
     hangs: bool,
     fingers: [Finger; FINGERS.len()],
+    grip: Grip,
 }
 
 impl Place {
     /// With parameters of the form of `place.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "place", joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "place", joints, |params: &mut Params| vec![&mut params.close.grip])?;
         Ok(Self {
             phase: Phase::StepUp,
             since: 0.0,
@@ -154,6 +157,7 @@ impl Place {
             share: 0.0,
             hangs: false,
             fingers: [Finger { share: 1.0, torque: Some(params.grasp.torque) }; FINGERS.len()],
+            grip: Grip::new(joints, &params.close.open, &params.close.grip),
             params,
         })
     }
@@ -321,7 +325,7 @@ impl Skill for Place {
         }
         arm.write(targets);
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
-        arm.write_fingers(&params.close.open, &params.close.grip, &self.fingers, targets);
+        arm.write_fingers(&self.grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since) = (next, seen.time);
         }

@@ -5,11 +5,12 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
+use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Angles, Apart, FINGERS, Finger, RightArm, ToolGoal};
+use super::arm::{Apart, RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::skill::{GLASS, Seen, Skill, TOUCHED, parameters};
 use super::socket::Plug;
@@ -54,6 +55,7 @@ struct Close {
     hold: f64,
     lead: f64,
     open: Angles,
+    #[serde(default)]
     grip: Angles,
 }
 
@@ -97,12 +99,13 @@ pub(super) struct Remove {
     /// The hand's target is at the end of its way.
     has_arrived: bool,
     fingers: [Finger; FINGERS.len()],
+    grip: Grip,
 }
 
 impl Remove {
     /// With parameters of the form of `remove.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "remove", joints, |params: &Params| &params.close.grip)?;
+        let params = parameters(given, "remove", joints, |params: &mut Params| vec![&mut params.close.grip])?;
         if params.grasp.tilts.is_empty() {
             let reason = "grasp.tilts is empty; name one at least".into();
             return Err(PolicyError::Unfit { policy: "hands", reason });
@@ -114,6 +117,7 @@ impl Remove {
             glass_from_hand: Isometry3::identity(),
             has_arrived: false,
             fingers: Default::default(),
+            grip: Grip::new(joints, &params.close.open, &params.close.grip),
             params,
         })
     }
@@ -251,7 +255,7 @@ impl Skill for Remove {
                 if !is_near && seen.is_touched() {
                     self.taking.goes_back();
                     Some(Phase::Take)
-                } else if is_near && seen.palm_force > TOUCHED && self.has_arrived {
+                } else if is_near && seen.touch.palm > TOUCHED && self.has_arrived {
                     // The glass is at the palm.
                     Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
                 } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
@@ -262,7 +266,7 @@ impl Skill for Remove {
             }
             Phase::Close => {
                 arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
-                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.force).enumerate() {
+                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.touch.fingers).enumerate() {
                     let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
                     finger.share += if elapsed > delay { closing } else { 0.0 };
                     finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
@@ -301,7 +305,7 @@ impl Skill for Remove {
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
         arm.write(targets);
         RightArm::put_left_arm(targets, true);
-        arm.write_fingers(&close.open, &close.grip, &self.fingers, targets);
+        arm.write_fingers(&self.grip, &self.fingers, targets);
         if let Some(next) = next {
             (self.phase, self.since, self.has_arrived) = (next, seen.time, false);
         }

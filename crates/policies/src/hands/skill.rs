@@ -4,11 +4,12 @@ use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
 use fiatlux_robot::Robot;
 use fiatlux_room::bulb;
+use fiatlux_skills::grip::{Angles, Touch, grasp_of};
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 use serde::de::DeserializeOwned;
 
-use super::arm::{Angles, FINGERS, RightArm};
+use super::arm::RightArm;
 
 /// Bottom of the cap on a bulb's axis, m.
 pub(super) const CAP: f64 = bulb::SEAT_Z;
@@ -34,10 +35,8 @@ pub(super) struct Seen {
     pub crate_: Isometry3<f64>,
     /// The socket holds the old bulb, the fresh bulb.
     pub seated: [bool; 2],
-    /// Largest force of a bulb on a body of each finger of the right hand, N, in the order of [`FINGERS`].
-    pub force: [f64; FINGERS.len()],
-    /// Largest force of a bulb on the right palm or wrist, N.
-    pub palm_force: f64,
+    /// What the right hand feels of a bulb.
+    pub touch: Touch,
 }
 
 /// Force of a bulb, N, that the open hand feels.
@@ -46,14 +45,15 @@ pub(super) const TOUCHED: f64 = 1.0;
 impl Seen {
     /// The bulb touches the right hand somewhere.
     pub fn is_touched(&self) -> bool {
-        self.force.iter().copied().fold(self.palm_force, f64::max) > TOUCHED
+        self.touch.largest() > TOUCHED
     }
 }
 
 // `PARAMETERS`: name and text of each file of parameters; the build script writes the list.
 include!(concat!(env!("OUT_DIR"), "/parameters.rs"));
 
-/// Parameters of a skill: those given, or those of its file for the robot with these joints.
+/// Parameters of a skill: those given, or those of its file for the robot with these joints. Joints that its grips leave out are as in
+/// the robot's grasp of a bulb.
 ///
 /// # Errors
 /// They cannot be read, or there are none for the hands of this robot.
@@ -61,17 +61,28 @@ pub(super) fn parameters<P: DeserializeOwned>(
     given: Option<&str>,
     skill: &str,
     joints: &[Joint],
-    grip: impl Fn(&P) -> &Angles,
+    grips: impl Fn(&mut P) -> Vec<&mut Angles>,
 ) -> Result<P, PolicyError> {
+    let robot = Robot::with_joints(joints.iter().map(|joint| joint.name.as_str())).ok();
     let own = || {
-        let robot = Robot::with_joints(joints.iter().map(|joint| joint.name.as_str())).ok()?;
+        let robot = robot.as_ref()?;
         let of_robot = format!("{skill}.{}", robot.name());
         let name = if robot.name() == Robot::NAMES[0] { skill } else { &of_robot };
         PARAMETERS.into_iter().find(|(known, _)| *known == name).map(|(_, text)| text)
     };
     let is_known = |name: &String| joints.iter().any(|joint| joint.name == *name);
     let params: Option<P> = given.or_else(own).map(toml::from_str).transpose().map_err(PolicyError::of("hands"))?;
-    params.filter(|params| grip(params).keys().all(is_known)).ok_or_else(|| {
+    let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
+    let completed = |mut params: P| {
+        let are_known = grips(&mut params).into_iter().all(|grip| {
+            for (name, angle) in &grasp {
+                grip.entry(name.clone()).or_insert(*angle);
+            }
+            grip.keys().all(is_known)
+        });
+        are_known.then_some(params)
+    };
+    params.and_then(completed).ok_or_else(|| {
         let known = Robot::NAMES[0];
         let reason = format!("it has no parameters of this task for the robot's hands; use {known}");
         PolicyError::Unfit { policy: "hands", reason }

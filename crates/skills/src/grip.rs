@@ -1,0 +1,188 @@
+//! Fingers: whose a joint or a body is by its name, the robot's own grasp of a bulb, and how hard fingers press. Joints are looked up
+//! once.
+
+use std::collections::BTreeMap;
+
+use fiatlux_proto::v3::Joint;
+use fiatlux_robot::{BODY, Robot};
+use fiatlux_room::grasp;
+use nalgebra::Vector3;
+
+/// Fingers, as the names of bodies and joints have them. The thumb closes first.
+pub const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
+/// Beginnings of the names of both sides.
+const SIDES: [[&str; 2]; 2] = [["L_", "left_"], ["R_", "right_"]];
+/// Share of the difference by which a held angle follows the sensed one in each control step: what is sensed is noisy.
+const SENSED: f64 = 0.1;
+
+/// Angles or targets of joints by name, rad.
+pub type Angles = BTreeMap<String, f64>;
+
+/// Side of a joint or body, left first, and its name without it; `None` for what is on no side.
+pub fn side(name: &str) -> Option<(usize, &str)> {
+    (0..2).find_map(|side| SIDES[side].iter().find_map(|start| name.strip_prefix(start)).map(|rest| (side, rest)))
+}
+
+/// The finger that a joint or body is of, by its name.
+pub fn finger(name: &str) -> Option<usize> {
+    FINGERS.iter().position(|finger| name.contains(finger))
+}
+
+/// Targets of the right hand's joints around the glass of a bulb, rad: those of the robot's file, or of the published room.
+pub fn grasp_of(robot: &Robot) -> Angles {
+    let own = robot.bulb_grasp().map(|grasp| &grasp.grip);
+    let own = own.map(|grip| grip.iter().map(|(joint, angle)| (robot.joints()[*joint].name.clone(), *angle)).collect());
+    own.unwrap_or_else(|| grasp::GRIP.map(|(name, angle)| (name.to_owned(), angle)).into())
+}
+
+/// Forces on fingers and on the rest of a hand, N.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Touch {
+    /// Largest force on a body of each finger.
+    pub fingers: [f64; FINGERS.len()],
+    /// Largest force on any other body.
+    pub palm: f64,
+}
+
+/// Whose each body of a session's hands is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct HandBodies {
+    /// Side and finger, `None` for another part of the hand; none at all for a body of no hand.
+    places: Vec<Option<(usize, Option<usize>)>>,
+}
+
+impl HandBodies {
+    /// By their names, in the order of the sensor `hand_contact`.
+    pub fn new(names: &[String]) -> Self {
+        Self { places: names.iter().map(|name| side(name).map(|(side, _)| (side, finger(name)))).collect() }
+    }
+
+    /// What both hands feel, left first, by the forces of the sensor, N.
+    pub fn touch(&self, forces: &[f32]) -> [Touch; 2] {
+        let mut hands = [Touch::default(); 2];
+        for (place, &[x, y, z]) in self.places.iter().zip(forces.as_chunks().0) {
+            let Some((side, finger)) = *place else { continue };
+            let hand = &mut hands[side];
+            let largest = finger.map_or(&mut hand.palm, |finger| &mut hand.fingers[finger]);
+            *largest = largest.max(Vector3::new(x, y, z).cast::<f64>().norm());
+        }
+        hands
+    }
+}
+
+impl Touch {
+    /// Largest of all.
+    pub fn largest(&self) -> f64 {
+        self.fingers.iter().copied().fold(self.palm, f64::max)
+    }
+}
+
+/// A joint of a hand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandJoint {
+    /// Its index in the session.
+    pub index: usize,
+    /// Least and greatest angle, rad.
+    pub limits: [f64; 2],
+    /// Of its drive, N m/rad, above 0.
+    pub stiffness: f64,
+}
+
+impl HandJoint {
+    /// Those of both hands with their names, in the session's order.
+    pub fn all(joints: &[Joint]) -> impl Iterator<Item = (Self, &str)> {
+        joints.iter().enumerate().skip(BODY).map(|(index, joint)| {
+            let (limits, stiffness) = ([joint.lower, joint.upper], joint.stiffness.max(1e-3));
+            (Self { index, limits, stiffness }, joint.name.as_str())
+        })
+    }
+
+    /// A target with which a joint at an angle, rad, presses no harder than with a torque, N m, either way.
+    pub fn bounded(&self, target: f64, angle: f64, torque: f64) -> f64 {
+        let bend = torque / self.stiffness;
+        target.clamp(angle - bend, angle + bend)
+    }
+}
+
+/// Closure of a finger.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Finger {
+    /// From 0, open, to 1, closed.
+    pub share: f64,
+    /// Most that its joints press with, N m; `None`: what their drives can.
+    pub torque: Option<f64>,
+}
+
+/// A hand that closes from one posture of its fingers to another.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Grip {
+    joints: Vec<GripJoint>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct GripJoint {
+    joint: HandJoint,
+    finger: usize,
+    open: f64,
+    closed: f64,
+}
+
+impl Grip {
+    /// Moves the joints of `closed`; those that `open` lacks are open at 0 rad.
+    pub fn new(joints: &[Joint], open: &Angles, closed: &Angles) -> Self {
+        let joint = |(joint, name): (HandJoint, &str)| {
+            let open = open.get(name).copied().unwrap_or_default();
+            Some(GripJoint { joint, finger: finger(name)?, open, closed: *closed.get(name)? })
+        };
+        Self { joints: HandJoint::all(joints).filter_map(joint).collect() }
+    }
+
+    /// Writes targets, rad, of fingers in the order of [`FINGERS`]. Those with a torque do not close harder than that against what
+    /// keeps their joints at the sensed angles.
+    pub fn write(&self, fingers: &[Finger; FINGERS.len()], sensed: Option<&[f64]>, targets: &mut [f64]) {
+        for GripJoint { joint, finger, open, closed } in &self.joints {
+            let Finger { share, torque } = fingers[*finger];
+            let [lower, upper] = joint.limits;
+            let mut target = (open + share * (closed - open)).clamp(lower, upper);
+            if let (Some(torque), Some(sensed)) = (torque, sensed) {
+                let (angle, bend) = (sensed[joint.index], torque / joint.stiffness);
+                target = if closed > open { target.min(angle + bend) } else { target.max(angle - bend) };
+            }
+            targets[joint.index] = target;
+        }
+    }
+}
+
+/// Hands that press on as they do at the start, but not with all that their drives have.
+#[derive(Debug, Clone, Default)]
+pub struct Hold {
+    /// Each joint with the most that it presses with, N m, and its sensed angle, averaged, rad.
+    joints: Vec<(HandJoint, f64, Option<f64>)>,
+}
+
+impl Hold {
+    /// With a share of what the drives can do.
+    pub fn new(joints: &[Joint], share: f64) -> Self {
+        let joint = |(joint, _): (HandJoint, &str)| (joint, share * joints[joint.index].effort_limit, None);
+        Self { joints: HandJoint::all(joints).map(joint).collect() }
+    }
+
+    /// True where it holds no joint.
+    pub fn is_empty(&self) -> bool {
+        self.joints.is_empty()
+    }
+
+    /// Writes the targets of the hands' joints: those of the start as far as they may press, by what is sensed, rad.
+    pub fn write(&mut self, start: &[f64], sensed: &[f64], targets: &mut [f64]) {
+        for (joint, torque, average) in &mut self.joints {
+            let (Some(target), Some(start), Some(sensed)) =
+                (targets.get_mut(joint.index), start.get(joint.index), sensed.get(joint.index))
+            else {
+                continue;
+            };
+            let angle = average.get_or_insert(*sensed);
+            *angle += SENSED * (sensed - *angle);
+            *target = joint.bounded(*start, *angle, *torque);
+        }
+    }
+}
