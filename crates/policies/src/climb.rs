@@ -16,6 +16,7 @@ use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_room::{bulb, ladder as ladder_numbers};
 use fiatlux_rules::Task;
 use fiatlux_skills::path::wrapped;
+use fiatlux_skills::phases::Skill;
 use fiatlux_skills::{GAIN, Slew, grip, heading, towards};
 use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -118,12 +119,6 @@ impl Climb {
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
     }
 
-    /// The climb is at its end, and the robot stands.
-    pub(crate) fn is_over(&self) -> bool {
-        let climbs = self.episode.as_ref().is_some_and(|episode| episode.climbs);
-        climbs && self.progress().is_some_and(|(time, all)| time >= all)
-    }
-
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
     pub fn progress(&self) -> Option<(f64, f64)> {
         let Episode { follower, player, .. } = self.episode.as_ref()?;
@@ -131,6 +126,17 @@ impl Climb {
             Some(Follower { tracker, .. }) => Some((tracker.time(), tracker.reference().seconds())),
             None => player.as_ref().map(|player| (player.time(), player.seconds())),
         }
+    }
+}
+
+impl Skill for Climb {
+    fn is_over(&self) -> bool {
+        let climbs = self.episode.as_ref().is_some_and(|episode| episode.climbs);
+        climbs && self.progress().is_some_and(|(time, all)| time >= all)
+    }
+
+    fn phase(&self) -> String {
+        self.progress().map_or_else(|| "walk".into(), |(time, all)| format!("{time:.1} of {all:.1} s"))
     }
 }
 

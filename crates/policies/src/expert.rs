@@ -8,6 +8,7 @@ use std::sync::Arc;
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Task, Thresholds};
+use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BodyCommand, Network};
 use nalgebra::Vector3;
 
@@ -38,53 +39,9 @@ pub struct Expert {
 }
 
 /// A skill, as a part of the errand.
-trait Part: Policy {
-    /// Nothing is left to do: the robot stands with what it has.
-    fn is_over(&self) -> bool;
+trait Part: Policy + Skill {}
 
-    /// Name of what it does now.
-    fn phase(&mut self) -> String;
-}
-
-impl Part for Walk {
-    fn is_over(&self) -> bool {
-        Walk::is_over(self)
-    }
-
-    fn phase(&mut self) -> String {
-        "walk".into()
-    }
-}
-
-impl Part for Hands {
-    fn is_over(&self) -> bool {
-        Hands::is_over(self)
-    }
-
-    fn phase(&mut self) -> String {
-        self.progress().map_or_else(String::new, |(phase, _)| phase)
-    }
-}
-
-impl Part for Ladder {
-    fn is_over(&self) -> bool {
-        Ladder::is_over(self)
-    }
-
-    fn phase(&mut self) -> String {
-        Ladder::phase(self).unwrap_or_default()
-    }
-}
-
-impl Part for Climb {
-    fn is_over(&self) -> bool {
-        Climb::is_over(self)
-    }
-
-    fn phase(&mut self) -> String {
-        self.progress().map_or_else(|| "walk".into(), |(time, all)| format!("{time:.1} of {all:.1} s"))
-    }
-}
+impl<P: Policy + Skill> Part for P {}
 
 /// State of an episode.
 struct Episode {
@@ -133,7 +90,7 @@ impl Expert {
     }
 
     /// Name of what the skill does now.
-    pub fn phase(&mut self) -> Option<String> {
+    pub fn phase(&self) -> Option<String> {
         match self.episode.as_ref()?.plays {
             Plays::Skill(index) => Some(self.skills[index].phase()),
             Plays::Stands(_) => None,

@@ -19,6 +19,7 @@ use std::sync::Arc;
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Bulb, Task};
 use fiatlux_skills::grip::HandBodies;
+use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{CONTROL_DT, Network};
 
 use self::arm::RightArm;
@@ -27,7 +28,7 @@ use self::insert::Insert;
 use self::place::Place;
 use self::remove::Remove;
 use self::shape::Surroundings;
-use self::skill::{Seen, Skill};
+use self::skill::{Expert, Seen};
 use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
@@ -52,7 +53,7 @@ pub struct Hands {
 struct Played {
     body: WholeBody,
     arm: RightArm,
-    skill: Box<dyn Skill>,
+    skill: Box<dyn Expert>,
     bodies: HandBodies,
 }
 
@@ -72,16 +73,21 @@ impl Hands {
         Self { parameters: Some(parameters), ..self }
     }
 
-    /// Its task is done, and the robot stands.
-    pub(crate) fn is_over(&self) -> bool {
-        self.episode.as_ref().is_some_and(|played| played.skill.is_over())
-    }
-
     /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
     pub fn progress(&mut self) -> Option<(String, f64)> {
         let Played { arm, skill, .. } = self.episode.as_mut()?;
         let wanted = arm.world_from_hand();
         Some((skill.phase(), arm.distance_to(&wanted)))
+    }
+}
+
+impl Skill for Hands {
+    fn is_over(&self) -> bool {
+        self.episode.as_ref().is_some_and(|played| played.skill.is_over())
+    }
+
+    fn phase(&self) -> String {
+        self.episode.as_ref().map(|played| played.skill.phase()).unwrap_or_default()
     }
 }
 
@@ -100,7 +106,7 @@ impl Policy for Hands {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let skill: Box<dyn Skill> = match task {
+        let skill: Box<dyn Expert> = match task {
             "S03" => Box::new(Remove::new(self.parameters.as_deref(), &info.joints)?),
             "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),

@@ -14,6 +14,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInf
 use fiatlux_room::ladder;
 use fiatlux_rules::Task;
 use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn, wrapped};
+use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_skills::{GAIN, Slew, towards};
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
@@ -156,8 +157,7 @@ struct Episode {
     /// Obstacles that never move, for the robot alone and for the ladder.
     maps: [Map; 2],
     socket: Pose,
-    phase: Phase,
-    since: u64,
+    phases: Phases<Phase, u64>,
     /// Control steps for which height and pitch have been those of the phase.
     held: u64,
     /// Where the ladder goes.
@@ -184,14 +184,19 @@ impl Ladder {
         Ok(Self { name, network, episode: None })
     }
 
-    /// The ladder stands in its place, and the robot before its steps.
-    pub(crate) fn is_over(&self) -> bool {
-        self.episode.as_ref().is_some_and(|episode| episode.phase == Phase::Away)
+    /// Control step at which an episode first came into a phase of this name; `None` where it has not.
+    pub fn entered(&self, phase: &str) -> Option<u64> {
+        self.episode.as_ref()?.phases.entered(phase)
+    }
+}
+
+impl Skill for Ladder {
+    fn is_over(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.phases.now() == Phase::Away)
     }
 
-    /// Name of the phase that an episode is in.
-    pub fn phase(&self) -> Option<String> {
-        self.episode.as_ref().map(|episode| format!("{:?}", episode.phase))
+    fn phase(&self) -> String {
+        self.episode.as_ref().map(|episode| episode.phases.name()).unwrap_or_default()
     }
 }
 
@@ -231,8 +236,7 @@ impl Policy for Ladder {
             is_ready: false,
             maps,
             socket,
-            phase: Phase::Approach,
-            since: first.step,
+            phases: Phases::new(Phase::Approach, first.step),
             held: 0,
             site: None,
             path: Vec::new(),
@@ -257,7 +261,7 @@ impl Policy for Ladder {
         episode.up = [0, 1].map(|axis| episode.up[axis] + (up[axis] - episode.up[axis]) * CONTROL_DT / AVERAGE_S);
         episode.tilt = libm::hypot(episode.up[0], episode.up[1]);
         episode.decide(observation.step, robot, ladder);
-        let holds = match episode.phase {
+        let holds = match episode.phases.now() {
             Phase::Approach | Phase::Enter | Phase::Leave | Phase::ComeOut | Phase::Around | Phase::Away => false,
             Phase::Crouch => episode.held > 0,
             Phase::Lift | Phase::Carry | Phase::Calm | Phase::Lower | Phase::Done => true,
@@ -274,12 +278,12 @@ impl Policy for Ladder {
 impl Episode {
     /// The command of this control step, and the phase after it.
     fn decide(&mut self, step: u64, robot: Place, ladder: Place) {
-        let spent = step.saturating_sub(self.since);
+        let spent = step.saturating_sub(self.phases.since());
         let Postures { bent, low, carrying, .. } = self.postures;
         let here = inside(ladder, robot.0);
         let turned = wrapped(robot.1 - ladder.1 + std::f64::consts::FRAC_PI_2);
         let is_at = |y: f64, (off, angle): (f64, f64)| distance(here, [0.0, y]) < off && turned.abs() < angle;
-        let next = match self.phase {
+        let next = match self.phases.now() {
             Phase::Approach => {
                 self.pose(if distance(here, [0.0, BEFORE_Y]) < NEAR_M { bent } else { UPRIGHT });
                 if step < SETTLES {
@@ -387,8 +391,8 @@ impl Episode {
                 is_at(BEFORE_Y, ARRIVED[0]).then_some(Phase::Enter)
             }
         };
-        if let Some(next) = next {
-            (self.phase, self.since, self.held, self.planned) = (next, step, 0, None);
+        if self.phases.enter(next, step) {
+            (self.held, self.planned) = (0, None);
         }
     }
 

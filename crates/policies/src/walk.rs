@@ -6,6 +6,7 @@ use std::sync::Arc;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_rules::{Task, Thresholds};
 use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn};
+use fiatlux_skills::phases::Skill;
 use fiatlux_skills::{GAIN, Slew};
 use fiatlux_wbc::{Network, Swing};
 
@@ -127,10 +128,15 @@ impl Walk {
     pub(crate) fn for_work(self) -> Self {
         Self { works: true, ..self }
     }
+}
 
-    /// The robot stands where it was to go.
-    pub(crate) fn is_over(&self) -> bool {
+impl Skill for Walk {
+    fn is_over(&self) -> bool {
         self.state.as_ref().is_some_and(|state| state.has_arrived)
+    }
+
+    fn phase(&self) -> String {
+        "walk".into()
     }
 }
 

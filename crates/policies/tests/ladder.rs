@@ -8,6 +8,7 @@ use fiatlux_client::Policy;
 use fiatlux_policies::Ladder;
 use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
 use fiatlux_rules::{Cause, Causes, Task, errand};
+use fiatlux_skills::phases::Skill;
 
 /// Strict, below a ceiling (3) and at a wall (5): the ladder hangs on the head on its way, and stands at its end.
 #[test]
@@ -43,8 +44,8 @@ fn it_comes_out_to_the_steps() {
     let (mut ladder, mut seen) = (Ladder::new("").unwrap(), game.observe().unwrap());
     ladder.reset(&game.info, &seen).unwrap();
     let mut put_down = None;
-    while ladder.phase().as_deref() != Some("Away") {
-        let phase = ladder.phase().unwrap();
+    while !ladder.is_over() {
+        let phase = ladder.phase();
         assert!(game.verdict().end.is_none() && game.world().row().step < 6000, "{:?} in {phase}", game.verdict().end);
         if phase == "Done" {
             put_down = Some(game.world().row().things[errand::LADDER].pose);

@@ -14,6 +14,7 @@ use fiatlux_proto::v3::{SessionInfo, TaskInfo};
 use fiatlux_rules::{
     CONTROL_DT, Cause, Causes, Judge, JudgeOptions, Protocol, SeedOwner, Task, Thresholds, errand, measure,
 };
+use fiatlux_skills::phases::Skill;
 use fiatlux_world::World;
 
 use play::{Changes, Played, distance, play, start, touched};
@@ -84,8 +85,8 @@ fn climb_after(seed: u64, trace: bool, changes: &Changes) -> Result<(String, boo
     let mut seen = game.observe()?;
     ladder.reset(&game.info, &seen)?;
     let mut put_down = None;
-    while ladder.phase().as_deref() != Some("Away") {
-        let phase = ladder.phase().unwrap_or_default();
+    while !ladder.is_over() {
+        let phase = ladder.phase();
         if trace && game.world().row().step.is_multiple_of(50) {
             print_state(game.world(), &phase);
         }

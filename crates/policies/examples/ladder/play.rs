@@ -5,6 +5,7 @@ use std::error::Error;
 use fiatlux_client::Policy;
 use fiatlux_policies::Ladder;
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Task, errand, measure};
+use fiatlux_skills::phases::Skill;
 use fiatlux_world::{ShapeOwner, World};
 
 #[path = "../game/mod.rs"]
@@ -93,14 +94,12 @@ pub fn play(
     ladder.reset(&game.info, &seen)?;
     let first = distance(game.world());
     let (mut tilt, mut penetration) = (0.0_f64, 0.0_f64);
-    let (mut pressed, mut push_at) = ((0.0, "nothing"), None);
+    let mut pressed = (0.0, "nothing");
     loop {
-        let phase = ladder.phase().unwrap_or_default();
+        let phase = ladder.phase();
         let world = game.world();
         let step = world.row().step;
-        if changes.push.as_ref().is_some_and(|(_, after)| *after == phase) {
-            push_at.get_or_insert(step + UNTIL_PUSH);
-        }
+        let push_at = changes.push.as_ref().and_then(|(_, after)| Some(ladder.entered(after)? + UNTIL_PUSH));
         tilt = tilt.max(measure::tilt(&world.row().things[errand::LADDER].pose));
         penetration = penetration.max(world.row().penetration);
         let now = touched(world);

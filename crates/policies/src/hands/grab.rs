@@ -9,6 +9,7 @@ use fiatlux_kinematics::{Search, at_once};
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::bench;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
+use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_skills::{Steps, heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -16,7 +17,7 @@ use serde::Deserialize;
 
 use super::arm::RightArm;
 use super::plan::{ArmAngles, SLICE};
-use super::skill::{CAP, GLASS, Seen, Skill, parameters};
+use super::skill::{CAP, Expert, GLASS, Seen, parameters};
 
 /// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
 const TURNS: u32 = 11;
@@ -147,9 +148,7 @@ enum Phase {
 /// State of an episode.
 pub(super) struct Grab {
     params: Params,
-    phase: Phase,
-    /// When the phase began, s.
-    since: f64,
+    phases: Phases<Phase>,
     /// The bulb's size, as a factor of the published one.
     size: f64,
     /// Height of the bulb before it was lifted, m.
@@ -193,8 +192,7 @@ impl Grab {
         })?;
         let grip = |closed| Grip::new(joints, &params.close.open, closed);
         Ok(Self {
-            phase: Phase::Raise,
-            since: 0.0,
+            phases: Phases::new(Phase::Raise, 0.0),
             size: 1.0,
             bulb_height: 0.0,
             goal: Isometry3::identity(),
@@ -265,8 +263,8 @@ impl Grab {
     /// Begins to choose how the hand comes to the bulb.
     fn ask(&mut self, seen: &Seen, arm: &RightArm) {
         let params = self.params.clone();
-        let (grip, lying_grip) = (Grip::default(), Grip::default());
-        let mut grab = Self { params, grip, lying_grip, search: None, ..*self };
+        let (phases, grip, lying_grip) = (self.phases.clone(), Grip::default(), Grip::default());
+        let mut grab = Self { params, phases, grip, lying_grip, search: None, ..*self };
         let (seen, arm) = (seen.clone(), arm.clone());
         self.search = Some(Search::new(move |work| {
             let mut arm = arm.searching(work);
@@ -377,12 +375,12 @@ fn arrival(left: f64, elapsed: f64, distance: f64, motion: &Motion, next: Phase)
     }
 }
 
-impl Skill for Grab {
+impl Expert for Grab {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (motion, close) = (&params.motion, &params.close);
         let mut command = BodyCommand { height: self.height(), ..BodyCommand::default() };
-        let elapsed = seen.time - self.since;
+        let elapsed = self.phases.elapsed(seen.time);
         let ready = Translation3::from(motion.ready);
         let back_off = Translation3::from(motion.pre_grasp);
         let closing = CONTROL_DT / close.time;
@@ -390,7 +388,7 @@ impl Skill for Grab {
         let lies = lies(&seen.fresh_bulb);
         // It was to be taken standing.
         let has_fallen = lies && self.from_above.is_none() && params.lying.is_some();
-        let next = match self.phase {
+        let next = match self.phases.now() {
             Phase::StepBack => {
                 (command.velocity, command.height) = ([-params.stand.speed, 0.0, 0.0], params.stand.walk_height);
                 (self.away(seen) > params.stand.clear).then_some(Phase::Raise)
@@ -440,7 +438,7 @@ impl Skill for Grab {
                 };
                 if let (true, Some(posture)) = (self.turning, self.posture) {
                     self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
-                    self.since = seen.time;
+                    self.phases.restart(seen.time);
                     None
                 } else {
                     let left = arm.move_to(false, &goal, motion.speed)?;
@@ -475,7 +473,7 @@ impl Skill for Grab {
                 let left = arm.move_to(false, &goal, motion.lift_speed)?;
                 let risen = self.glass(seen).z - self.bulb_height;
                 let next = if risen > close.risen { Phase::Hold } else { Phase::Open };
-                (left < ARRIVED && elapsed > close.verify && next != self.phase).then_some(next)
+                (left < ARRIVED && elapsed > close.verify && next != self.phases.now()).then_some(next)
             }
             Phase::Open => {
                 for finger in &mut self.fingers {
@@ -496,21 +494,21 @@ impl Skill for Grab {
             _ => &self.grip,
         };
         arm.write_fingers(grip, &self.fingers, targets);
-        if let Some(next) = next {
-            (self.phase, self.since) = (next, seen.time);
-        }
+        self.phases.enter(next, seen.time);
         Ok(command)
     }
 
     fn rest(&self) -> [f64; ARMS / 2] {
         self.params.motion.rest
     }
+}
 
+impl Skill for Grab {
     fn is_over(&self) -> bool {
-        self.phase == Phase::Hold
+        self.phases.now() == Phase::Hold
     }
 
     fn phase(&self) -> String {
-        format!("{:?}", self.phase)
+        self.phases.name()
     }
 }

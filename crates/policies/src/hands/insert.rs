@@ -8,13 +8,14 @@ use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::fixture;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
+use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
 use super::arm::{RightArm, ToolGoal};
 use super::plan::ArmAngles;
-use super::skill::{CAP, Seen, Skill, parameters};
+use super::skill::{CAP, Expert, Seen, parameters};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking};
 
@@ -112,8 +113,7 @@ enum Phase {
 /// State of an episode.
 pub(super) struct Insert {
     params: Params,
-    phase: Phase,
-    since: f64,
+    phases: Phases<Phase>,
     taking: Taking,
     /// Pose of the bulb in the hand.
     hand_from_plug: Isometry3<f64>,
@@ -136,8 +136,7 @@ impl Insert {
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
         let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
-            phase: Phase::Take,
-            since: 0.0,
+            phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), true),
             hand_from_plug: Isometry3::identity(),
             gap: 0.0,
@@ -244,13 +243,13 @@ fn way_out(arm: &mut RightArm, from: &Isometry3<f64>, moves: &[[f64; 3]]) -> Res
     Ok(best.1)
 }
 
-impl Skill for Insert {
+impl Expert for Insert {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (align, insert, open) = (&params.align, &params.insert, &params.open);
-        let elapsed = seen.time - self.since;
+        let elapsed = self.phases.elapsed(seen.time);
         let plug = Plug::measure(&seen.socket, &seen.fresh_bulb);
-        let next = match self.phase {
+        let next = match self.phases.now() {
             Phase::Take => self.take(seen, arm)?.then(|| {
                 self.gap = align.before;
                 Phase::Align
@@ -316,7 +315,7 @@ impl Skill for Insert {
             Phase::Relax | Phase::Open => {
                 let goal = self.goal;
                 arm.move_to(false, &goal, open.speed)?;
-                if self.phase == Phase::Relax {
+                if self.phases.now() == Phase::Relax {
                     (elapsed > open.relax).then_some(Phase::Open)
                 } else {
                     let opening = CONTROL_DT / open.time;
@@ -336,8 +335,8 @@ impl Skill for Insert {
             Phase::Done => None,
         };
         arm.write(targets);
-        RightArm::put_left_arm(targets, self.phase != Phase::Done);
-        let is_opening = matches!(self.phase, Phase::Open | Phase::Retreat | Phase::Done);
+        RightArm::put_left_arm(targets, self.phases.now() != Phase::Done);
+        let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Done);
         let presses = |hold: &Holding| seen.touch.fingers.iter().any(|force| *force > hold.felt);
         let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
         if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
@@ -345,22 +344,24 @@ impl Skill for Insert {
             self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
             arm.write_fingers(&self.grip, &self.fingers, targets);
         }
-        if let Some(next) = next {
-            (self.phase, self.since, self.held_since) = (next, seen.time, None);
+        if self.phases.enter(next, seen.time) {
+            self.held_since = None;
         }
-        let stands_up = self.phase == Phase::Done && seen.time - self.since > open.wait;
+        let stands_up = self.phases.now() == Phase::Done && self.phases.elapsed(seen.time) > open.wait;
         Ok(if stands_up { self.taking.upright } else { self.taking.command() })
     }
 
     fn rest(&self) -> ArmAngles {
         REST
     }
+}
 
+impl Skill for Insert {
     fn is_over(&self) -> bool {
-        self.phase == Phase::Done
+        self.phases.now() == Phase::Done
     }
 
     fn phase(&self) -> String {
-        if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
+        if self.phases.now() == Phase::Take { self.taking.stage() } else { self.phases.name() }
     }
 }

@@ -11,13 +11,14 @@ use fiatlux_proto::v3::Joint;
 use fiatlux_room::{bulb, crate_};
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
+use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_skills::{heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
 use super::arm::{RightArm, Torso};
-use super::skill::{CAP, GLASS, GLASS_RADIUS, Seen, Skill, parameters};
+use super::skill::{CAP, Expert, GLASS, GLASS_RADIUS, Seen, parameters};
 
 /// Radius of the cap, m.
 const CAP_RADIUS: f64 = bulb::CAP_RING_RADIUS;
@@ -131,9 +132,7 @@ struct Spot {
 /// State of an episode.
 pub(super) struct Place {
     params: Params,
-    phase: Phase,
-    /// When the phase began, s.
-    since: f64,
+    phases: Phases<Phase>,
     spot: Option<Spot>,
     /// The arm's postures on the way down.
     postures: Vec<[f64; ARMS / 2]>,
@@ -150,8 +149,7 @@ impl Place {
     pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
         let params = parameters(given, "place", joints, |params: &mut Params| vec![&mut params.close.grip])?;
         Ok(Self {
-            phase: Phase::StepUp,
-            since: 0.0,
+            phases: Phases::new(Phase::StepUp, 0.0),
             spot: None,
             postures: Vec::new(),
             share: 0.0,
@@ -271,12 +269,12 @@ impl Place {
     }
 }
 
-impl Skill for Place {
+impl Expert for Place {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (stand, motion) = (&params.stand, &params.motion);
         let mut command = BodyCommand::default();
-        let elapsed = seen.time - self.since;
+        let elapsed = self.phases.elapsed(seen.time);
         let spot = match self.spot {
             Some(spot) => spot,
             None => *self.spot.insert(self.spot(seen, arm)),
@@ -284,7 +282,7 @@ impl Skill for Place {
         let steps = steps_to(&seen.pelvis, &spot.pelvis, spot.facing, stand.speed);
         let off = wrapped(spot.facing - heading(&seen.pelvis)).abs();
         let on_way = CONTROL_DT / params.bend.time;
-        let next = match self.phase {
+        let next = match self.phases.now() {
             Phase::StepUp => {
                 command.velocity = steps.velocity;
                 (steps.distance < stand.tolerance && off < stand.heading).then_some(Phase::Settle)
@@ -318,7 +316,7 @@ impl Skill for Place {
                 None
             }
         };
-        if matches!(self.phase, Phase::Lower | Phase::Rest | Phase::Open | Phase::StandUp) {
+        if matches!(self.phases.now(), Phase::Lower | Phase::Rest | Phase::Open | Phase::StandUp) {
             let (posture, on_way) = self.on_way();
             arm.turn_to(&posture, FASTEST);
             command = on_way;
@@ -326,21 +324,21 @@ impl Skill for Place {
         arm.write(targets);
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
         arm.write_fingers(&self.grip, &self.fingers, targets);
-        if let Some(next) = next {
-            (self.phase, self.since) = (next, seen.time);
-        }
+        self.phases.enter(next, seen.time);
         Ok(command)
     }
 
     fn rest(&self) -> [f64; ARMS / 2] {
         self.params.motion.rest
     }
+}
 
+impl Skill for Place {
     fn is_over(&self) -> bool {
         self.hangs
     }
 
     fn phase(&self) -> String {
-        format!("{:?}", self.phase)
+        self.phases.name()
     }
 }

@@ -6,13 +6,14 @@
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::Joint;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
+use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Apart, RightArm, ToolGoal};
 use super::plan::ArmAngles;
-use super::skill::{GLASS, Seen, Skill, TOUCHED, parameters};
+use super::skill::{Expert, GLASS, Seen, TOUCHED, parameters};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking};
 
@@ -92,8 +93,7 @@ enum Phase {
 /// State of an episode.
 pub(super) struct Remove {
     params: Params,
-    phase: Phase,
-    since: f64,
+    phases: Phases<Phase>,
     taking: Taking,
     glass_from_hand: Isometry3<f64>,
     /// The hand's target is at the end of its way.
@@ -111,8 +111,7 @@ impl Remove {
             return Err(PolicyError::Unfit { policy: "hands", reason });
         }
         Ok(Self {
-            phase: Phase::Take,
-            since: 0.0,
+            phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), false),
             glass_from_hand: Isometry3::identity(),
             has_arrived: false,
@@ -231,20 +230,20 @@ impl Ways {
     }
 }
 
-impl Skill for Remove {
+impl Expert for Remove {
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (grasp, close, pull) = (&params.grasp, &params.close, &params.pull);
-        let elapsed = seen.time - self.since;
+        let elapsed = self.phases.elapsed(seen.time);
         let closing = CONTROL_DT / close.time;
         let plug = Plug::measure(&seen.socket, &seen.old_bulb);
         let around = glass(seen) * self.glass_from_hand;
         let hand_from_glass = self.glass_from_hand.inverse();
         let beside = around * Translation3::from(grasp.back);
-        let next = match self.phase {
+        let next = match self.phases.now() {
             Phase::Take => self.take(seen, arm)?.then_some(Phase::PreGrasp),
             Phase::PreGrasp | Phase::Approach => {
-                let is_near = self.phase == Phase::Approach;
+                let is_near = self.phases.now() == Phase::Approach;
                 let (goal, next) = if is_near { (around, Phase::Close) } else { (beside, Phase::Approach) };
                 if self.has_arrived {
                     let off = goal * arm.sensed_hand().inverse();
@@ -306,8 +305,8 @@ impl Skill for Remove {
         arm.write(targets);
         RightArm::put_left_arm(targets, true);
         arm.write_fingers(&self.grip, &self.fingers, targets);
-        if let Some(next) = next {
-            (self.phase, self.since, self.has_arrived) = (next, seen.time, false);
+        if self.phases.enter(next, seen.time) {
+            self.has_arrived = false;
         }
         Ok(self.taking.command())
     }
@@ -315,12 +314,14 @@ impl Skill for Remove {
     fn rest(&self) -> ArmAngles {
         REST
     }
+}
 
+impl Skill for Remove {
     fn is_over(&self) -> bool {
-        self.phase == Phase::Hold
+        self.phases.now() == Phase::Hold
     }
 
     fn phase(&self) -> String {
-        if self.phase == Phase::Take { self.taking.stage() } else { format!("{:?}", self.phase) }
+        if self.phases.now() == Phase::Take { self.taking.stage() } else { self.phases.name() }
     }
 }

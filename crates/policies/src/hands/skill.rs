@@ -5,6 +5,7 @@ use fiatlux_proto::v3::Joint;
 use fiatlux_robot::Robot;
 use fiatlux_room::bulb;
 use fiatlux_skills::grip::{Angles, Touch, grasp_of};
+use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 use serde::de::DeserializeOwned;
@@ -90,7 +91,7 @@ pub(super) fn parameters<P: DeserializeOwned>(
 }
 
 /// An expert. It moves the right arm and its hand, and commands the whole-body controller.
-pub(super) trait Skill: Send {
+pub(super) trait Expert: Skill + Send {
     /// Writes the targets of the arm and its fingers, and returns the command for legs and waist.
     ///
     /// # Errors
@@ -99,10 +100,4 @@ pub(super) trait Skill: Send {
 
     /// Where the arm's joints rest, from the shoulder down, where the hand's pose leaves them free, rad.
     fn rest(&self) -> [f64; ARMS / 2];
-
-    /// Nothing is left to do: the robot stands with what it has.
-    fn is_over(&self) -> bool;
-
-    /// Name of the phase that it is in.
-    fn phase(&self) -> String;
 }
