@@ -30,7 +30,7 @@ impl Delay {
 
     /// Its control steps, for actions of so many numbers; `None` if it was made for actions of another length.
     pub fn steps(&self, numbers: usize) -> Option<usize> {
-        self.numbers.len().is_multiple_of(numbers).then(|| self.numbers.len() / numbers)
+        (numbers > 0 && self.numbers.len().is_multiple_of(numbers)).then(|| self.numbers.len() / numbers)
     }
 
     /// Takes in the action that arrives, in action units, and puts the one that acts in its place.
@@ -39,5 +39,29 @@ impl Delay {
             self.numbers[..action.len()].swap_with_slice(action);
             self.numbers.rotate_left(action.len());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_action_acts_after_the_delay_and_the_first_one_holds_until_then() {
+        let mut delay = Delay::new(&[0.5, -0.5], 2);
+        assert_eq!((delay.steps(2), delay.steps(3), delay.steps(0)), (Some(2), None, None));
+        let acted: Vec<[f64; 2]> = (0..4)
+            .map(|step| {
+                let mut action = [f64::from(step); 2];
+                delay.swap(&mut action);
+                action
+            })
+            .collect();
+        assert_eq!(acted, [[0.5, -0.5], [0.5, -0.5], [0.0; 2], [1.0; 2]]);
+
+        delay.restart(&[0.5, -0.5], 0);
+        let mut action = [7.0; 2];
+        delay.swap(&mut action);
+        assert!(delay.is_none() && action == [7.0; 2]);
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::{BodyId, Mechanics, Model, ModelBuilder, ShapeId, Site, State};
-use fiatlux_kinematics::{Clearance, Goal, InverseKinematics, Work, at_once};
+use fiatlux_kinematics::{Clearance, InverseKinematics, Work, at_once};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_skills::grip::{FINGERS, Finger, Grip};
@@ -266,16 +266,8 @@ impl RightArm {
         from: &[f64; ARMS / 2],
         tries: usize,
     ) -> Result<([f64; ARMS / 2], f64), PolicyError> {
-        self.set(from);
-        self.inverse.options.tries = tries;
-        let goals = [Goal::pose(self.hand, *goal)];
-        let found = self.inverse.solve_in_slices(&self.model, &mut self.state, &goals, &self.work).await;
-        let found = found.map_err(PolicyError::of("hands"))?;
-        let mut solved = *from;
-        for (joint, angle) in ARM.zip(&mut solved) {
-            *angle = self.state.qpos[self.qpos[joint]];
-        }
-        Ok((solved, found.position_error.max(TURN_M * found.rotation_error)))
+        let whole = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: *goal, free: None };
+        self.find(false, &whole, from, tries).await
     }
 
     /// Turns the joints towards angles at a rate, rad/s; the largest turn that is left, rad.
@@ -330,8 +322,7 @@ impl RightArm {
         self.way = Some(next);
         let from = self.angles;
         let whole = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: next, free: None };
-        let (angles, _) =
-            if is_careful { at_once(self.reach(&whole, &from, 1))? } else { at_once(self.solve(&next, &from, 1))? };
+        let (angles, _) = at_once(self.find(is_careful, &whole, &from, 1))?;
         self.follow(&angles, MAX_TURN_RATE);
         Ok(left)
     }

@@ -209,7 +209,7 @@ impl Judge for WaysIn {
             free,
         };
         arm.assume(command, from);
-        let (mut angles, _) = arm.reach(&goal(STOP), from, tries).await?;
+        let (mut angles, _) = arm.find(true, &goal(STOP), from, tries).await?;
         arm.assume(command, &angles);
         (stance.world_from_hand, stance.gap) = (arm.place(&angles), arm.body_gap().await);
         let steps = libm::ceil((before - STOP) / CHECKED);

@@ -80,18 +80,8 @@ impl RightArm {
         }
     }
 
-    /// Angles at which a tool is where it is wanted, searched from some on with gaps to all around, and how far it
-    /// stays from there, m.
-    pub async fn reach(
-        &mut self,
-        goal: &ToolGoal,
-        from: &ArmAngles,
-        tries: usize,
-    ) -> Result<(ArmAngles, f64), PolicyError> {
-        self.find(true, goal, from, tries).await
-    }
-
-    /// The same, on request careful of gaps.
+    /// Angles at which a tool is where it is wanted, searched from some on, on request with gaps to all around, and how far it stays
+    /// from there, m.
     pub async fn find(
         &mut self,
         is_careful: bool,

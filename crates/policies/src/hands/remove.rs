@@ -195,9 +195,9 @@ impl Ways {
         let axis = seen.socket.rotation * Vector3::z();
         let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
         arm.assume(command, from);
-        let (angles, _) = arm.reach(&around, from, tries).await?;
+        let (angles, _) = arm.find(true, &around, from, tries).await?;
         arm.assume(command, &angles);
-        let (angles, error) = arm.reach(&around, &angles, 1).await?;
+        let (angles, error) = arm.find(true, &around, &angles, 1).await?;
         let around = arm.place(&angles);
         (stance.world_from_hand, stance.postures) = (around, vec![angles]);
         (stance.room, stance.error) = (arm.room(&angles), error);

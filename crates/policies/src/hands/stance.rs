@@ -338,7 +338,7 @@ impl Stance {
         goal: &ToolGoal,
         from: &ArmAngles,
     ) -> Result<ArmAngles, PolicyError> {
-        let (angles, error) = arm.reach(goal, from, 1).await?;
+        let (angles, error) = arm.find(true, goal, from, 1).await?;
         self.error = self.error.max(error);
         self.room = self.room.min(arm.room(&angles));
         self.gap = self.gap.min(arm.gap(&angles, Apart::Working).await);
