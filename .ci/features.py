@@ -34,7 +34,7 @@ PAIRS = [
 ]
 # A first build takes four minutes, and all programs as long again, at 329 and 667 compilations. Times differ between machines;
 # these numbers do not.
-MAX_COMPILATIONS = {"launcher": 342, "programs": 690}
+MAX_COMPILATIONS = {"launcher": 343, "programs": 690}
 # Two unlike builds have fewer crates in common than this: then the comparison says nothing.
 FEWEST_IN_COMMON = 100
 
