@@ -24,25 +24,13 @@ impl Grasp {
 
     /// That of a scene's robot; none without fingers.
     pub fn of_scene(scene: &Scene) -> Option<Self> {
-        let (robot, carry) = (&scene.robot, &scene.config.start.carry);
-        let names = robot.joints();
-        let (link, center, glass_height, tilt, grip) = match robot.bulb_grasp() {
-            Some(own) => {
-                let grip = own.grip.iter().map(|(joint, angle)| (names[*joint].name.clone(), *angle)).collect();
-                (own.link, own.glass_center, own.glass_height, own.glass_tilt, grip)
-            }
-            None => {
-                let grip: BTreeMap<_, _> = carry.grip.iter().map(|(name, angle)| (name.clone(), *angle)).collect();
-                (robot.link_index(&carry.hand_link)?, carry.glass_center, carry.glass_height, carry.glass_tilt, grip)
-            }
-        };
-        if grip.keys().any(|name| robot.joint_index(name).is_none()) {
-            return None;
-        }
-        let turn = UnitQuaternion::from_euler_angles(PI + tilt[0], tilt[1], 0.0);
-        let link_from_glass = Isometry3::from_parts(Translation3::from(Vector3::from(center)), turn);
-        let ids = &scene.robot_ids.links[link];
+        let grasp = scene.bulb_grasp().ok()?;
+        let joints = scene.robot.joints();
+        let grip = grasp.grip.iter().map(|(joint, angle)| (joints[*joint].name.clone(), *angle)).collect();
+        let turn = UnitQuaternion::from_euler_angles(PI + grasp.glass_tilt[0], grasp.glass_tilt[1], 0.0);
+        let link_from_glass = Isometry3::from_parts(Translation3::from(Vector3::from(grasp.glass_center)), turn);
+        let ids = &scene.robot_ids.links[grasp.link];
         let site = Site { body: ids.body, body_from_site: ids.body_from_link * link_from_glass };
-        Some(Self { site, glass_height, grip })
+        Some(Self { site, glass_height: grasp.glass_height, grip })
     }
 }

@@ -154,7 +154,7 @@ pub fn start_drawn(
             hold::set_joints(&scene, "start.carry.platform_arm", &carry.platform_arm, &mut posture)?;
         }
         targets.clone_from(&posture);
-        for (joint, angle) in hold::bulb_grasp(&scene)?.grip {
+        for (joint, angle) in scene.bulb_grasp()?.grip {
             let limits = &scene.robot.joints()[joint];
             targets[joint] = angle.clamp(limits.lower, limits.upper);
         }

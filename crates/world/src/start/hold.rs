@@ -30,32 +30,37 @@ pub(super) fn set_joints(
     Ok(())
 }
 
-/// The grasp of the robot's file, else of the scene's.
-pub(super) fn bulb_grasp(scene: &Scene) -> Result<BulbGrasp, StartError> {
-    let (robot, carry) = (&scene.robot, &scene.config.start.carry);
-    if let Some(grasp) = robot.bulb_grasp() {
-        return Ok(grasp.clone());
+impl Scene {
+    /// The right hand around a bulb, as episodes begin with one in it: by the robot's file, else by the scene's.
+    ///
+    /// # Errors
+    /// [`StartError::Name`]: the robot has no such hand.
+    pub fn bulb_grasp(&self) -> Result<BulbGrasp, StartError> {
+        let (robot, carry) = (&self.robot, &self.config.start.carry);
+        if let Some(grasp) = robot.bulb_grasp() {
+            return Ok(grasp.clone());
+        }
+        let unknown = |field, name: &str| StartError::Name { field, name: name.into() };
+        let find_link = |name: &str| robot.link_index(name).ok_or_else(|| unknown("start.carry.hand_link", name));
+        let find_joint = |name: &str| robot.joint_index(name).ok_or_else(|| unknown("start.carry.grip", name));
+        Ok(BulbGrasp {
+            link: find_link(&carry.hand_link)?,
+            glass_center: carry.glass_center,
+            glass_height: carry.glass_height,
+            glass_tilt: carry.glass_tilt,
+            grip: carry
+                .grip
+                .iter()
+                .map(|(name, &angle)| Ok((find_joint(name)?, angle)))
+                .collect::<Result<_, StartError>>()?,
+        })
     }
-    let unknown = |field, name: &str| StartError::Name { field, name: name.into() };
-    let find_link = |name: &str| robot.link_index(name).ok_or_else(|| unknown("start.carry.hand_link", name));
-    let find_joint = |name: &str| robot.joint_index(name).ok_or_else(|| unknown("start.carry.grip", name));
-    Ok(BulbGrasp {
-        link: find_link(&carry.hand_link)?,
-        glass_center: carry.glass_center,
-        glass_height: carry.glass_height,
-        glass_tilt: carry.glass_tilt,
-        grip: carry
-            .grip
-            .iter()
-            .map(|(name, &angle)| Ok((find_joint(name)?, angle)))
-            .collect::<Result<_, StartError>>()?,
-    })
 }
 
 impl Start<'_> {
     /// Pose of a bulb in the hand that will close around it.
     pub(super) fn world_from_held_bulb(&self, row: &Row, bulb: Bulb) -> Result<Isometry3<f64>, StartError> {
-        let grasp = bulb_grasp(self.scene)?;
+        let grasp = self.scene.bulb_grasp()?;
         let links = self.scene.robot.forward_kinematics(&row.joint_position, &row.robot.pose)?;
         let [about_x, about_y] = grasp.glass_tilt;
         let hand_from_glass = Isometry3::from_parts(
@@ -73,7 +78,7 @@ impl Start<'_> {
         let scene = self.scene;
         let carry = &scene.config.start.carry;
         let mut locked = vec![true; scene.model.nv()];
-        for (joint, _) in bulb_grasp(scene)?.grip {
+        for (joint, _) in scene.bulb_grasp()?.grip {
             locked[scene.robot_ids.joints[joint].dof] = false;
         }
         let steps = |time: f64| libm::round(time / PHYSICS_DT) as usize;
