@@ -55,7 +55,11 @@ def faults(path, text):
 
 def main():
     listed = subprocess.run(["git", "ls-files", "-z"], check=True, stdout=subprocess.PIPE, text=True).stdout
-    files = {path: Path(path).read_text() for path in listed.split("\0")[:-1] if path.endswith(".rs") and Path(path).is_file()}
+    files = {
+        path: Path(path).read_text()
+        for path in listed.split("\0")[:-1]
+        if path.endswith(".rs") and Path(path).is_file()
+    }
     for what, call, home in HOMES:
         if not any(re.fullmatch(home, path) and re.search(call, text) for path, text in files.items()):
             sys.exit(f"nothing calls {call} for {what}: correct .ci/homes.py")

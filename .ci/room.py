@@ -17,7 +17,9 @@ import hands
 
 HOME = "crates/world/scene.toml"
 # Data and code of other things that have such a number by themselves.
-OTHERS = re.compile(rf"{hands.ROBOTS}/.*|(.*/)?weights/.*|crates/world/src/object/built/.*|crates/render/src/visuals/g1\.rs|crates/rules/manifest\.toml|.*\.lock")
+OTHERS = re.compile(
+    rf"{hands.ROBOTS}/.*|(.*/)?weights/.*|crates/world/src/object/built/.*|crates/render/src/visuals/g1\.rs|crates/rules/manifest\.toml|.*\.lock"
+)
 # Copies that Python still has: it cannot ask the engine for the scene. Objects for `--asset` are data of their own.
 COPIES = {
     "python/benchmarks/policy_in_mujoco.py",
