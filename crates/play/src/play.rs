@@ -27,7 +27,7 @@ pub enum PlayError {
     WholeBody(#[from] WbcError),
 }
 
-/// What a record of a step has besides the row. The row's action is the one that acted, which may have arrived earlier.
+/// The part of a step's record that is not in the row. The row's action is the one that acted, which may have arrived earlier.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Received {
     /// A number of the action that arrived was outside the box [-1, 1].
@@ -132,7 +132,7 @@ impl Play {
         Ok(body.step(&seen, command, named)?)
     }
 
-    /// What these sensors say of the last row, as a message.
+    /// An observation of the last row by these sensors, as a message.
     ///
     /// # Errors
     /// [`SenseError`]; sensors that the suite was not made for among them.

@@ -44,7 +44,7 @@ pub struct Touch {
     pub palm: f64,
 }
 
-/// Whose each body of a session's hands is.
+/// Side and finger of each body of a session's hands.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HandBodies {
     /// Side and finger, `None` for another part of the hand; none at all for a body of no hand.
@@ -57,7 +57,7 @@ impl HandBodies {
         Self { places: names.iter().map(|name| side(name).map(|(side, _)| (side, finger(name)))).collect() }
     }
 
-    /// What both hands feel, left first, by the forces of the sensor, N.
+    /// Forces on both hands, left first, by those of the sensor, N.
     pub fn touch(&self, forces: &[f32]) -> [Touch; 2] {
         let mut hands = [Touch::default(); 2];
         for (place, &[x, y, z]) in self.places.iter().zip(forces.as_chunks().0) {

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-/// What plays a task in phases, until nothing is left to do.
+/// A player of a task in phases, until nothing is left to do.
 pub trait Skill {
     /// Nothing is left to do: the robot stands with what it has.
     fn is_over(&self) -> bool;

@@ -16,7 +16,7 @@ const ARM: usize = ARMS / 2;
 /// Joints of an arm whose angles have the other sign on the left: rolls and yaws.
 const MIRRORED: [bool; ARM] = [false, true, true, false, true, false, true];
 
-/// How arms look for angles.
+/// Settings of the search for angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachOptions {
     /// Limits of the search, and tolerances.

@@ -32,7 +32,7 @@ const REST: [f64; ARMS / 2] = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
 const REST_PULL: f64 = 0.1;
 /// Room to the limits of a joint, rad.
 const LIMIT_MARGIN: f64 = 0.03;
-/// How far a joint may be commanded ahead of what is sensed, rad: a hand that is blocked presses with what this bends its drives by.
+/// Most that a joint is commanded ahead of what is sensed, rad: a hand that is blocked presses with what this bends its drives by.
 const LEAD: f64 = 0.25;
 /// A device that moves farther between two control steps has lost its tracking, m.
 const MAX_JUMP_M: f64 = 0.2;

@@ -1,4 +1,4 @@
-//! How an episode is lived: what is refused, and what becomes of commands in their three forms.
+//! Commands of an episode in their three forms, and refused ones.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::sync::Arc;
@@ -48,7 +48,7 @@ fn joint_targets_are_the_action_that_leads_to_them() {
     assert_eq!(by_target.episode().digest().hex(), by_action.episode().digest().hex());
 }
 
-/// What the controller made of a command is told, and played later gives the same rows; another command ends its rhythm.
+/// The targets that a whole-body command led to give the same rows when they are sent; another command ends the controller's rhythm.
 #[test]
 fn what_follows_a_whole_body_command_can_be_played_again() {
     let walk = Command::WholeBody(BodyCommand { velocity: [0.3, 0.0, 0.0], ..BodyCommand::default() }, Vec::new());

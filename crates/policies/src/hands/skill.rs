@@ -36,7 +36,7 @@ pub(super) struct Seen {
     pub crate_: Isometry3<f64>,
     /// The socket holds the old bulb, the fresh bulb.
     pub seated: [bool; 2],
-    /// What the right hand feels of a bulb.
+    /// Forces of a bulb on the right hand.
     pub touch: Touch,
 }
 
