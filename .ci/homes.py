@@ -35,6 +35,12 @@ HOMES = [
         r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|python/src/kinematics\.rs|crates/policies/src/hands/arm\.rs",
     ),
     (
+        "the phases of a skill, their clock and their log",
+        r"\bphase: Phase\b|\bfn is_over\(&self\) -> bool;",
+        # Sessions and takes have phases of their own: protocols, not skills.
+        r"crates/skills/src/phases\.rs|crates/(session|teleop)/src/.*",
+    ),
+    (
         "the joints of the robot's body",
         r"\bconst \w+: usize = (29|15)\b",
         r"crates/robot/src/groups\.rs",

@@ -160,6 +160,9 @@ class Homes(unittest.TestCase):
             ("crates/a/src/b.rs", "x\nlet kept = Recorder::start(a, b)?;", ":2: Recorder::start( is a server"),
             ("crates/a/src/b.rs", "    const JOINTS: usize = 29;", "is the joints"),
             ("crates/teleop/src/b.rs", "InverseKinematics::new(&model)", "is an arm"),
+            ("crates/policies/src/b.rs", "    phase: Phase,", "is the phases"),
+            ("crates/policies/src/b.rs", "    fn is_over(&self) -> bool;", "is the phases"),
+            ("crates/teleop/src/b.rs", "const FINGERS: [&str; 2] = [\"thumb\", \"index\"];", "is fingers"),
         ]:
             with self.subTest(text):
                 found = list(homes.faults(path, text))
