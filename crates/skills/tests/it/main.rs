@@ -1,4 +1,5 @@
-//! Arms that reach, on the engine.
+//! Arms that reach, on the engine, and fingers.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod grip;
 mod reach;

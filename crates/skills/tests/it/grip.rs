@@ -1,0 +1,75 @@
+//! Fingers close between two postures, press no harder than they may, and know whose they are.
+
+use fiatlux_proto::v3::Joint;
+use fiatlux_robot::{BODY, Robot};
+use fiatlux_skills::grip::{FINGERS, Finger, Grip, HandBodies, Hold, finger, grasp_of, side};
+
+const STIFFNESS: f64 = 2.0;
+
+fn joints(robot: &Robot) -> Vec<Joint> {
+    let joint = |joint: &fiatlux_robot::Joint| Joint {
+        name: joint.name.clone(),
+        lower: joint.lower,
+        upper: joint.upper,
+        stiffness: STIFFNESS,
+        effort_limit: 0.5,
+        ..Joint::default()
+    };
+    robot.joints().iter().map(joint).collect()
+}
+
+/// The grasp moves every joint of the right hand and no other.
+#[test]
+fn every_hand_has_its_own_grasp() {
+    for name in ["g1_inspire", "g1_dex3"] {
+        let robot = Robot::by_name(name).unwrap();
+        let grasp = grasp_of(&robot);
+        let fingers = robot.joints().iter().skip(BODY).map(|joint| joint.name.as_str());
+        let right: Vec<&str> = fingers.filter(|name| side(name).unwrap().0 == 1).collect();
+        assert!(right.iter().all(|name| grasp.contains_key(*name) && finger(name).is_some()), "{name}: {grasp:?}");
+        assert_eq!(grasp.len(), right.len(), "{name}");
+    }
+}
+
+/// A finger that presses against something stops short of it, however it is turned, and opens freely.
+#[test]
+fn a_torque_bounds_what_closes_and_not_what_opens() {
+    for (name, joint) in [("g1_inspire", "R_index_proximal_joint"), ("g1_dex3", "right_hand_thumb_1_joint")] {
+        let robot = Robot::by_name(name).unwrap();
+        let (all, index) = (joints(&robot), robot.joint_index(joint).unwrap());
+        let closed = grasp_of(&robot);
+        let grip = Grip::new(&all, &[(joint.to_owned(), 0.0)].into(), &closed);
+        let way = closed[joint];
+        let mut sensed = vec![0.0; all.len()];
+        sensed[index] = 0.5 * way;
+        let target = |share: f64, torque: Option<f64>| {
+            let mut targets = vec![0.0; all.len()];
+            grip.write(&[Finger { share, torque }; FINGERS.len()], Some(&sensed), &mut targets);
+            targets[index]
+        };
+        assert_eq!(target(1.0, None), way);
+        let bend = target(1.0, Some(0.1)) - sensed[index];
+        assert!((bend - way.signum() * 0.1 / STIFFNESS).abs() < 1e-12, "{name}: {bend}");
+        assert_eq!(target(0.0, Some(0.1)), 0.0, "{name} opens");
+    }
+}
+
+#[test]
+fn a_hold_keeps_its_targets_near_the_fingers() {
+    let robot = Robot::by_name("g1_inspire").unwrap();
+    let all = joints(&robot);
+    let (start, sensed) = (vec![1.0; all.len()], vec![0.2; all.len()]);
+    let mut targets = vec![7.0; all.len()];
+    Hold::new(&all, 0.8).write(&start, &sensed, &mut targets);
+    assert!(targets[..BODY].iter().all(|target| *target == 7.0), "the body is not its");
+    assert!(targets[BODY..].iter().all(|target| (target - 0.2 - 0.8 * 0.5 / STIFFNESS).abs() < 1e-12), "{targets:?}");
+}
+
+#[test]
+fn forces_are_felt_by_side_and_finger() {
+    let names = ["R_index_tip", "right_palm", "L_thumb_distal", "lamp"].map(str::to_owned);
+    let forces = [3.0, 0.0, 4.0, 0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 9.0, 9.0, 9.0];
+    let [left, right] = HandBodies::new(&names).touch(&forces);
+    assert_eq!((left.fingers, left.palm), ([1.0, 0.0, 0.0, 0.0, 0.0], 0.0));
+    assert_eq!((right.fingers, right.palm, right.largest()), ([0.0, 5.0, 0.0, 0.0, 0.0], 2.0, 5.0));
+}
