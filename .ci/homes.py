@@ -21,7 +21,7 @@ HOMES = [
     (
         "a server with its recorder in one process",
         r"\bRecorder::start\(",
-        r"crates/server/src/(local|server/shell)\.rs|sim-server/src/bin/recorder\.rs",
+        r"crates/server/src/(local|server/shell)\.rs|sim-server/src/recorder\.rs",
     ),
     (
         "an arm that reaches",
@@ -32,7 +32,7 @@ HOMES = [
     (
         "fingers: whose they are by their names, and how hard they press",
         r'"thumb", *"index"|\[\["L_", *"left_"\]|\bbulb_grasp\(\)|\btorque \w*/ .*stiffness',
-        r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|python/src/kinematics\.rs|crates/policies/src/hands/arm\.rs",
+        r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|crates/mjcf/src/grasp\.rs|crates/policies/src/hands/arm\.rs",
     ),
     (
         "the phases of a skill, their clock and their log",
