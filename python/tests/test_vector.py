@@ -161,6 +161,15 @@ def test_worlds_are_spread_over_rooms_and_differ():
     assert len({row.tobytes() for row in observed}) == 6
 
 
+def test_a_picture_is_that_of_the_environment():
+    """The light, too, is drawn by seed and episode."""
+    settings = {"sensors": ["camera"], "noise": False, "image_size": (32, 32)}
+    for seed in (1000, 1001):
+        alone = fiatlux.Env("S05", **settings).reset(seed=seed)[0]["camera"]
+        batched = fiatlux.VectorEnv("S05", 1, seeds=[seed], episodes=1, **settings).reset()[0]["camera"][0]
+        np.testing.assert_array_equal(batched, alone)
+
+
 def test_pictures_are_bytes():
     env = fiatlux.VectorEnv("S05", 2, sensors=["camera", "last_action"], image_size=(40, 30))
     single = fiatlux.Env("S05", sensors=["camera", "last_action"], image_size=(40, 30))
