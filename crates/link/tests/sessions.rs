@@ -3,7 +3,7 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
-use fiatlux_link::{Link, LinkArgs, LinkError, Role};
+use fiatlux_link::{Link, LinkArgs, LinkError, LinkMode, Role};
 use zenoh::{Session, Wait};
 
 #[test]
@@ -136,4 +136,86 @@ fn answer(session: &Session) -> zenoh::query::Queryable<()> {
 fn ask(session: &Session) -> usize {
     let replies = session.get("a/describe").timeout(Duration::from_secs(1)).wait().expect("asks");
     replies.iter().filter(|reply| reply.result().is_ok()).count()
+}
+
+/// A link of this mode to an endpoint.
+fn joins(endpoint: &str, role: Role, mode: LinkMode) -> Session {
+    let args = LinkArgs { connect: vec![endpoint.to_owned()], mode: Some(mode), ..LinkArgs::default() };
+    args.open(role).expect("connects").session().clone()
+}
+
+/// Guards those who watch tokens: whoever declares another's token once more and withdraws that copy, directly or through a
+/// router, withdraws the copy alone. Anybody on a network can see the key of a token.
+#[test]
+fn a_copy_of_a_token_that_goes_away_takes_the_first_with_it_nowhere() {
+    use LinkMode::{Client, Peer, Router};
+    // The mode of what listens, and of the one who watches; `None` if it listens itself.
+    let hubs = [(Peer, None), (Router, None), (Router, Some(Client)), (Router, Some(Peer))];
+    for (hub, watcher) in hubs {
+        for [owner, stranger] in [[Client, Client], [Client, Peer], [Peer, Client], [Peer, Peer]] {
+            // A router passes nothing on between peers that do not gossip.
+            if watcher == Some(Peer) && (owner == Peer || stranger == Peer) {
+                continue;
+            }
+            let endpoint = free_endpoint();
+            let listens = LinkArgs { listen: vec![endpoint.clone()], mode: Some(hub), ..LinkArgs::default() };
+            let listens = listens.open(Role::Server).expect("listens").session().clone();
+            let watches = watcher.map_or_else(|| listens.clone(), |mode| joins(&endpoint, Role::Server, mode));
+            let (sender, seen) = std::sync::mpsc::channel();
+            let watched = fiatlux_link::carrier(&watches).watch_tokens("a/*", move |_, is_there| {
+                sender.send(is_there).expect("the test listens");
+            });
+            let _watched = watched.expect("watches");
+            let owner_link = joins(&endpoint, Role::Client, owner);
+            let stranger_link = joins(&endpoint, Role::Client, stranger);
+            let case = format!("{hub:?} {watcher:?} {owner:?} {stranger:?}");
+            let token = owner_link.liveliness().declare_token("a/token").wait().expect("declares");
+            assert_eq!(seen.recv_timeout(Duration::from_secs(5)), Ok(true), "{case}");
+            for _ in 0..5 {
+                drop(stranger_link.liveliness().declare_token("a/token").wait().expect("declares"));
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let gone: Vec<bool> = seen.try_iter().filter(|is_there| !is_there).collect();
+            assert!(gone.is_empty(), "{case}: the copy took the token with it");
+            drop(token);
+            let until_gone = std::iter::from_fn(|| seen.recv_timeout(Duration::from_secs(5)).ok());
+            assert!(until_gone.into_iter().any(|is_there| !is_there), "{case}: its own end is seen");
+        }
+    }
+}
+
+/// Guards a session's token against a peer that connects under the session's own Zenoh id, which others can see.
+#[test]
+fn a_link_under_anothers_id_takes_no_token_away() {
+    let endpoint = free_endpoint();
+    let listens = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listens = listens.open(Role::Server).expect("listens").session().clone();
+    let (sender, seen) = std::sync::mpsc::channel();
+    let watched = fiatlux_link::carrier(&listens).watch_tokens("a/*", move |_, is_there| {
+        sender.send(is_there).expect("the test listens");
+    });
+    let _watched = watched.expect("watches");
+    let owner = joins(&endpoint, Role::Client, LinkMode::Client);
+    let _token = owner.liveliness().declare_token("a/token").wait().expect("declares");
+    assert_eq!(seen.recv_timeout(Duration::from_secs(5)), Ok(true));
+    for mode in ["client", "peer"] {
+        let mut config = zenoh::Config::default();
+        let id = format!("\"{}\"", owner.zid());
+        let connect = format!("[\"{endpoint}\"]");
+        for (key, value) in [("id", &*id), ("mode", &format!("\"{mode}\"")), ("connect/endpoints", &*connect)] {
+            config.insert_json5(key, value).expect("a setting");
+        }
+        config.insert_json5("connect/timeout_ms", "1000").expect("a setting");
+        config.insert_json5("scouting/multicast/enabled", "false").expect("a setting");
+        if let Ok(stranger) = zenoh::open(config).wait() {
+            let _ = stranger.liveliness().declare_token("a/token").wait();
+            std::thread::sleep(Duration::from_millis(300));
+            let _ = stranger.close().wait();
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(seen.try_iter().all(|is_there| is_there), "{mode}: the other link took the token with it");
+    }
+    let answers = answer(&listens);
+    assert_eq!(ask(&owner), 1, "the session's own link is there");
+    drop(answers);
 }

@@ -1,7 +1,7 @@
 //! The recorder's talk with sessions: which ones there are, and requests to them. A thread of its own, since anybody can
 //! declare tokens, and a network can be slow to take a request.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::Duration;
@@ -27,6 +27,10 @@ const LAST_PROBE: Duration = Duration::from_secs(60);
 /// Sessions asked for their first record in one go, and the time from one go to the next.
 const PROBES: usize = 20;
 const PROBE_PERIOD: Duration = Duration::from_millis(50);
+
+/// Sessions whose token is gone that are asked in one go. Anybody can open sessions that end at once, and each question costs
+/// the whole network; one whose token a stranger has withdrawn still has its turn.
+const GONE_PROBES: usize = 1;
 
 /// Pause between two requests to a session; it doubles with each request that brought nothing, up to the longest.
 const PAUSE: Duration = Duration::from_millis(5);
@@ -200,9 +204,10 @@ impl Greeter {
             !is_over && session.inlet.is_silent()
         });
         // The one that has waited longest first, then by key.
-        let mut due: VecDeque<_> = silent.values_mut().filter(|session| now >= session.probe_at).collect();
-        due.make_contiguous().sort_by_key(|session| (session.probes, session.probe_at));
-        for session in due.into_iter().take(PROBES) {
+        let mut due: Vec<_> = silent.values_mut().filter(|session| now >= session.probe_at).collect();
+        due.sort_by_key(|session| (session.probes, session.probe_at));
+        let (gone, open): (Vec<_>, Vec<_>) = due.into_iter().partition(|session| session.gone_at.is_some());
+        for session in open.into_iter().take(PROBES).chain(gone.into_iter().take(GONE_PROBES)) {
             session.probes += 1;
             session.probe_at = now + (FIRST_PROBE * 2_u32.pow(session.probes.min(8))).min(LAST_PROBE);
             self.probe_one(&session.inlet);

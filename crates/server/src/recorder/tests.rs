@@ -251,6 +251,33 @@ fn a_server_that_goes_away_leaves_a_cut_bag() {
     recorder.stop();
 }
 
+/// Guards the network of a recorder against sessions that are opened and end at once: one of them is asked in each go, and those that
+/// are there are asked first.
+#[test]
+fn sessions_that_are_gone_are_asked_last() {
+    let carrier = fiatlux_carrier::memory();
+    let (recorder, reports) = record(&carrier, &folder("gone"));
+    let begun = Instant::now();
+    let asked: Arc<Mutex<Vec<String>>> = Arc::default();
+    let heard = Arc::clone(&asked);
+    let any = ServerKeys::new("lab").session("*").truth_rows();
+    let queries = carrier.serve(&any, Reach::Everywhere, move |query| heard.lock().expect("a lock").push(query.key));
+    let _queries = queries.expect("a queryable");
+    for number in 100..400 {
+        let session = number.to_string();
+        let token_key = ServerKeys::new("lab").session(&session).truth_live(&token(&session));
+        drop(carrier.token(&token_key).expect("a token"));
+    }
+    let session = FakeSession::open(&carrier, "7");
+    session.send(&episode(0, 0, 20), |_| false);
+    assert!(matches!(next(&reports).end, BagEnd::Whole(_)), "it publishes nothing, and is asked");
+    let goes = begun.elapsed().as_millis() as usize / 50 + 1;
+    let own = ServerKeys::new("lab").session("7").truth_rows();
+    let gone = asked.lock().expect("a lock").iter().filter(|key| **key != own).count();
+    assert!(gone <= goes, "{gone} questions in {goes} goes");
+    recorder.stop();
+}
+
 /// A bag that cannot be written is reported, and the server is told why, and not that it may forget the rows.
 #[test]
 fn what_is_on_no_disk_is_not_acknowledged() {

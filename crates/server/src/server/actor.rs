@@ -32,8 +32,7 @@ pub(super) struct Actor {
     pub id: String,
     pub session: Mutex<Session>,
     inbox: Mutex<Inbox>,
-    /// `None` once the session is done.
-    pub wire: Mutex<Option<Wire>>,
+    pub wire: Mutex<WireState>,
     /// The attempt at an episode of a run that it plays, if any.
     pub attempt: Option<Arc<Attempt>>,
     pub gate: Arc<Gate>,
@@ -74,12 +73,13 @@ pub(super) enum Side {
 }
 
 impl Actor {
-    pub fn new(id: String, session: Session, wire: Wire, gate: Gate, claim_by: Duration) -> Self {
+    /// A session whose keys are not declared yet.
+    pub fn new(id: String, session: Session, gate: Gate, claim_by: Duration) -> Self {
         Self {
             id,
             session: Mutex::new(session),
             inbox: Mutex::default(),
-            wire: Mutex::new(Some(wire)),
+            wire: Mutex::new(WireState::Unclaimed),
             attempt: None,
             gate: Arc::new(gate),
             rows: None,
@@ -175,7 +175,34 @@ impl Actor {
     }
 }
 
-/// The publishers of a session.
+/// Declarations of a session on the network.
+pub(super) enum WireState {
+    /// Nothing: nobody has claimed it. Each declaration costs all peers, and anybody can open sessions.
+    Unclaimed,
+    Declared(Wire),
+    /// Nothing any more: the session is done.
+    Closed,
+}
+
+impl WireState {
+    pub fn declared(&self) -> Option<&Wire> {
+        match self {
+            Self::Declared(wire) => Some(wire),
+            Self::Unclaimed | Self::Closed => None,
+        }
+    }
+
+    pub fn is_closed(&self) -> bool {
+        matches!(self, Self::Closed)
+    }
+
+    /// Closes it; what it has declared ends with what is returned.
+    pub fn close(&mut self) -> Self {
+        std::mem::replace(self, Self::Closed)
+    }
+}
+
+/// The publishers and tokens of a session.
 pub(super) struct Wire {
     pub observation: Publisher,
     pub notice: Publisher,

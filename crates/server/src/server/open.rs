@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use fiatlux_access::{Channel, RowsKey, Side as End};
-use fiatlux_carrier::Query;
+use fiatlux_carrier::{CarrierError, Query};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{OpenReply, OpenRequest, Refusal, ServerInfo, SessionInfo, Welcome, open_reply};
 use fiatlux_proto::{Message, decode, limits};
@@ -115,21 +115,10 @@ impl ServerState {
         let gains = self.scenes.robot(plan.robot).gains(plan.gains);
         let built = self.scenes.get(plan.robot, plan.episode(0).scene(gains));
         let built = built.map_err(|error| plan.does_not_start("seed", &error))?;
-        let keys = self.keys.session(id);
         let network =
             plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| self.networks.get(&plan.request.weights));
         let network = network.transpose()?;
         let is_replay = plan.request.replay;
-        let is_sealed = is_replay || self.credentials.recorder_key.is_some();
-        // A replay has no token, so no recorder follows it.
-        let mut tokens = if is_replay { Vec::new() } else { vec![keys.live()] };
-        if let Some(key) = self.credentials.token_key.as_ref().filter(|_| !is_replay) {
-            let rows = RowsKey::of_recorder(key, &self.name, id);
-            let rows = rows.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-            tokens.push(keys.truth_live(&rows.token()));
-        }
-        let wire = Wire::declare(&self.carrier, &keys, is_sealed, &tokens)
-            .map_err(|error| Refusal::new(Code::Busy, "", format!("the session's keys are refused: {error}")))?;
         let (task, seed, policy) = (plan.task, plan.seed, plan.request.policy.clone());
         let now = self.now();
         let recorded = plan.recorded;
@@ -149,7 +138,7 @@ impl ServerState {
         let rows = rows.transpose().map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
         let channel = Channel::new(&secrets, End::Server);
         let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let mut actor = Actor::new(id.into(), session, wire, Gate::new(channel), self.now() + CLAIM_TIME);
+        let mut actor = Actor::new(id.into(), session, Gate::new(channel), self.now() + CLAIM_TIME);
         (actor.attempt, actor.rows, actor.is_replay) = (attempt, rows, is_replay);
         let actor = Arc::new(actor);
         self.sessions.add(&actor);
@@ -162,6 +151,20 @@ impl ServerState {
         );
         tracing::info!(session = id, %task, seed, policy, "opened a session");
         Ok((info, welcome))
+    }
+}
+
+impl ServerState {
+    /// Declares what a session sends on, and the tokens by which its client and recorders know that it is there.
+    pub fn declare(&self, actor: &Actor) -> Result<Wire, CarrierError> {
+        let keys = self.keys.session(&actor.id);
+        // A replay has no token, so no recorder follows it.
+        let mut tokens = if actor.is_replay { Vec::new() } else { vec![keys.live()] };
+        if let Some(key) = self.credentials.token_key.as_ref().filter(|_| !actor.is_replay) {
+            let rows = RowsKey::of_recorder(key, &self.name, &actor.id);
+            tokens.push(keys.truth_live(&rows.map_err(|error| CarrierError(error.to_string()))?.token()));
+        }
+        Wire::declare(&self.carrier, &keys, actor.rows.is_some(), &tokens)
     }
 }
 

@@ -317,7 +317,7 @@ impl Drop for Server {
             let _ = thread.join();
         }
         for actor in self.shared.sessions.all() {
-            drop(lock(&actor.wire).take());
+            drop(lock(&actor.wire).close());
         }
     }
 }

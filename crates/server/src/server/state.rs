@@ -13,7 +13,7 @@ use fiatlux_proto::{Bytes, record_seq};
 use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
-use super::actor::{Actor, ReplyTo, Side, Wire};
+use super::actor::{Actor, ReplyTo, Side, Wire, WireState};
 use super::credentials::Credentials;
 use super::gate::Gate;
 use super::links::{Links, RunJob};
@@ -129,17 +129,31 @@ impl ServerState {
 
     fn run(&self, actor: &Arc<Actor>) {
         let mut session = lock(&actor.session);
-        let wire = lock(&actor.wire);
-        let mut done = wire.is_none();
+        let mut wire = lock(&actor.wire);
+        let mut done = wire.is_closed();
         let mut parked = false;
         let begun = Instant::now();
         // The last observation, if it is not sent, and how many before it were not sent either.
         let mut skipped: Option<Bytes> = None;
         let mut in_a_row = 0;
-        if actor.is_unclaimed(self.now()) {
-            session.handle(Input::Terminate("nobody has claimed it"), self.now());
+        let ends = match &*wire {
+            _ if actor.is_unclaimed(self.now()) => Some("nobody has claimed it"),
+            WireState::Unclaimed if actor.gate.is_claimed() => match self.declare(actor) {
+                Ok(declared) => {
+                    *wire = WireState::Declared(declared);
+                    None
+                }
+                Err(error) => {
+                    tracing::error!(session = actor.id, %error, "cannot declare a session's keys; is the link still open?");
+                    Some("the server's link refuses its keys")
+                }
+            },
+            _ => None,
+        };
+        if let Some(why) = ends {
+            session.handle(Input::Terminate(why), self.now());
             while let Some(output) = session.poll() {
-                done |= self.emit(actor, wire.as_ref(), output);
+                done |= self.emit(actor, wire.declared(), output);
             }
         }
         for _ in 0..TURN {
@@ -148,7 +162,7 @@ impl ServerState {
             }
             let Some(input) = actor.take() else {
                 if let Some(observation) = skipped.take() {
-                    self.emit(actor, wire.as_ref(), Output::Observation(observation));
+                    self.emit(actor, wire.declared(), Output::Observation(observation));
                 }
                 if let Some(at) = actor.wake_at(&session, self.now())
                     && actor.wakes_earlier(at)
@@ -172,11 +186,11 @@ impl ServerState {
                     Output::Observation(_) => (skipped, in_a_row) = (None, 0),
                     _ => {}
                 }
-                done |= self.emit(actor, wire.as_ref(), output);
+                done |= self.emit(actor, wire.declared(), output);
             }
         }
         if let Some(observation) = skipped {
-            self.emit(actor, wire.as_ref(), Output::Observation(observation));
+            self.emit(actor, wire.declared(), Output::Observation(observation));
         }
         drop((session, wire));
         if done {
@@ -258,11 +272,11 @@ impl ServerState {
 
     fn remove(&self, actor: &Actor) {
         let was_open = self.sessions.remove(actor);
-        let wire = lock(&actor.wire).take();
+        let wire = lock(&actor.wire).close();
         if let Some(attempt) = &actor.attempt {
             attempt.settle();
         }
-        if was_open && wire.is_some() {
+        if was_open && !wire.is_closed() {
             tracing::info!(session = actor.id, "session is over");
         }
     }
@@ -274,7 +288,7 @@ impl ServerState {
             let (mut session, wire) = (lock(&actor.session), lock(&actor.wire));
             session.handle(Input::Terminate("the server failed in this session"), self.now());
             while let Some(output) = session.poll() {
-                self.emit(actor, wire.as_ref(), output);
+                self.emit(actor, wire.declared(), output);
             }
         }));
         self.remove(actor);

@@ -64,6 +64,23 @@ fn a_session_goes_on_as_if_nobody_were_there() {
     drop(server);
 }
 
+/// Guards a client that thinks for longer than the grace time against tokens of the same key that come and go.
+#[test]
+fn nobody_withdraws_the_token_of_a_client_that_thinks() {
+    let grace = Duration::from_secs(1);
+    let (server, link, stranger) = network(ServerOptions { grace, ..options() });
+    let victim = Victim::open(&link);
+    victim.reset();
+    for _ in 0..20 {
+        drop(stranger.liveliness().declare_token(victim.keys.client()).wait().unwrap());
+        std::thread::sleep(grace / 10);
+    }
+    victim.act(0);
+    assert_eq!(victim.observations.recv_timeout(LONG).map(|observation| observation.step), Ok(1));
+    victim.close();
+    drop(server);
+}
+
 /// Guards queries against a stranger who sees them, sends them first, and answers them: the client gets the server's answer.
 #[test]
 fn a_query_that_somebody_else_sends_first_is_answered() {

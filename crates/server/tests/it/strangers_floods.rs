@@ -54,7 +54,7 @@ fn garbage_cuts_no_bag() {
     for _ in 0..2 {
         let victim = recorded(&link);
         let stop = Arc::new(AtomicBool::new(false));
-        let flood = garbage(&stranger, &victim, &stop);
+        let flood = garbage(&stranger, &victim.keys, &stop);
         let end = play(&victim);
         assert!(is_whole(&bags, &end));
         victim.close();

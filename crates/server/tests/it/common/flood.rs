@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_access::RecorderKey;
 use fiatlux_bag::{Bag, BagWriter, Completeness};
+use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, OpenRequest, StepRecord};
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 use zenoh::{Session, Wait};
@@ -65,8 +66,7 @@ pub fn recorder(link: &Session, out: &Path, key: &RecorderKey) -> (Recorder, Rec
 }
 
 /// Sends garbage on every topic of a session as fast as it can, until it is stopped; returns the number of messages.
-pub fn garbage(link: &Session, victim: &Victim, stop: &Arc<AtomicBool>) -> JoinHandle<u64> {
-    let keys = &victim.keys;
+pub fn garbage(link: &Session, keys: &SessionKeys, stop: &Arc<AtomicBool>) -> JoinHandle<u64> {
     let topics = [keys.truth_row(), keys.truth_ack(), keys.action(), keys.observation(), keys.notice()];
     let publishers: Vec<_> = topics.into_iter().map(|key| link.declare_publisher(key).wait().unwrap()).collect();
     let stop = Arc::clone(stop);

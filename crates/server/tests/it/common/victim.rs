@@ -23,14 +23,24 @@ pub const JOINTS: usize = 53;
 
 /// A server, and the links of a client and of a stranger to it.
 pub fn network(options: ServerOptions) -> (Server, Session, Session) {
+    let (server, client, stranger, _) = network_at(options);
+    (server, client, stranger)
+}
+
+/// A link of a client.
+pub fn connect(endpoint: &str) -> Session {
+    let args = LinkArgs { connect: vec![endpoint.to_owned()], ..LinkArgs::default() };
+    args.open(Role::Client).unwrap().session().clone()
+}
+
+/// As [`network`], with the server's endpoint.
+pub fn network_at(options: ServerOptions) -> (Server, Session, Session, String) {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
-    let listens =
-        LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap().session().clone();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let listens = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listens = listens.open(Role::Server).unwrap().session().clone();
     let server = Server::start(fiatlux_link::carrier(&listens), options).unwrap();
-    let connect =
-        || LinkArgs { connect: endpoint.clone(), ..LinkArgs::default() }.open(Role::Client).unwrap().session().clone();
-    (server, connect(), connect())
+    (server, connect(&endpoint), connect(&endpoint), endpoint)
 }
 
 pub fn options() -> ServerOptions {
