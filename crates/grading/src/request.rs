@@ -3,9 +3,8 @@
 use fiatlux_proto::plain;
 use fiatlux_proto::v3::{EpisodeHeader, Mode, OpenRequest, PropScale, Range};
 use fiatlux_rules::{Cause, Causes, Protocol, Task, Thresholds};
-use fiatlux_wire::{COMMAND_TIMEOUT_MS, IMAGE_SIDE, check_request};
+use fiatlux_wire::{COMMAND_TIMEOUT_MS, IMAGE_SIDE, check_request, known_robot};
 
-use crate::conditions::ROBOT;
 use crate::flaw::{Difference, first_difference};
 
 /// Value in a header for gains that a request leaves out.
@@ -46,7 +45,8 @@ fn asked(request: &OpenRequest, header: &EpisodeHeader) -> EpisodeHeader {
         seed: request.seed,
         mode: if request.mode == 0 { Mode::Lockstep.into() } else { request.mode },
         gains: or(&request.gains, GAINS),
-        robot: or(&request.robot, ROBOT),
+        // A robot may be named by its hands.
+        robot: known_robot(&request.robot).map_or_else(|| request.robot.clone(), str::to_owned),
         episode_protocol: or(protocol, Protocol::default().name()),
         reward: or(&request.reward, REWARD),
         randomization: Some(randomization),
@@ -107,6 +107,7 @@ fn prop_scale(asked: &PropScale) -> PropScale {
 
 #[cfg(test)]
 mod tests {
+    use crate::conditions::ROBOT;
     use fiatlux_proto::v3::{DomainSample, Randomization, Sensor};
 
     use super::*;
@@ -173,6 +174,18 @@ mod tests {
             (OpenRequest { episode_protocol: "mine".into(), ..request() }, "episode_protocol: "),
             (OpenRequest { weights: "mine".into(), ..request() }, "weights: "),
             (OpenRequest { thresholds: [("nothing".into(), 30.0)].into(), ..request() }, "thresholds: "),
+            (OpenRequest { robot: "claw".into(), ..request() }, "robot: robot 'claw' is unknown"),
+            (OpenRequest { robot: "G1_INSPIRE".into(), ..request() }, "robot: "),
+            (OpenRequest { gains: "soft".into(), ..request() }, "gains: 'soft' is not a known set of gains"),
+            (OpenRequest { gains: "Fiatlux".into(), ..request() }, "gains: "),
+            (
+                OpenRequest { sensors: vec![sensor("smell", 0.0)], ..request() },
+                "sensors: sensor 'smell' does not exist",
+            ),
+            (
+                OpenRequest { sensors: vec![Sensor { recorded: true, ..sensor("verdict", 0.0) }], ..request() },
+                "sensors: sensor 'verdict' is small",
+            ),
             (OpenRequest { sensors: vec![sensor("camera", 7.7)], ..request() }, "sensors: "),
             (OpenRequest { sensors: vec![sensor("camera", 1.0), sensor("camera", 2.0)], ..request() }, "sensors: "),
             (OpenRequest { image_height: 100, sensors: vec![sensor("features", 1.0)], ..request() }, "image_height: "),
@@ -188,6 +201,7 @@ mod tests {
     fn every_field_of_a_request_is_compared() {
         assert_eq!(contradiction(&header(request())), None);
         assert_eq!(contradiction(&header(OpenRequest { sensors: vec![], ..request() })), None, "the server's choice");
+        assert_eq!(contradiction(&header(OpenRequest { robot: "inspire".into(), ..request() })), None, "by its hands");
         assert_eq!(contradiction(&EpisodeHeader { request: None, ..header(request()) }), None);
         let cases = [
             (OpenRequest { policy: "walk".into(), ..request() }, "policy"),

@@ -36,6 +36,24 @@ macro_rules! sensors {
 
 include!(concat!(env!("OUT_DIR"), "/variants.rs"));
 
+/// Guards those who read requests without the simulator: they know the same sensors.
+const _: () = {
+    let known = &fiatlux_wire::SENSORS;
+    assert!(known.len() == Sensor::ALL.len(), "list the sensor in SENSORS of crates/wire/src/known.rs");
+    let mut index = 0;
+    while index < known.len() {
+        let (name, is_large) = (Sensor::ALL[index].name().as_bytes(), Sensor::ALL[index].is_large());
+        let listed = known[index].name.as_bytes();
+        let mut byte = 0;
+        while byte < name.len() && byte < listed.len() && name[byte] == listed[byte] {
+            byte += 1;
+        }
+        let is_same = byte == name.len() && byte == listed.len() && is_large == known[index].is_large;
+        assert!(is_same, "SENSORS of crates/wire/src/known.rs has other sensors, another order or other sizes");
+        index += 1;
+    }
+};
+
 impl Sensor {
     /// Name in messages, such as `proprioception`.
     pub const fn name(self) -> &'static str {

@@ -23,6 +23,7 @@ mod end;
 mod error;
 mod geometry;
 mod header;
+mod known;
 mod pose;
 mod request;
 mod row;
@@ -44,10 +45,11 @@ pub use geometry::{geometry_message, read_geometry};
 pub use header::{
     drive_message, header_digest, joint_groups_message, joint_groups_of, layout_of, read_identity, reward_of,
 };
+pub use known::{GAINS, KnownSensor, ROBOTS, SENSORS, known_gains, known_robot, known_sensor};
 pub use pose::{pose_message, read_pose};
 pub use request::{
-    COMMAND_TIMEOUT_MS, FEATURE_SIDE_STEP, IMAGE_SIDE, MAX_NAME, RequestedSession, SENSORS_WITH_FEATURES, SensorUse,
-    check_request, check_text, reward_name, sensor_use,
+    COMMAND_TIMEOUT_MS, FEATURE_SIDE_STEP, IMAGE_SIDE, MAX_NAME, RequestedSensor, RequestedSession,
+    SENSORS_WITH_FEATURES, SensorUse, check_request, check_text, requested_sensors, reward_name,
 };
 pub use row::{contact_messages, read_row, state_message};
 

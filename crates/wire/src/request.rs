@@ -1,13 +1,15 @@
 //! Checks a request for a session as far as no simulator is needed. A server refuses what fails here, and a grader does not
 //! score a bag of it: no server can have played it.
 //!
-//! The server checks the rest, names and numbers that only the simulator knows: robots, gains, sensors, ranges and
-//! sizes of props. In a ranking they have one value, so a grader compares them with that.
+//! The server checks the rest, numbers that only the simulator knows: ranges and sizes of props. In a ranking they have one value, so
+//! a grader compares them with that.
 
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{self, Mode, OpenRequest, Refusal};
 use fiatlux_proto::{is_unseen, limits};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, ThresholdError, Thresholds, UnknownProtocol, Variant};
+
+use crate::known::{GAINS, KnownSensor, ROBOTS, SENSORS, known_gains, known_robot, known_sensor};
 
 /// Side of the camera's image where a request leaves it out, pixels.
 pub const IMAGE_SIDE: u32 = 256;
@@ -32,6 +34,11 @@ const RECORD_HZ: f64 = 10.0;
 pub struct RequestedSession {
     pub task: Task,
     pub real_time: bool,
+    /// Full name of the robot.
+    pub robot: &'static str,
+    pub gains: &'static str,
+    /// As they are listed; empty for the task's own.
+    pub sensors: Vec<RequestedSensor>,
     /// Width and height of the camera's image, pixels.
     pub image_size: [usize; 2],
     pub protocol: Protocol,
@@ -43,6 +50,17 @@ pub struct RequestedSession {
     pub action_delay: usize,
     /// Time for which a whole-body command stays in force without a new action, s; 0 in lockstep.
     pub command_timeout_s: f64,
+}
+
+/// A sensor of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RequestedSensor {
+    pub name: &'static str,
+    pub use_: SensorUse,
+    /// It sees more than the published one.
+    pub see_room: bool,
+    /// Steps from one record in the bag to the next, if it is large and recorded.
+    pub record_period: Option<u64>,
 }
 
 /// When the policy gets a sensor.
@@ -72,13 +90,16 @@ pub fn check_request(request: &OpenRequest) -> Result<RequestedSession, Refusal>
         }
     };
     let task = request.task.parse::<Task>().map_err(|error| unknown("task", error.to_string()))?;
-    check_sensors(&request.sensors)?;
+    let sensors = requested_sensors(&request.sensors)?;
     check_weights(request)?;
     let end_on = end_on(&request.end_on)?;
     check_take(request, end_on)?;
     Ok(RequestedSession {
         task,
         real_time,
+        robot: robot(&request.robot)?,
+        gains: gains(&request.gains)?,
+        sensors,
         image_size: image_size(request)?,
         protocol: protocol(&request.episode_protocol)?,
         end_on,
@@ -101,22 +122,49 @@ pub fn check_text(field: &str, text: &str, least: usize, most: usize) -> Result<
     Err(Refusal::new(Code::Value, field, message))
 }
 
-fn check_sensors(sensors: &[v3::Sensor]) -> Result<(), Refusal> {
-    for (index, asked) in sensors.iter().enumerate() {
-        if sensors[..index].iter().any(|other| other.name == asked.name) {
-            let message = format!("sensor '{}' is listed twice; list it once, with one rate", asked.name);
-            return Err(Refusal::new(Code::Value, "sensors", message));
-        }
-        sensor_use(asked)?;
-    }
-    Ok(())
-}
-
-/// When a sensor is given to the policy, and the steps from one record in the bag to the next, if it is large and recorded.
+/// Reads the sensors of a request.
 ///
 /// # Errors
-/// A refusal of rates or flags that contradict each other.
-pub fn sensor_use(asked: &v3::Sensor) -> Result<(SensorUse, Option<u64>), Refusal> {
+/// A refusal of a sensor that does not exist or is listed twice, and of rates or flags that contradict each other.
+pub fn requested_sensors(sensors: &[v3::Sensor]) -> Result<Vec<RequestedSensor>, Refusal> {
+    let read = |(index, asked): (usize, &v3::Sensor)| {
+        let Some(KnownSensor { name, is_large }) = known_sensor(&asked.name) else {
+            let known = SENSORS.map(|sensor| sensor.name).join(", ");
+            let message = format!("sensor '{}' does not exist; ask for some of {known}", asked.name);
+            return Err(Refusal::new(Code::Unknown, "sensors", message));
+        };
+        if sensors[..index].iter().any(|other| other.name == name) {
+            let message = format!("sensor '{name}' is listed twice; list it once, with one rate");
+            return Err(Refusal::new(Code::Value, "sensors", message));
+        }
+        let (use_, record_period) = sensor_use(asked)?;
+        if asked.recorded && !is_large {
+            let message =
+                format!("sensor '{name}' is small: the bag has it as often as observations do; leave recorded out");
+            return Err(Refusal::new(Code::Value, "sensors", message));
+        }
+        Ok(RequestedSensor { name, use_, see_room: asked.see_room, record_period })
+    };
+    sensors.iter().enumerate().map(read).collect()
+}
+
+fn robot(name: &str) -> Result<&'static str, Refusal> {
+    known_robot(name).ok_or_else(|| {
+        let known: Vec<String> = ROBOTS.iter().map(|(robot, _)| format!("'{robot}'")).collect();
+        let known = known.join(", ");
+        Refusal::new(Code::Unknown, "robot", format!("robot '{name}' is unknown; use one of {known}"))
+    })
+}
+
+fn gains(name: &str) -> Result<&'static str, Refusal> {
+    known_gains(name).ok_or_else(|| {
+        let message = format!("'{name}' is not a known set of gains; use one of {}", GAINS.join(", "));
+        Refusal::new(Code::Unknown, "gains", message)
+    })
+}
+
+/// When a sensor is given to the policy, and the steps from one record in the bag to the next, if it is recorded.
+fn sensor_use(asked: &v3::Sensor) -> Result<(SensorUse, Option<u64>), Refusal> {
     let name = &asked.name;
     let wrong = |message: String| Err(Refusal::new(Code::Value, "sensors", message));
     let rated = asked.rate_hz != 0.0;

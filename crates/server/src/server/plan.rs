@@ -8,7 +8,7 @@ use fiatlux_proto::v3::{Mode, OpenRequest, Refusal, RunTicket, Version};
 use fiatlux_proto::{PROTOCOL, is_compatible};
 #[cfg(test)]
 use fiatlux_proto::{decode, limits};
-use fiatlux_robot::{GainSet, Robot};
+use fiatlux_robot::{GainSet, Robot, RobotError};
 use fiatlux_rules::{Causes, Protocol, Task, Thresholds, Variant};
 
 use fiatlux_world::{EpisodeRanges, EpisodeSpec, PropScale, Randomization, RangeError, Scene};
@@ -107,20 +107,21 @@ pub(super) fn read(bytes: &[u8]) -> Result<Plan, Refusal> {
 
 pub(super) fn check(request: &OpenRequest) -> Result<Plan, Refusal> {
     check_version(request.protocol.as_ref())?;
-    let task = request.task.parse::<Task>().map_err(|error| Refusal::new(Code::Unknown, "task", error.to_string()))?;
-    let sensors = sensors::read(request, task)?;
     // A grader makes the same checks: what is refused here is scored nowhere.
     let asked = wire::check_request(request)?;
     let randomize = wire::randomization(&request.randomization.unwrap_or_default());
     Ok(Plan {
         request: request.clone(),
-        task,
+        task: asked.task,
         seed: request.seed,
         real_time: asked.real_time,
         image_size: asked.image_size,
-        sensors,
-        gains: gains(&request.gains)?,
-        robot: robot(&request.robot)?,
+        sensors: sensors::plan(&asked.sensors, asked.task),
+        gains: asked
+            .gains
+            .parse()
+            .map_err(|error: RobotError| Refusal::new(Code::Unknown, "gains", in_full(&error)))?,
+        robot: Robot::known(asked.robot).map_err(|error| Refusal::new(Code::Unknown, "robot", in_full(&error)))?,
         randomize,
         scale: prop_scale(request, &randomize)?,
         ranges: ranges(request, &randomize)?,
@@ -180,22 +181,6 @@ fn ranges(request: &OpenRequest, randomize: &Randomization) -> Result<EpisodeRan
     }
 }
 
-fn gains(name: &str) -> Result<GainSet, Refusal> {
-    if name.is_empty() {
-        return Ok(GainSet::default());
-    }
-    let unknown = |_| {
-        let known = GainSet::ALL.map(GainSet::name).join(", ");
-        let message = format!("'{name}' is not a known set of gains; use one of {known}");
-        Refusal::new(Code::Unknown, "gains", message)
-    };
-    name.parse().map_err(unknown)
-}
-
-fn robot(name: &str) -> Result<&'static str, Refusal> {
-    Robot::known(name).map_err(|error| Refusal::new(Code::Unknown, "robot", error.to_string()))
-}
-
 #[cfg(test)]
 mod tests {
     use fiatlux_proto::Message;
@@ -253,9 +238,14 @@ mod tests {
         assert_eq!((plan.thresholds.fragility_n, plan.thresholds.grip_bodies), (30.0, 3));
     }
 
-    /// Guards that the checks which graders share know the sensors and the images that a server computes features from.
+    /// Guards that the checks which graders share know the robots, the gains, and the images that a server computes features from.
     #[test]
-    fn shared_checks_know_the_features() {
+    fn shared_checks_know_the_simulators_names() {
+        assert!(wire::ROBOTS.iter().map(|(name, _)| *name).eq(Robot::NAMES), "crates/robot/robots/names.in");
+        for (name, hand) in wire::ROBOTS {
+            assert_eq!([Robot::known(name).ok(), Robot::known(hand).ok()], [Some(*name); 2]);
+        }
+        assert_eq!(wire::GAINS, GainSet::ALL.map(GainSet::name));
         let with_features: Vec<&str> = Sensors::WITH_FEATURES.iter().map(Sensor::name).collect();
         let mut shared = wire::SENSORS_WITH_FEATURES.to_vec();
         shared.sort_by_key(|name| Sensor::by_name(name).map(|sensor| sensor as u16));

@@ -1,10 +1,8 @@
 //! The sensors that a session asks for, and how often.
 
 use fiatlux_proto::v3;
-use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{OpenRequest, Refusal};
 use fiatlux_rules::{CONTROL_DT, Task};
-use fiatlux_wire::{SensorUse as Use, sensor_use};
+use fiatlux_wire::{RequestedSensor, SensorUse as Use};
 
 use fiatlux_sensing::{Sensor, Sensors, Sight};
 
@@ -70,37 +68,26 @@ impl SensorPlan {
     }
 }
 
-/// Decodes and checks the sensors of a request.
-pub(super) fn read(request: &OpenRequest, task: Task) -> Result<SensorPlan, Refusal> {
-    let mut choices: Vec<Choice> = Vec::new();
-    for asked in &request.sensors {
-        let name = &asked.name;
-        let Some(sensor) = Sensor::by_name(name) else {
-            let message = format!("sensor '{name}' does not exist; ask for some of {}", Sensor::names());
-            return Err(Refusal::new(Code::Unknown, "sensors", message));
-        };
-        let wrong = |message: String| Err(Refusal::new(Code::Value, "sensors", message));
-        if choices.iter().any(|choice| choice.sensor == sensor) {
-            return wrong(format!("sensor '{name}' is listed twice; list it once, with one rate"));
-        }
-        let (use_, record_period) = sensor_use(asked)?;
-        if asked.recorded && !sensor.is_large() {
-            return wrong(format!(
-                "sensor '{name}' is small: the bag has it as often as observations do; leave recorded out"
-            ));
-        }
-        choices.push(Choice { sensor, use_, see_room: asked.see_room, record_period });
-    }
+/// The sensors of a request; the task's own where the policy is given none of them.
+pub(super) fn plan(asked: &[RequestedSensor], task: Task) -> SensorPlan {
+    let choice = |asked: &RequestedSensor| {
+        let sensor = Sensor::by_name(asked.name).expect("the build compares the names");
+        Choice { sensor, use_: asked.use_, see_room: asked.see_room, record_period: asked.record_period }
+    };
+    let mut choices: Vec<Choice> = asked.iter().map(choice).collect();
     if choices.iter().all(|choice| choice.use_ == Use::BagOnly) {
         let choice = |sensor| Choice { sensor, use_: Use::Every(1), see_room: false, record_period: None };
         choices.extend(Sensors::of_body(task).iter().map(choice));
     }
     choices.sort_by_key(|choice| choice.sensor as u16);
-    Ok(SensorPlan(choices))
+    SensorPlan(choices)
 }
 
 #[cfg(test)]
 mod tests {
+    use fiatlux_proto::v3::Refusal;
+    use fiatlux_wire::requested_sensors;
+
     use super::*;
 
     fn sensor(name: &str) -> v3::Sensor {
@@ -108,7 +95,7 @@ mod tests {
     }
 
     fn plan(sensors: Vec<v3::Sensor>) -> Result<SensorPlan, Refusal> {
-        read(&OpenRequest { sensors, ..OpenRequest::default() }, Task::S05)
+        requested_sensors(&sensors).map(|asked| super::plan(&asked, Task::S05))
     }
 
     #[test]
