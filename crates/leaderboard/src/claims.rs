@@ -5,7 +5,7 @@
 //! | claim | says | proof |
 //! |---|---|---|
 //! | *rows* | this motion happened in this room | the actions, simulated again; or the signature of a server of this board |
-//! | *senses* | the policy was shown these sensors alone, and no person drove | a hosted run: the server chose the room after registration and sent the sensors |
+//! | *senses* | whoever acted was shown these sensors alone; refused where the bags say that a person drove | a hosted run: the server chose the room after registration and sent the sensors |
 //! | *tries* | how often it was tried | hosted runs, whose servers keep a journal of every registration |
 //!
 //! Hosted runs have divisions by what is proven of them. Everybody else's bags share one table of proven motion, whatever

@@ -84,15 +84,16 @@ pub(super) const BADGES: [Badge; 3] = [Badge::Hosted, Badge::Replayed, Badge::Se
 pub(super) fn badge_text(badge: &Badge) -> &'static str {
     match badge {
         Badge::Hosted => {
-            "This site's own server drew the rooms after the run was registered, sent the policy the named sensors and nothing \
-             else, and signed every recording; it does not prove who made the policy, or how."
+            "This site's own server drew the rooms after the run was registered, sent the named sensors and nothing else, and \
+             signed every recording; it does not prove who made the policy, or how, or that no person chose its actions."
         }
         Badge::Replayed => {
             "Every episode was simulated again here, equal to the last bit, so this motion did happen in this room; it does not \
              prove what the policy saw, whose it is, or how often it was tried."
         }
         Badge::SelfReported => {
-            "The recordings agree with themselves, and nobody else has simulated them; that proves nothing, so it has no rank."
+            "The recordings agree with themselves, and nobody else has simulated them: that does not even prove that a simulator \
+             made them, so it has no rank."
         }
     }
 }

@@ -16,7 +16,7 @@ use fiatlux_proto::v3::run_episode::State as StateMessage;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
     Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
-    RunFinish, RunInfo, RunSpec, RunStatus, SessionInfo, StepRecord, StepRecordRequest, reset_reply, run_reply,
+    RunFinish, RunInfo, RunSpec, RunStatus, SessionInfo, Source, StepRecord, StepRecordRequest, reset_reply, run_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_server::{RecordError, Server, ServerError, ServerOptions};
@@ -215,6 +215,12 @@ fn what_does_not_fit_is_refused_by_field() {
     let (zenoh, _server) = start(&folder("fields"));
     assert_eq!(refused(&zenoh, Ask::Status(RunStatus {})).0, Code::Unknown);
     let session = |session: OpenRequest| RunSpec { session: Some(session), ..spec(&[1]) };
+    // A person's actions are never ranked, so nobody gets hosted seeds for them.
+    let hosted_for = |source| RunSpec {
+        session: Some(OpenRequest { source, ..OpenRequest::default() }),
+        hosted_seeds: 2,
+        ..spec(&[])
+    };
     let cases = [
         (RunSpec { policy: String::new(), ..spec(&[1]) }, "register.policy"),
         (RunSpec { policy_link: "a".repeat(600), ..spec(&[1]) }, "register.policy_link"),
@@ -225,6 +231,10 @@ fn what_does_not_fit_is_refused_by_field() {
         (RunSpec { hosted_seeds: u32::MAX, ..spec(&[]) }, "register.hosted_seeds"),
         (session(OpenRequest { seed: 3, ..OpenRequest::default() }), "register.session.seed"),
         (session(OpenRequest { recorded: true, ..OpenRequest::default() }), "register.session.recorded"),
+        (session(OpenRequest { take: true, ..OpenRequest::default() }), "register.session.take"),
+        (session(OpenRequest { robot: "claw".into(), ..OpenRequest::default() }), "register.session.robot"),
+        (hosted_for(Source::Person.into()), "register.session.source"),
+        (hosted_for(7), "register.session.source"),
         (session(OpenRequest { action_delay_ms: 30, ..OpenRequest::default() }), "register.session.action_delay_ms"),
     ];
     for (spec, expected) in cases {
