@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Fuzzes what strangers can send: bags, requests to the leaderboard, submissions of forged bags, messages, objects. Ends with an error at the
-# first crash, hang or request for more than 1 GiB of memory; the input that did it is in target/fuzz/NAME.
+# Fuzzes what strangers can send: bags, requests to the leaderboard, submissions of forged bags, messages, objects, meshes, frames of the
+# page that drives the robot, and files of objects as Python reads them. Ends with an error at the first crash, hang or request for more than
+# 1 GiB of memory; the input that did it is in target/fuzz/NAME.
 #
-#   tests/fuzz/run.sh [SECONDS] [TARGET...]        60 seconds for each of bag, submission, forged, messages and object, where nothing is said
+#   tests/fuzz/run.sh [SECONDS] [TARGET...]        60 seconds for each of the targets below, where nothing is said
 #
-# Needs a C++ compiler for libFuzzer, and no nightly Rust. What was learnt is kept in target/fuzz/NAME/corpus. FIATLUX names the
+# Needs a C++ compiler for libFuzzer, and no nightly Rust; intake needs Python with numpy (FIATLUX_PYTHON, else python3). What was learnt is kept in target/fuzz/NAME/corpus. FIATLUX names the
 # program that plays the first bag, which is built otherwise.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
@@ -12,7 +13,7 @@ root="$(cd "$here/../.." && pwd)"
 seconds="${1:-60}"
 shift $(($# > 0 ? 1 : 0))
 targets=("$@")
-[ "${#targets[@]}" -gt 0 ] || targets=(bag submission forged messages object)
+[ "${#targets[@]}" -gt 0 ] || targets=(bag submission forged messages object meshes websocket intake)
 target="${CARGO_TARGET_DIR:-$root/target}"
 
 # Coverage by a pass that stable compilers have too.
@@ -34,6 +35,10 @@ fi
 
 for name in "${targets[@]}"; do
     echo "== $name"
+    if [ "$name" = intake ]; then
+        "${FIATLUX_PYTHON:-python3}" "$here/intake.py" --seconds "$seconds" --out "$target/fuzz/intake"
+        continue
+    fi
     program="$target/fuzz/build/release/$name"
     corpus="$target/fuzz/$name/corpus"
     mkdir -p "$corpus"

@@ -38,6 +38,7 @@ pub use inputs::Inputs;
 pub use measures::{Kind, Measure};
 pub use pilot::{Driven, Pilot};
 pub use serve::{Cockpit, Secure, ServeError};
+pub use socket::Frames;
 pub use station::{MAX_AGE, Phase, Station, Status};
 pub use studio::{ServerElsewhere, TakeError};
 pub use takes::{Kept, TakeOptions};

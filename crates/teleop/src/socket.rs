@@ -72,6 +72,40 @@ impl Budget {
     }
 }
 
+/// The server's end of a page's WebSocket, without the connection that carries its bytes.
+pub struct Frames(WebSocket<Pipe>);
+
+impl Default for Frames {
+    fn default() -> Self {
+        let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
+        Self(WebSocket::from_raw_socket(Pipe::default(), Role::Server, Some(config)))
+    }
+}
+
+impl Frames {
+    /// Takes in bytes of the page and gives each text to `take`, whose error the page is told. Returns the number of messages.
+    ///
+    /// # Errors
+    /// Bytes that are no frames, or a message over the limit: the connection is over.
+    pub fn take(&mut self, bytes: &[u8], mut take: impl FnMut(&str) -> Result<(), String>) -> Result<usize, Error> {
+        self.0.get_mut().arrived.extend(bytes);
+        let mut count = 0;
+        while let Some(message) = next(&mut self.0)? {
+            count += 1;
+            let Message::Text(text) = message else { continue };
+            if let Err(problem) = take(&text) {
+                self.0.send(Message::text(serde_json::json!({ "problem": problem }).to_string()))?;
+            }
+        }
+        Ok(count)
+    }
+
+    /// Bytes for the page.
+    pub fn outgoing(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.0.get_mut().outgoing)
+    }
+}
+
 /// Serves a page until one of the two ends it.
 pub(crate) async fn talk(stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) {
     // A connection that breaks is one that ends.
@@ -80,8 +114,7 @@ pub(crate) async fn talk(stream: impl AsyncRead + AsyncWrite + Unpin, page: &Pag
 
 async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> Result<(), Error> {
     let Page { station, id, .. } = page;
-    let config = WebSocketConfig::default().max_message_size(Some(MAX_MESSAGE)).max_frame_size(Some(MAX_MESSAGE));
-    let mut socket = WebSocket::from_raw_socket(Pipe::default(), Role::Server, Some(config));
+    let mut frames = Frames::default();
     let (mut live, mut status, mut driver) =
         (station.live.subscribe(), station.status.subscribe(), station.driver.subscribe());
     let mut ended = page.ended.clone();
@@ -91,7 +124,7 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
     let mut budget = Budget::new(Instant::now());
     let mut buffer = [0; 4096];
     loop {
-        let outgoing = std::mem::take(&mut socket.get_mut().outgoing);
+        let outgoing = frames.outgoing();
         if !outgoing.is_empty() {
             let sent = tokio::time::timeout(MAX_WRITE, stream.write_all(&outgoing)).await;
             sent.map_err(|_| Error::Io(io::ErrorKind::TimedOut.into()))??;
@@ -101,8 +134,8 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
         tokio::select! {
             biased;
             farewell = farewell(&mut ended) => {
-                socket.close(Some(CloseFrame { code: farewell.code().into(), reason: "".into() }))?;
-                let outgoing = std::mem::take(&mut socket.get_mut().outgoing);
+                frames.0.close(Some(CloseFrame { code: farewell.code().into(), reason: "".into() }))?;
+                let outgoing = frames.outgoing();
                 stream.write_all(&outgoing).await?;
                 return Ok(stream.shutdown().await?);
             }
@@ -112,18 +145,9 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
                 if length == 0 {
                     return Ok(());
                 }
-                let mut units = length as f64 / UNIT_BYTES;
-                socket.get_mut().arrived.extend(&buffer[..length]);
-                while let Some(message) = next(&mut socket)? {
-                    units += 1.0;
-                    let Message::Text(text) = message else { continue };
-                    if let Err(problem) = station.take(*id, &text) {
-                        let said = serde_json::json!({ "problem": problem }).to_string();
-                        socket.send(Message::text(said))?;
-                    }
-                }
+                let messages = frames.take(&buffer[..length], |text| station.take(*id, text))?;
                 let now = Instant::now();
-                budget.spend(units, now);
+                budget.spend(messages as f64 + length as f64 / UNIT_BYTES, now);
                 page.has_sent(budget.ready_at() > now);
             }
             changed = status.changed() => {
@@ -131,14 +155,14 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
                     return Ok(());
                 }
                 let text = serde_json::json!({ "status": &*status.borrow_and_update() }).to_string();
-                socket.send(Message::text(text))?;
+                frames.0.send(Message::text(text))?;
             }
             changed = driver.changed() => {
                 if changed.is_err() {
                     return Ok(());
                 }
                 let drives = *driver.borrow_and_update() == *id;
-                socket.send(Message::text(serde_json::json!({ "drives": drives }).to_string()))?;
+                frames.0.send(Message::text(serde_json::json!({ "drives": drives }).to_string()))?;
             }
             changed = live.changed() => {
                 if changed.is_err() {
@@ -146,7 +170,7 @@ async fn serve(mut stream: impl AsyncRead + AsyncWrite + Unpin, page: &Page) -> 
                 }
                 let state = Arc::clone(&live.borrow_and_update());
                 if !state.is_empty() {
-                    socket.send(Message::binary(state.as_slice().to_vec()))?;
+                    frames.0.send(Message::binary(state.as_slice().to_vec()))?;
                 }
             }
         }

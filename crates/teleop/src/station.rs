@@ -118,7 +118,7 @@ impl Station {
     }
 
     /// Takes in a page, which drives from now on.
-    pub(crate) fn enter(&self) -> u64 {
+    pub fn enter(&self) -> u64 {
         let mut inner = self.lock();
         inner.connections += 1;
         inner.pages += 1;
@@ -157,7 +157,7 @@ impl Station {
     ///
     /// # Errors
     /// Its fault, in words for its user.
-    pub(crate) fn take(&self, id: u64, text: &str) -> Result<(), String> {
+    pub fn take(&self, id: u64, text: &str) -> Result<(), String> {
         let message: Message = serde_json::from_str(text)
             .map_err(|error| format!("a message of the page cannot be read: {error}; reload the page"))?;
         let mut inner = self.lock();

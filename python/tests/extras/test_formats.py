@@ -232,6 +232,12 @@ def test_ply_that_is_wrong_or_not_read(tmp_path, old, new, message):
     refused(tmp_path / "a.ply", message)
 
 
+@pytest.mark.parametrize("count", ["\u00b9", "9" * 5000, "-6", "0x6", "6.0", "+6"])
+def test_ply_counts_are_plain_numbers(tmp_path, count):
+    (tmp_path / "a.ply").write_bytes(ply().replace(b"element face 6", f"element face {count}".encode("latin-1")))
+    refused(tmp_path / "a.ply", "is not a line of a header")
+
+
 def test_ply_names_what_it_leaves_out(tmp_path):
     text = ply().decode().replace("property float z\n", "property float z\nproperty uchar red\n")
     head, body = text.split("end_header\n")

@@ -24,7 +24,8 @@ fn seed(role: &str, scene: &str) -> Vec<u8> {
     .into_bytes()
 }
 
-const CRATE: &str = "[scene.crate]\nouter_half = [0.1, 0.1]\ninterior_half = [0.09, 0.09]\nrim_height = 0.2\nfloor_height = 0.01\n";
+const CRATE: &str =
+    "[scene.crate]\nouter_half = [0.1, 0.1]\ninterior_half = [0.09, 0.09]\nrim_height = 0.2\nfloor_height = 0.01\n";
 const BULB: &str = "[scene.bulb]\nmass = 0.05\naxial_inertia = 3e-5\ntransverse_inertia = 7e-5\ncom_z = 0.12\n\
                     seat_z = 0.036259\noutline = [[0.036259, 0.007], [0.1, 0.03], [0.19, 0.0]]\nlying_height = 0.04\n";
 

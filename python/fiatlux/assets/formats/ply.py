@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,8 @@ TYPES = {
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 MAX_HEADER_BYTES = 1 << 16
+#: A count of a header.
+COUNT = re.compile("[0-9]{1,18}")
 #: Pairs of properties that are texture coordinates.
 TEXTURE = [("s", "t"), ("u", "v"), ("texture_u", "texture_v")]
 
@@ -80,7 +83,7 @@ def header_of(path: Path, content: bytes, of: int) -> Header:
                 image = line.split(maxsplit=2)[2].strip()
         elif words[0] == "format" and len(words) == 3 and words[1] in ORDERS and words[2] == "1.0":
             order = ORDERS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
+        elif words[0] == "element" and len(words) == 3 and COUNT.fullmatch(words[2]):
             elements.append(Element(words[1], int(words[2])))
         elif words[0] == "property" and elements and len(words) == 3 and words[1] in TYPES:
             elements[-1].properties.append((words[2], TYPES[words[1]], None))
