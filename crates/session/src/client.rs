@@ -337,8 +337,8 @@ impl ClientSession {
             }
             // An action was lost: those after it come too early, until it is sent again.
             Code::Step if self.is_ahead() => self.problem = Some(notice.message),
-            // The server went on without this action, as it does in real time, and what it saw then is under way or was lost.
-            Code::Step if self.is_behind(&notice) => {
+            // The server went on without an action, as it does in real time, and what it saw then is under way, was lost, or has come.
+            Code::Step if self.is_real_time() || self.is_behind(&notice) => {
                 self.problem = Some(notice.message);
                 self.ask_observation();
             }
