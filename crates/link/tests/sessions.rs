@@ -186,7 +186,7 @@ fn a_copy_of_a_token_that_goes_away_takes_the_first_with_it_nowhere() {
 
 /// Guards a session's token against a peer that connects under the session's own Zenoh id, which others can see.
 #[test]
-fn a_link_under_anothers_id_takes_no_token_away() {
+fn a_link_with_an_id_in_use_takes_no_token_away() {
     let endpoint = free_endpoint();
     let listens = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
     let listens = listens.open(Role::Server).expect("listens").session().clone();
