@@ -41,6 +41,11 @@ impl Lab {
         self.folder().path().join("known_servers")
     }
 
+    /// The server's key, with which it signs.
+    pub fn identity(&self) -> Identity {
+        Identity::read(&self.keys.path().join("identity")).unwrap()
+    }
+
     /// The files of a folder that are wanted, in a folder of their own.
     pub fn copy(&self, from: &Path, name: &str, wanted: impl Fn(&str) -> bool) -> PathBuf {
         let to = self.folder().path().join(name);

@@ -3,9 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
+use fiatlux_access::sign_result;
 use fiatlux_bag::BagFiles;
 use fiatlux_bag::run::{Ledger, LedgerWriter, journals};
-use fiatlux_proto::v3::{Asset, Mode, Sensor};
+use fiatlux_proto::v3::{Asset, Mode, Sensor, Source};
 use fiatlux_rules::pins;
 use fiatlux_tests::forge::Parts;
 use serde_json::{Value, json};
@@ -164,6 +165,41 @@ fn what_cannot_be_compared_is_not_ranked() {
     let (code, said) = board.submit(&again, &[]);
     assert_eq!((code, &said["badge"]), (0, &json!("replayed")), "{said}");
     assert_eq!(entry(&board, &said)["ranked_tasks"], json!(["S02"]));
+}
+
+/// Guards that a person has no rank in a hosted run either, though a known server has signed journal and bags (A7): servers refuse
+/// hosted seeds to a session that says so, and the board asks the bags.
+#[test]
+fn a_hosted_run_of_a_person_is_not_ranked() {
+    let lab = Lab::start("trust-person");
+    let hosted = played_by(&lab, "random", "hosted", &["--hosted", "4", "--tasks", "S05"]);
+    let board = Board::start(&lab, &["--signers", &lab.known_servers().display().to_string()]);
+    let signer = lab.identity();
+    type Change = fn(&mut Parts);
+    let cases: [(&str, Change); 2] = [
+        ("source", |parts| {
+            parts.header.source = Source::Person.into();
+            parts.header.request.as_mut().unwrap().source = Source::Person.into();
+        }),
+        ("stream", |parts| rename(parts, "sonic:models,stream=tcp://192.0.2.1:5555")),
+    ];
+    for (name, change) in cases {
+        let folder = lab.copy(&hosted, name, |file| !file.ends_with(".mcap"));
+        for bag in BagFiles::find(std::slice::from_ref(&hosted)).unwrap().bags {
+            let mut parts = Parts::of(&bag);
+            change(&mut parts);
+            parts.seal();
+            sign_result(&signer, &mut parts.result);
+            parts.write(&folder.join(bag.file_name().unwrap()));
+        }
+        let (_, said) = board.submit_as(name, &folder, &[]);
+        let entry = entry(&board, &said);
+        assert!(entry["division"].is_null() && entry["ranked_tasks"] == json!([]), "{name}: {entry}");
+        let why = [&entry["not_ranked"], &entry["reason"]].map(|text| text.as_str().unwrap_or_default()).concat();
+        assert!(why.contains("a person") || why.contains("policy"), "{name}: {entry}");
+    }
+    // The policy's own bags are ranked no more: their rows are a person's.
+    assert_refused("as a policy", board.submit(&hosted, &[]), "as those of a person");
 }
 
 /// Guards that the best of three registered hosted runs is not ranked as the only one (A10).
