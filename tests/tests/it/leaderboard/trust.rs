@@ -175,15 +175,7 @@ fn a_hosted_run_of_a_person_is_not_ranked() {
     let hosted = played_by(&lab, "random", "hosted", &["--hosted", "4", "--tasks", "S05"]);
     let board = Board::start(&lab, &["--signers", &lab.known_servers().display().to_string()]);
     let signer = lab.identity();
-    type Change = fn(&mut Parts);
-    let cases: [(&str, Change); 2] = [
-        ("source", |parts| {
-            parts.header.source = Source::Person.into();
-            parts.header.request.as_mut().unwrap().source = Source::Person.into();
-        }),
-        ("stream", |parts| rename(parts, "sonic:models,stream=tcp://192.0.2.1:5555")),
-    ];
-    for (name, change) in cases {
+    let signed = |name: &str, change: fn(&mut Parts)| {
         let folder = lab.copy(&hosted, name, |file| !file.ends_with(".mcap"));
         for bag in BagFiles::find(std::slice::from_ref(&hosted)).unwrap().bags {
             let mut parts = Parts::of(&bag);
@@ -192,12 +184,20 @@ fn a_hosted_run_of_a_person_is_not_ranked() {
             sign_result(&signer, &mut parts.result);
             parts.write(&folder.join(bag.file_name().unwrap()));
         }
-        let (_, said) = board.submit_as(name, &folder, &[]);
-        let entry = entry(&board, &said);
-        assert!(entry["division"].is_null() && entry["ranked_tasks"] == json!([]), "{name}: {entry}");
-        let why = [&entry["not_ranked"], &entry["reason"]].map(|text| text.as_str().unwrap_or_default()).concat();
-        assert!(why.contains("a person"), "{name}: {entry}");
-    }
+        folder
+    };
+    let folder = signed("source", |parts| {
+        parts.header.source = Source::Person.into();
+        parts.header.request.as_mut().unwrap().source = Source::Person.into();
+    });
+    let (_, said) = board.submit_as("source", &folder, &[]);
+    let entry = entry(&board, &said);
+    assert!(entry["division"].is_null() && entry["ranked_tasks"] == json!([]), "{entry}");
+    let why = [&entry["not_ranked"], &entry["reason"]].map(|text| text.as_str().unwrap_or_default()).concat();
+    assert!(why.contains("a person"), "{entry}");
+    // A tracked body under the name of a policy that was registered: the journal, which the server signed, has another.
+    let folder = signed("stream", |parts| rename(parts, "sonic:models,stream=tcp://192.0.2.1:5555"));
+    assert_refused("stream", board.submit_as("stream", &folder, &[]), "the bag is not the one in the journal");
     // The policy's own bags are ranked no more: their rows are a person's.
     assert_refused("as a policy", board.submit(&hosted, &[]), "as those of a person");
 }
