@@ -1,9 +1,9 @@
 """A client in Python, from proto/PROTOCOL.md alone: it opens a session, sends zeros, and prints how the episode ends.
 
-pip install -r docs/client.requirements.txt
-mkdir -p build
-python -m grpc_tools.protoc -I proto/proto --python_out=build fiatlux/v3/{session,observation,room}.proto
-PYTHONPATH=build python docs/client.py tcp/127.0.0.1:7447 SERVER S07 [ed25519:KEY]
+    pip install -r docs/client.requirements.txt
+    mkdir -p build
+    python -m grpc_tools.protoc -I proto/proto --python_out=build fiatlux/v3/{session,observation,room}.proto
+    PYTHONPATH=build python docs/client.py tcp/127.0.0.1:7447 SERVER S07 [ed25519:KEY]
 """
 
 import base64
@@ -25,11 +25,9 @@ from fiatlux.v3 import observation_pb2, session_pb2
 def sha256(data):
     return hashlib.sha256(data).digest()
 
-
 def ask(session, key, payload, attachment=None):
     everyone = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
     return session.get(key, payload=payload, attachment=attachment, timeout=60.0, **everyone)
-
 
 class Channel:
     """Numbers and seals what is sent, and takes what the server has sealed."""
@@ -60,7 +58,6 @@ class Channel:
             self.taken = {old for old in self.taken if old + 64 > number} | {number}
         return True
 
-
 def open_session(session, endpoint, server, task, known):
     private = X25519PrivateKey.generate()
     request = session_pb2.OpenRequest(task=task, policy="python", protocol=session_pb2.Version(major=3, minor=4))
@@ -87,10 +84,7 @@ def open_session(session, endpoint, server, task, known):
         if not name:
             sys.exit(f"refused: {said.message}")
         return said, Channel(private.exchange(X25519PublicKey.from_public_bytes(welcome.key)), transcript)
-    sys.exit(
-        f"no server '{server}'{' with that key' if known else ''} answers at {endpoint}; `policy-client list` shows names"
-    )
-
+    sys.exit(f"no server '{server}'{' with that key' if known else ''} answers at {endpoint}; `policy-client list` shows names")
 
 def main(endpoint, server, task, known=None):
     config = zenoh.Config.from_json5(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}}}')
@@ -101,7 +95,6 @@ def main(endpoint, server, task, known=None):
         heard = queue.Queue()
         session.liveliness().declare_token(f"{keys}/client")
         session.declare_subscriber(f"{keys}/observation", heard.put)
-
         def query(label, payload):
             attachment = channel.seal(label, payload)
             for reply in ask(session, f"{keys}/{label.decode()}", payload, attachment):
@@ -121,7 +114,6 @@ def main(endpoint, server, task, known=None):
                 step, end = seen.step, seen.end if seen.HasField("end") else None
         print(f"{end.cause} after {end.steps} steps, digest {end.digest}")
         query(b"close", b"")
-
 
 if __name__ == "__main__":
     main(*sys.argv[1:]) if len(sys.argv) in (4, 5) else sys.exit(__doc__)
