@@ -22,7 +22,9 @@ def test_channels_have_metres_and_names():
 
 def test_a_vector_sees_what_an_environment_sees():
     env = fiatlux.Env("S06", sensors=SENSORS, image_size=(32, 24), observation="dict")
-    worlds = fiatlux.VectorEnv("S06", 2, sensors=SENSORS, image_size=(32, 24), observation="dict", seeds=[3, 4])
+    worlds = fiatlux.VectorEnv(
+        "S06", 2, sensors=SENSORS, image_size=(32, 24), observation="dict", seeds=[3, 4], episodes=1
+    )
     alone, _ = env.reset(seed=3)
     together, _ = worlds.reset()
     for name in SENSORS[1:]:
