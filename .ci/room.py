@@ -2,7 +2,7 @@
 """Fails where a number of the room stands as a literal outside its home, the scene: a copy stays behind when the room changes.
 
 A number counts with at least three significant digits and four decimal places, a list of numbers with an entry of three digits:
-shorter ones stand for much else. Of the grasp the fingers' angles count, whole degrees are no one's. Rust takes the numbers from
+shorter ones stand for much else. Angles of the grasp's fingers count, whole degrees do not. Rust takes the numbers from
 `fiatlux_room`.
 """
 

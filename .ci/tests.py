@@ -16,6 +16,7 @@ import hands
 import homes
 import licences
 import room
+import sbom
 
 RULES = {
     "licenses": {"allow": ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception"]},
@@ -127,6 +128,30 @@ class Figures(unittest.TestCase):
             with self.subTest(fault):
                 [found] = figures.check("p", page, self.DATA)[1]
                 self.assertIn(fault, found)
+
+
+class Bill(unittest.TestCase):
+    def test_what_a_release_is_made_of(self):
+        def node(name, *needs):
+            deps = [{"pkg": need, "dep_kinds": [{"kind": kind}]} for need, kind in needs]
+            return {"id": name, "deps": deps}
+
+        packages = [
+            package(id="a", name="a", source=None),
+            package(id="b", name="b", license="MIT/Apache-2.0"),
+            package(id="c", name="c"),
+            package(id="d", name="d"),
+        ]
+        nodes = [node("a", ("b", None), ("d", "dev")), node("b", ("c", "build")), node("c"), node("d")]
+        lock = {"package": [{"name": "a", "version": "1.0.0"}, {"name": "b", "version": "1.0.0", "checksum": "ab"}]}
+        bill = sbom.bill({"packages": packages, "resolve": {"nodes": nodes}}, lock, "a")
+        self.assertEqual(bill["metadata"]["component"]["bom-ref"], "a@1.0.0")
+        # What tests alone need is not in a release.
+        self.assertEqual([part["name"] for part in bill["components"]], ["b", "c"])
+        self.assertEqual(bill["components"][0]["licenses"], [{"expression": "MIT OR Apache-2.0"}])
+        self.assertEqual(bill["components"][0]["hashes"], [{"alg": "SHA-256", "content": "ab"}])
+        needs = {entry["ref"]: entry["dependsOn"] for entry in bill["dependencies"]}
+        self.assertEqual(needs, {"a@1.0.0": ["b@1.0.0"], "b@1.0.0": ["c@1.0.0"], "c@1.0.0": []})
 
 
 class Room(unittest.TestCase):

@@ -8,7 +8,6 @@ macro_rules! sensors {
     ($($(#[$doc:meta])* $sensor:ident: $module:ident, $does:literal,)*) => {
         /// Sensors that a session can have: one for each file of `sensors/`. `proto/fiatlux/v3/observation.proto` has the field
         /// of each.
-        /// field of each.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Sensor {
             $($(#[$doc])* $sensor,)*

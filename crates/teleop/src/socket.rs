@@ -86,7 +86,7 @@ impl Frames {
     /// Takes in bytes of the page and gives each text to `take`, whose error the page is told. Returns the number of messages.
     ///
     /// # Errors
-    /// Bytes that are no frames, or a message over the limit: the connection is over.
+    /// The connection ends on bytes that are not frames, and on a message over the limit.
     pub fn take(&mut self, bytes: &[u8], mut take: impl FnMut(&str) -> Result<(), String>) -> Result<usize, Error> {
         self.0.get_mut().arrived.extend(bytes);
         let mut count = 0;

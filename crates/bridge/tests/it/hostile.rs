@@ -227,7 +227,7 @@ fn the_handshake_names_the_host() {
         ("127.0.0.1", "/v1", Some("model.example.org:8443"), "model.example.org:8443"),
     ] {
         let Ok(listener) = TcpListener::bind(format!("{address}:0")) else {
-            eprintln!("{address} is no address of this machine; the other cases run");
+            eprintln!("{address} is not an address of this machine; the other cases run");
             continue;
         };
         let port = listener.local_addr().unwrap().port();

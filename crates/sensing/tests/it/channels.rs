@@ -70,7 +70,7 @@ fn labels_are_where_things_are() {
     }
 }
 
-/// Alone, or beside a picture asked for before or after, a channel is the same, and so is the picture.
+/// A channel is the same alone and together with a picture, in any order, and so is the picture.
 #[test]
 fn channels_and_pictures_do_not_touch_each_other() {
     let (scene, row) = start_row(Task::S06);

@@ -107,7 +107,7 @@ struct OpenBag {
 }
 
 impl Bags {
-    /// The bags of a session in this folder, of which there are these already.
+    /// A session's bags in this folder, with those that are there already.
     pub fn new(shared: &Arc<RecorderState>, folder: PathBuf, found: Found) -> Self {
         let Found { finished, resumed, .. } = found;
         let open = resumed.map(|Resumed { writer, header }| OpenBag { header, writer });

@@ -170,7 +170,7 @@ impl Runs {
         Some(run)
     }
 
-    /// Lets finished runs go, of which nothing more is written.
+    /// Forgets finished runs: nothing more is written to them.
     fn retire(&self) {
         lock(&self.runs).retain(|_, run| {
             let state = lock(&run.state);
