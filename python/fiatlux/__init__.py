@@ -17,6 +17,7 @@ from .client import Client
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
+from .expert import Expert, Experts, Label, Labels
 from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
@@ -42,10 +43,14 @@ __all__ = [
     "Env",
     "EpisodeSettings",
     "Evaluation",
+    "Expert",
+    "Experts",
     "FiatluxError",
     "HandActions",
     "HandPolicy",
     "Kinematics",
+    "Label",
+    "Labels",
     "Policy",
     "PolicyLike",
     "Settings",

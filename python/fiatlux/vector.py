@@ -628,6 +628,7 @@ class VectorEnv(_Batch):
         given["horizon_steps"] = None if horizon_steps is None else whole("horizon_steps", horizon_steps, 1, MAX_SEED)
         given["reward_weights"] = dict(reward_weights or {})
         expanded = _expanded(task, rooms, episodes, [Start()] if starts is None else starts)
+        self.action_form: str = given["action_form"]
         super().__init__("rulebook", (task, expanded, given), num_envs, shared)
 
 

@@ -264,15 +264,26 @@ class WholeBodies:
         num_envs: Number of worlds.
         num_threads: Number of threads; results do not depend on it.
         weights: As of :class:`WholeBody`.
+        bends_low: A robot that stands may be commanded to a height of 0.40 m and a pitch of 1.2 rad, as the expert does in S06 and S08.
+        steps: Without, it never takes a step, not even to catch itself, as on the ladder's platform in S03 and S11.
 
     Raises:
         ValueError: The file is damaged, or made for another engine.
     """
 
-    def __init__(self, num_envs: int, num_threads: int = 1, weights: str | PathLike[str] | None = None) -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        num_threads: int = 1,
+        weights: str | PathLike[str] | None = None,
+        *,
+        bends_low: bool = False,
+        steps: bool = True,
+    ) -> None:
         self.num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
         threads = whole("num_threads", num_threads, 1, _native.MAX_THREADS)
-        self._native = _native.WholeBodies(self.num_envs, threads, None if weights is None else fspath(weights))
+        file, stance = None if weights is None else fspath(weights), [bool(bends_low), not steps]
+        self._native = _native.WholeBodies(self.num_envs, threads, file, stance)
 
     def __repr__(self) -> str:
         return f"<fiatlux.WholeBodies: {self.num_envs} worlds>"

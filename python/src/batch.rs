@@ -151,7 +151,7 @@ struct ClimbingSettings {
     reward_weights: BTreeMap<String, f64>,
 }
 
-fn error(error: BatchError) -> PyErr {
+pub(crate) fn error(error: BatchError) -> PyErr {
     match error {
         BatchError::Config { field, found, rule } => {
             // As the arguments are called in Python.
@@ -507,6 +507,10 @@ impl Batch {
 }
 
 impl Batch {
+    pub(crate) fn worlds(&self) -> &Worlds {
+        &self.worlds
+    }
+
     /// Worlds of a task of the benchmark.
     fn rulebook(
         py: Python<'_>,

@@ -7,7 +7,7 @@ use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_rules::Protocol;
-use fiatlux_sensing::{SensorSuite, Sensors, Setup};
+use fiatlux_sensing::{SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as WorldEpisode, PHYSICS_DT, Scene, SceneConfig};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
@@ -248,6 +248,11 @@ impl Episode {
 impl Episode {
     fn episode(&self) -> &WorldEpisode {
         self.play.episode()
+    }
+
+    /// The sensors, and the present row.
+    pub(crate) fn senses(&mut self) -> (&mut SensorSuite, View<'_>) {
+        self.play.senses()
     }
 
     /// Takes a control step; if it is refused, nothing changes.

@@ -15,6 +15,7 @@ mod painter;
 mod score;
 mod settings;
 mod state;
+mod teacher;
 mod watch;
 mod wbc;
 
@@ -39,6 +40,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<client::Client>()?;
     module.add_class::<episode::Episode>()?;
     module.add_class::<kinematics::Kinematics>()?;
+    module.add_class::<teacher::Expert>()?;
+    module.add_class::<teacher::Experts>()?;
     module.add_class::<wbc::WholeBody>()?;
     module.add_class::<wbc::WholeBodies>()?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;

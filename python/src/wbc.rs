@@ -17,6 +17,8 @@ use crate::fault::{failed, guarded, not_contiguous, own, own_mut, refused};
 #[derive(Clone)]
 pub(crate) struct WholeBody {
     weights: Option<PathBuf>,
+    /// It bends lower than the network can, and never steps.
+    stance: Stance,
     controller: Controller,
     arms: Arms,
     reach: Reach,
@@ -27,22 +29,30 @@ pub(crate) struct WholeBody {
 #[pymethods]
 impl WholeBody {
     #[new]
-    fn new(weights: Option<PathBuf>) -> PyResult<Self> {
+    #[pyo3(signature = (weights, stance=[false; 2]))]
+    fn new(weights: Option<PathBuf>, stance: Stance) -> PyResult<Self> {
         let network = match &weights {
             None => Network::shipped().map_err(|error| failed(&error))?,
             Some(file) => Network::read(file).map_err(|error| refused(&error))?,
         };
         let arms = Arms::new(&network.contract().joints).map_err(|error| refused(&error))?;
         let reach = Reach::new().map_err(|error| refused(&error))?;
-        Ok(Self { weights, controller: Controller::new(Arc::new(network)), arms, reach, has_begun: false })
+        let (mut controller, [bends_low, never_steps]) = (Controller::new(Arc::new(network)), stance);
+        if bends_low {
+            controller = controller.bending_low();
+        }
+        if never_steps {
+            controller = controller.without_steps();
+        }
+        Ok(Self { weights, stance, controller, arms, reach, has_begun: false })
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Option<PathBuf>,))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, BodyArguments)> {
         if self.has_begun {
             let remedy = "call reset() first, copy it with copy.deepcopy, or make it in the policy's own reset";
             return Err(PyTypeError::new_err(format!("a WholeBody cannot be pickled during an episode; {remedy}")));
         }
-        Ok((py.get_type::<Self>().into_any(), (self.weights.clone(),)))
+        Ok((py.get_type::<Self>().into_any(), (self.weights.clone(), self.stance)))
     }
 
     fn __deepcopy__(&self, _memo: Bound<'_, PyAny>) -> Self {
@@ -132,11 +142,17 @@ impl WholeBody {
     }
 }
 
+/// Whether it bends low, and whether it never steps.
+type Stance = [bool; 2];
+
 /// Angles of the arms, rad, and of each hand with a goal what remains, m and rad.
 type Reached = ([f64; ARMS], [Option<[f64; 2]>; 2]);
 
+/// Arguments of the constructor of `WholeBody`.
+type BodyArguments = (Option<PathBuf>, Stance);
+
 /// Arguments of the constructor of `WholeBodies`.
-type BodiesArguments = (usize, usize, Option<PathBuf>);
+type BodiesArguments = (usize, usize, Option<PathBuf>, Stance);
 
 /// Whole-body controllers of many worlds, each with the goals of both hands.
 #[pyclass(module = "fiatlux._native")]
@@ -144,6 +160,7 @@ pub(crate) struct WholeBodies {
     bodies: Vec<WholeBody>,
     threads: usize,
     weights: Option<PathBuf>,
+    stance: Stance,
 }
 
 /// Numbers of a world in `WholeBodies::step`: command, goals of both hands, targets; and in `WholeBodies::palms`.
@@ -153,9 +170,9 @@ const GOALS: usize = 14;
 #[pymethods]
 impl WholeBodies {
     #[new]
-    fn new(worlds: usize, threads: usize, weights: Option<PathBuf>) -> PyResult<Self> {
-        let body = WholeBody::new(weights.clone())?;
-        Ok(Self { bodies: vec![body; worlds], threads, weights })
+    fn new(worlds: usize, threads: usize, weights: Option<PathBuf>, stance: Stance) -> PyResult<Self> {
+        let body = WholeBody::new(weights.clone(), stance)?;
+        Ok(Self { bodies: vec![body; worlds], threads, weights, stance })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, BodiesArguments)> {
@@ -163,11 +180,12 @@ impl WholeBodies {
             let remedy = "call reset() first, copy it with copy.deepcopy, or make it in the policy's own reset";
             return Err(PyTypeError::new_err(format!("WholeBodies cannot be pickled during an episode; {remedy}")));
         }
-        Ok((py.get_type::<Self>().into_any(), (self.bodies.len(), self.threads, self.weights.clone())))
+        let arguments = (self.bodies.len(), self.threads, self.weights.clone(), self.stance);
+        Ok((py.get_type::<Self>().into_any(), arguments))
     }
 
     fn __deepcopy__(&self, _memo: Bound<'_, PyAny>) -> Self {
-        Self { bodies: self.bodies.clone(), threads: self.threads, weights: self.weights.clone() }
+        Self { bodies: self.bodies.clone(), weights: self.weights.clone(), ..*self }
     }
 
     /// Resets the controllers of the marked worlds.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Contact;
 use fiatlux_rules::Row;
+use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{Light, Scene};
 
 use crate::buffers::{Memory, check_length, check_memory};
@@ -305,6 +306,23 @@ impl Batch {
         self.workers.check_process()?;
         let row = self.workers.job(world).map(|job| job.slot.row().clone());
         row.ok_or(BatchError::NoWorld { world, worlds: self.worlds })
+    }
+
+    /// Asks the sensors of a world for more than its observation has, at its present row and with its episode's noise. Worlds may be
+    /// asked by several threads at once, each by one.
+    ///
+    /// # Errors
+    /// As for [`Batch::row`]; [`BatchError::Task`]: the task has no sensors.
+    pub fn sense<T>(&self, world: usize, ask: impl FnOnce(&mut SensorSuite, &View<'_>) -> T) -> Result<T, BatchError> {
+        self.workers.check_process()?;
+        let none = || BatchError::NoWorld { world, worlds: self.worlds };
+        let mut job = self.workers.job(world).ok_or_else(none)?;
+        let scene = &self.banks[job.slot.bank].scene;
+        let (suite, view) = job.slot.senses(scene).ok_or_else(|| {
+            let source = "this task has no sensors; use a task of the benchmark".into();
+            BatchError::Task { world, source }
+        })?;
+        Ok(ask(suite, &view))
     }
 
     /// Values drawn for a world's present episode, by name: the start of its bank, light, what varies, and what the task draws.

@@ -272,11 +272,15 @@ impl Task for Rulebook {
     }
 
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError> {
-        let Some(Referee { judges, rewards }) = &self.referee else { return Ok(()) };
+        let sensors = self.options.sensors;
+        let Some((suite, view)) = self.senses(world.scene(), world.row()) else { return Ok(()) };
+        Ok(suite.compute_all(sensors, &view, observation)?)
+    }
+
+    fn senses<'a>(&'a mut self, scene: &'a Scene, row: &'a Row) -> Option<(&'a mut SensorSuite, View<'a>)> {
+        let Referee { judges, rewards } = self.referee.as_ref()?;
         let (judge, reward) = (judges.in_force(), rewards.reward());
-        let (scene, row) = (world.scene(), world.row());
-        let view = View { scene, episode: self.episode, row, task: self.task, judge, reward };
-        Ok(self.suite.compute_all(self.options.sensors, &view, observation)?)
+        Some((&mut self.suite, View { scene, episode: self.episode, row, task: self.task, judge, reward }))
     }
 
     fn settings(&self) -> Vec<(&'static str, String)> {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{Contact, PreparedVariation, Site};
 use fiatlux_rules::{Row, diverged};
+use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
 use crate::disturbance::Disturber;
@@ -176,6 +177,11 @@ impl Slot {
             random: Random::new(Stream::Batch, seed, world as u64),
             disturber: Disturber::default(),
         }
+    }
+
+    /// The sensors at its row.
+    pub fn senses<'a>(&'a mut self, scene: &'a Scene) -> Option<(&'a mut SensorSuite, View<'a>)> {
+        self.task.senses(scene, &self.row)
     }
 
     pub fn row(&self) -> &Row {

@@ -4,6 +4,7 @@ use std::any::Any;
 use std::collections::BTreeMap;
 
 use fiatlux_rules::Row;
+use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{AppliedWrench, Light, Push, Random, Scene, World};
 
 use crate::TaskError;
@@ -48,6 +49,12 @@ pub trait Task: TaskClone + Send + Sync {
     /// # Errors
     /// The task's own reasons, such as a camera that the robot lacks; they end the batch's call.
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError>;
+
+    /// The robot's sensors at a row, with the noise of the episode, for whoever asks more of them than the observation has; `None`
+    /// for a task without sensors, or before its first episode.
+    fn senses<'a>(&'a mut self, _scene: &'a Scene, _row: &'a Row) -> Option<(&'a mut SensorSuite, View<'a>)> {
+        None
+    }
 
     /// Name and value of each quantity that it drew for the episode.
     fn drawn(&self) -> Vec<(&'static str, f64)> {

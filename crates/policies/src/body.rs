@@ -1,10 +1,10 @@
 //! Shared by the policies that use a whole-body controller, ours or a foreign one.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
-use fiatlux_wbc::{BodyCommand, Joint, Network, Proprioception, Sensed};
+use fiatlux_wbc::{BodyCommand, Joint, Network, Proprioception, Sensed, WbcError};
 
 use fiatlux_client::PolicyError;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
@@ -79,17 +79,24 @@ impl Senses {
 /// # Errors
 /// A file that cannot be read, or that does not fit.
 pub(super) fn network(kind: &str, file: &str, text: &str) -> Result<(String, Arc<Network>), PolicyError> {
-    let network = if file.is_empty() {
-        Network::shipped().map_err(PolicyError::of("walk"))?
-    } else {
-        Network::read(Path::new(file)).map_err(PolicyError::of("walk"))?
-    };
+    let network = if file.is_empty() { shipped() } else { Network::read(Path::new(file)).map(Arc::new) };
+    let network = network.map_err(PolicyError::of("walk"))?;
     let name = match (file, text) {
         ("", "") => kind.into(),
         ("", text) => format!("{kind}:{text}"),
         (_, text) => label(kind, text, &[network.digest()]),
     };
-    Ok((name, Arc::new(network)))
+    Ok((name, network))
+}
+
+/// The controller that comes with this version, read once: experts of many worlds share it.
+fn shipped() -> Result<Arc<Network>, WbcError> {
+    static SHIPPED: OnceLock<Arc<Network>> = OnceLock::new();
+    if let Some(network) = SHIPPED.get() {
+        return Ok(Arc::clone(network));
+    }
+    let network = Arc::new(Network::shipped()?);
+    Ok(Arc::clone(SHIPPED.get_or_init(|| network)))
 }
 
 /// Name for the record of a controller whose arguments are `FILE[,WORDS]`: `KIND:FILE@DIGESTS[,WORDS]`, with the last part of

@@ -136,7 +136,25 @@ impl Skill for Climb {
     }
 
     fn phase(&self) -> String {
-        self.progress().map_or_else(|| "walk".into(), |(time, all)| format!("{time:.1} of {all:.1} s"))
+        let name = match &self.episode {
+            None => "",
+            Some(episode) if episode.player.is_none() => "Walk",
+            Some(episode) if !episode.climbs => "Stand",
+            Some(_) if self.is_over() => "Done",
+            Some(_) => "Climb",
+        };
+        name.into()
+    }
+
+    fn body_command(&self) -> Option<BodyCommand> {
+        let episode = self.episode.as_ref()?;
+        // The player and a network command joints.
+        episode.walker.commanded().filter(|_| episode.player.is_none())
+    }
+
+    fn part_done(&self) -> Option<f64> {
+        let (time, all) = self.progress().filter(|_| self.episode.as_ref().is_some_and(|episode| episode.climbs))?;
+        Some((time / all).clamp(0.0, 1.0))
     }
 }
 

@@ -38,6 +38,21 @@ pub struct Expert {
     episode: Option<Episode>,
 }
 
+/// An answer of the expert, for a learner.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Label {
+    /// Targets of all joints, rad, in the session's joint order.
+    pub joint_target: Vec<f64>,
+    /// The command that legs and waist follow; `None` where the expert commands their joints, as on the ladder.
+    pub body_command: Option<BodyCommand>,
+    /// Name of what it does now.
+    pub phase: String,
+    /// Part of a plan that is done, from 0 to 1; `None` where none is played.
+    pub part_done: Option<f64>,
+    /// Nothing is left to do.
+    pub is_over: bool,
+}
+
 /// A skill, as a part of the errand.
 trait Part: Policy + Skill {}
 
@@ -95,6 +110,37 @@ impl Expert {
             Plays::Skill(index) => Some(self.skills[index].phase()),
             Plays::Stands(_) => None,
         }
+    }
+
+    /// Answers an observation as [`Policy::act`] does, and says what it means.
+    ///
+    /// # Errors
+    /// As of [`Policy::act`].
+    pub fn label(&mut self, observation: &Observation) -> Result<Label, PolicyError> {
+        let Command::JointTarget(joint_target) = self.act(observation)? else {
+            let reason = "a skill answered with another kind of command than joint targets".into();
+            return Err(PolicyError::Unfit { policy: "expert", reason });
+        };
+        let episode = self.episode.as_ref().ok_or_else(|| PolicyError::not_reset("expert"))?;
+        Ok(match &episode.plays {
+            Plays::Skill(index) => {
+                let skill = &self.skills[*index];
+                Label {
+                    joint_target,
+                    body_command: skill.body_command(),
+                    phase: skill.phase(),
+                    part_done: skill.part_done(),
+                    is_over: skill.is_over(),
+                }
+            }
+            Plays::Stands(body) => Label {
+                joint_target,
+                body_command: body.commanded(),
+                phase: "Stand".into(),
+                part_done: None,
+                is_over: true,
+            },
+        })
     }
 
     /// Begins a task from what an observation shows: the first one of an episode, or one in the midst of it.

@@ -20,7 +20,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Bulb, Task};
 use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
-use fiatlux_wbc::{CONTROL_DT, Network};
+use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
 
 use self::arm::RightArm;
 use self::grab::Grab;
@@ -88,6 +88,10 @@ impl Skill for Hands {
 
     fn phase(&self) -> String {
         self.episode.as_ref().map(|played| played.skill.phase()).unwrap_or_default()
+    }
+
+    fn body_command(&self) -> Option<BodyCommand> {
+        self.episode.as_ref()?.body.commanded()
     }
 }
 

@@ -198,6 +198,10 @@ impl Skill for Ladder {
     fn phase(&self) -> String {
         self.episode.as_ref().map(|episode| episode.phases.name()).unwrap_or_default()
     }
+
+    fn body_command(&self) -> Option<BodyCommand> {
+        self.episode.as_ref()?.body.commanded()
+    }
 }
 
 impl Policy for Ladder {

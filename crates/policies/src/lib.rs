@@ -23,7 +23,7 @@ use std::path::Path;
 
 pub use climb::Climb;
 pub use entry::Entry;
-pub use expert::Expert;
+pub use expert::{Expert, Label};
 pub use foreign::{Gear, Sonic};
 pub use hands::Hands;
 pub use hold::Hold;

@@ -8,7 +8,7 @@ use fiatlux_rules::{Task, Thresholds};
 use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn};
 use fiatlux_skills::phases::Skill;
 use fiatlux_skills::{GAIN, Slew};
-use fiatlux_wbc::{Network, Swing};
+use fiatlux_wbc::{BodyCommand, Network, Swing};
 
 use super::body;
 use super::whole_body::WholeBody;
@@ -136,7 +136,11 @@ impl Skill for Walk {
     }
 
     fn phase(&self) -> String {
-        "walk".into()
+        self.state.as_ref().map_or("", |state| if state.has_arrived { "Stand" } else { "Walk" }).into()
+    }
+
+    fn body_command(&self) -> Option<BodyCommand> {
+        self.state.as_ref()?.body.commanded()
     }
 }
 
@@ -198,14 +202,14 @@ impl Policy for Walk {
 
 impl EpisodeState {
     /// Limits the change of the velocity, except for a stop.
-    fn gently(&mut self, wanted: fiatlux_wbc::BodyCommand, step: u64) -> fiatlux_wbc::BodyCommand {
+    fn gently(&mut self, wanted: BodyCommand, step: u64) -> BodyCommand {
         let goes = wanted.walks() && step >= SETTLES;
         self.velocity = if goes { SLEW.step(self.velocity, wanted.velocity) } else { [0.0; 3] };
-        fiatlux_wbc::BodyCommand { velocity: self.velocity, ..wanted }
+        BodyCommand { velocity: self.velocity, ..wanted }
     }
 
-    fn command(&mut self, step: u64, seen: &Privileged) -> Result<fiatlux_wbc::BodyCommand, PolicyError> {
-        let mut command = fiatlux_wbc::BodyCommand::default();
+    fn command(&mut self, step: u64, seen: &Privileged) -> Result<BodyCommand, PolicyError> {
+        let mut command = BodyCommand::default();
         let (here, heading) = known(seen.robot.as_ref())?;
         let (thing, turned) = match self.goal {
             Goal::Crate => known(seen.crate_.as_ref())?,

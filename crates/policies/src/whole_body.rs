@@ -41,8 +41,9 @@ pub struct WholeBody {
     pub targets: Vec<f64>,
     /// Number of commands so far.
     count: u64,
-    /// The command of the last step, until it is recorded.
+    /// The command of the last step, and whether it is still to be recorded.
     commanded: Option<BodyCommand>,
+    is_recorded: bool,
 }
 
 enum Moves {
@@ -85,7 +86,15 @@ impl WholeBody {
     }
 
     fn on(policy: &'static str, controller: Moves, targets: Vec<f64>) -> Self {
-        Self { controller, senses: Senses::new(policy), arms: None, targets, count: 0, commanded: None }
+        Self {
+            controller,
+            senses: Senses::new(policy),
+            arms: None,
+            targets,
+            count: 0,
+            commanded: None,
+            is_recorded: true,
+        }
     }
 
     /// Makes the targets of the arms the angles at which they rest: each step adds what their weight takes from them. The
@@ -156,7 +165,7 @@ impl WholeBody {
                 controller.step(&sensed, command, &mut self.targets).map_err(PolicyError::of("gear"))?;
             }
         }
-        (self.count, self.commanded) = (self.count + 1, Some(*command));
+        (self.count, self.commanded, self.is_recorded) = (self.count + 1, Some(*command), false);
         let mut targets = self.targets.clone();
         if let Some(arms) = &mut self.arms {
             let mut angles = [0.0; ARMS];
@@ -166,10 +175,18 @@ impl WholeBody {
         Ok(Command::JointTarget(targets))
     }
 
+    /// The command of the last step.
+    pub fn commanded(&self) -> Option<BodyCommand> {
+        self.commanded
+    }
+
     /// The command of the last step for the record, as a chunk of one row. Each is given once: a control step without one has none in
     /// force.
     pub fn record(&mut self) -> Option<Chunk> {
-        let numbers = self.commanded.take()?.numbers().map(|number| number as f32);
+        if std::mem::replace(&mut self.is_recorded, true) {
+            return None;
+        }
+        let numbers = self.commanded?.numbers().map(|number| number as f32);
         Some(Chunk {
             index: self.count - 1,
             values: numbers.into(),

@@ -2,13 +2,25 @@
 
 use std::fmt::Debug;
 
+use fiatlux_wbc::BodyCommand;
+
 /// A player of a task in phases, until nothing is left to do.
 pub trait Skill {
     /// Nothing is left to do: the robot stands with what it has.
     fn is_over(&self) -> bool;
 
-    /// Name of what it does now; empty before an episode.
+    /// Name of what it does now, one of a few; empty before an episode.
     fn phase(&self) -> String;
+
+    /// The command that legs and waist followed in the last step; `None` where the skill itself commands their joints.
+    fn body_command(&self) -> Option<BodyCommand> {
+        None
+    }
+
+    /// Part of a plan that is done, from 0 to 1; `None` where none is played.
+    fn part_done(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Entries of a log that are kept: the first ones. Retries without end would make it grow without end.

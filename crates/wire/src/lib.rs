@@ -37,6 +37,8 @@ mod robot;
 #[cfg(feature = "world")]
 mod scene;
 #[cfg(feature = "world")]
+mod session;
+#[cfg(feature = "world")]
 mod viewer;
 
 pub use end::{end_message, judgement_message};
@@ -61,5 +63,7 @@ pub use footprint::footprint_messages;
 pub use robot::{hand_body_names, joint_messages};
 #[cfg(feature = "world")]
 pub use scene::{RebuildError, robot_of, scene_of};
+#[cfg(feature = "world")]
+pub use session::session_terms;
 #[cfg(feature = "world")]
 pub use viewer::{Frames, frame_of, point_cloud, scene_update, time_of};

@@ -2,9 +2,6 @@
 //! `cargo run -p fiatlux-policies --example drive -- hands S08 1000` is told of the benchmark's room 1000.
 #![allow(missing_docs)]
 
-#[path = "../game/mod.rs"]
-mod game;
-
 use std::error::Error;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
@@ -68,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn session(task: Task, seed: u64) -> Result<SessionInfo, Box<dyn Error>> {
     let robot = Arc::new(Robot::benchmark()?);
     let of_scene = EpisodeSpec::new(task, seed, 0).scene(robot.gains(GainSet::default()));
-    Ok(game::session(task, &Scene::build(&SceneConfig::default(), robot, of_scene)?))
+    Ok(fiatlux_wire::session_terms(task, &Scene::build(&SceneConfig::default(), robot, of_scene)?))
 }
 
 fn observation(measured: Measured) -> Observation {

@@ -7,14 +7,12 @@ use std::sync::Arc;
 use fiatlux_client::{Command, Policy};
 use fiatlux_dynamics::Variation;
 use fiatlux_play::Play;
-use fiatlux_proto::v3::{Observation, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{CONTROL_DT, Task, Verdict};
 use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup};
-use fiatlux_wire::{footprint_messages, hand_body_names, joint_messages};
-use fiatlux_world::{
-    ACTION_SCALE, AppliedWrench, Episode, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn,
-};
+use fiatlux_wire::session_terms;
+use fiatlux_world::{AppliedWrench, Episode, EpisodeSpec, Push, Scene, SceneConfig, StartOptions, World, start_drawn};
 use nalgebra::Vector3;
 
 const SENSORS: Sensors =
@@ -73,7 +71,7 @@ impl Game {
         world.set_variation(&varied(&scene))?;
         let episode = Episode::in_world(world, offset, &EpisodeSpec { task, ..spec });
         let play = Play::start(episode, SensorSuite::new(SENSORS, Setup::new(&scene, task)), delay)?;
-        Ok(Self { info: session(task, &scene), wrenches: Vec::new(), play })
+        Ok(Self { info: session_terms(task, &scene), wrenches: Vec::new(), play })
     }
 
     pub fn world(&self) -> &World {
@@ -110,19 +108,6 @@ impl Game {
     pub fn go_on(&mut self, command: &Command, push: Option<Push>) -> Result<Observation, Box<dyn Error>> {
         self.play.step_under(command, push, &self.wrenches)?;
         self.observe()
-    }
-}
-
-/// A session of a task, as far as the policies read it.
-pub fn session(task: Task, scene: &Scene) -> SessionInfo {
-    SessionInfo {
-        task: Some(TaskInfo { task: task.to_string(), ..TaskInfo::default() }),
-        joints: joint_messages(&scene.robot, &scene.spec.gains),
-        hand_bodies: hand_body_names(&scene.robot),
-        footprints: footprint_messages(scene),
-        action_scale: ACTION_SCALE,
-        control_dt: CONTROL_DT,
-        ..SessionInfo::default()
     }
 }
 

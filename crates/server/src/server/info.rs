@@ -5,12 +5,12 @@ use fiatlux_proto::v3::{Asset, EpisodeHeader, ServerInfo, SessionInfo, Source, T
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Protocol, Task, manifest};
 use fiatlux_sensing::{Sensor, Sensors, camera_messages, segment_names, term_messages};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Episode, GENERATORS, Scene, SceneConfig};
+use fiatlux_world::{Episode, GENERATORS, Scene, SceneConfig};
 
 use super::plan::Plan;
 use fiatlux_wire::{
-    contact_messages, domain_sample_message, drive_message, footprint_messages, geometry_message, hand_body_names,
-    joint_groups_message, joint_messages,
+    contact_messages, domain_sample_message, drive_message, geometry_message, hand_body_names, joint_groups_message,
+    session_terms,
 };
 
 /// Version of the software.
@@ -61,6 +61,7 @@ pub(super) struct Labels<'a> {
 const SEGMENTATIONS: Sensors = Sensors::of(&[Sensor::Segmentation, Sensor::ChestSegmentation]);
 
 pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
+    let terms = session_terms(plan.task, scene);
     SessionInfo {
         protocol: Some(PROTOCOL),
         server: server.into(),
@@ -69,13 +70,8 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         episode_protocol: plan.protocol.name().into(),
         mode: plan.mode().into(),
         seed: if plan.is_hosted() { 0 } else { plan.seed },
-        joints: joint_messages(&scene.robot, &scene.spec.gains),
-        footprints: if plan.hides_room() { Vec::new() } else { footprint_messages(scene) },
-        hand_bodies: hand_body_names(&scene.robot),
+        footprints: if plan.hides_room() { Vec::new() } else { terms.footprints },
         sensors: plan.sensors.messages(),
-        control_dt: CONTROL_DT,
-        action_scale: ACTION_SCALE,
-        action_limit: ACTION_LIMIT,
         gains: plan.gains.to_string(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
@@ -89,7 +85,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         take: plan.request.take,
         source: source(plan).into(),
         segments: if plan.sensors.sensed().meets(SEGMENTATIONS) { segment_names(&scene.robot) } else { Vec::new() },
-        ..SessionInfo::default()
+        ..terms
     }
 }
 

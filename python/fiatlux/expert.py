@@ -1,0 +1,186 @@
+"""Asks the benchmark's scripted expert what it would do, in any state of an environment, for learning from it."""
+
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from ._numbers import whole
+from .env import Env
+from .spaces import joint_groups
+from .vector import VectorEnv
+
+_COMMAND = len(_native.BODY_COMMAND)
+
+
+class Label(NamedTuple):
+    """What the expert answers in the present state of an :class:`Env`. Numbers that it does not give are NaN."""
+
+    joint_target: NDArray[np.float64]
+    """Targets of all joints, rad, in the order of :attr:`Env.action_names`."""
+    action: NDArray[np.float64]
+    """What :meth:`Env.step` takes for it, in the form that ``action_form`` names."""
+    body_command: NDArray[np.float64]
+    """vx, vy, wz, height, roll, pitch and yaw for :class:`WholeBody`; NaN where the expert commands the joints of legs and waist, as on
+    the ladder."""
+    arms: NDArray[np.float64]
+    """The part of ``joint_target`` for both arms."""
+    hands: NDArray[np.float64]
+    """The part of ``joint_target`` for the fingers of both hands."""
+    phase: str
+    """Name of what the expert does now."""
+    part_done: float
+    """Part of a plan that is done, from 0 to 1; NaN where none is played."""
+    is_over: bool
+    """The expert has nothing left to do."""
+    can_label: bool
+    """The expert can play on from here. Do not learn from a row where this is false."""
+    reason: str | None
+    """Why it cannot."""
+
+
+class Labels(NamedTuple):
+    """As :class:`Label`, for all worlds of a :class:`VectorEnv`; the first axis is that of the worlds."""
+
+    joint_target: NDArray[np.float64]
+    action: NDArray[np.float64]
+    body_command: NDArray[np.float64]
+    arms: NDArray[np.float64]
+    hands: NDArray[np.float64]
+    phase: NDArray[np.str_]
+    part_done: NDArray[np.float64]
+    is_over: NDArray[np.bool_]
+    can_label: NDArray[np.bool_]
+    reason: list[str | None]
+
+
+def _parts(names: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where arms and hands are in an action."""
+    groups, none = joint_groups(names), np.empty(0, np.int64)
+    arms, hands = (
+        np.concatenate([groups.get(f"{side}_{part}", none) for side in ("left", "right")]) for part in ("arm", "hand")
+    )
+    return arms, hands
+
+
+class Expert:
+    """The expert of an :class:`Env`, which answers what it would do in the state that the environment is in.
+
+    It is the policy ``expert``, which plays each task by exact poses. It reads them from the environment, so the environment's own
+    ``sensors`` may be those of a student. It sees the same noise as the student. Whoever plays the environment, call :meth:`label` before
+    each step: the expert follows what happens. Played from the start, its answers are to the bit those of the policy ``expert``.
+
+    An episode that begins makes the expert begin anew, and so does :meth:`Env.restore`.
+
+    Args:
+        env: The environment, or a Gymnasium wrapper around it.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        plain = env.unwrapped
+        if not isinstance(plain, Env):
+            raise TypeError(f"env is a {type(plain).__name__}; give a fiatlux.Env, or use Experts for a VectorEnv")
+        self._env = plain
+        self._native = _native.Expert()
+        self._episode: _native.Episode | None = None
+        self._arms, self._hands = _parts(plain.action_names)
+        self._is_target = plain._settings["action_form"] == "joint_target"
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.Expert of {self._env!r}>"
+
+    def reset(self) -> None:
+        """Makes the expert begin anew at the present state, as if it had seen nothing before."""
+        self._native.restart()
+
+    def label(self) -> Label:
+        """Answers the present state; a second call in the same state gives the same answer.
+
+        Raises:
+            FiatluxError: The environment cannot be sensed.
+        """
+        self._env._check_begun()
+        if self._env._episode is not self._episode:
+            self._episode = self._env._episode
+            self._native.restart()
+        joints = len(self._env.action_names)
+        target, action, command = np.empty(joints), np.empty(joints), np.empty(_COMMAND)
+        flags = np.empty(2, np.bool_)
+        phase, part_done, reason = self._native.label(self._episode, target, action, command, flags)
+        return Label(
+            joint_target=target,
+            action=target.copy() if self._is_target else action,
+            body_command=command,
+            arms=target[self._arms],
+            hands=target[self._hands],
+            phase=phase,
+            part_done=part_done,
+            is_over=bool(flags[0]),
+            can_label=bool(flags[1]),
+            reason=reason,
+        )
+
+
+class Experts:
+    """:class:`Expert` for all worlds of a :class:`VectorEnv` of a task of the benchmark.
+
+    Where a world's episode ends and the next one begins, its expert begins anew. After :meth:`VectorEnv.copy_world` or
+    :meth:`VectorEnv.restore`, call :meth:`reset` with those worlds.
+
+    Args:
+        env: The worlds, or a Gymnasium wrapper around them.
+        num_threads: Number of threads; by default as many as the worlds have. Answers do not depend on it.
+    """
+
+    def __init__(self, env: gymnasium.vector.VectorEnv[Any, Any, Any], num_threads: int | None = None) -> None:
+        plain = env.unwrapped
+        if not isinstance(plain, VectorEnv):
+            raise TypeError(f"env is a {type(plain).__name__}; give a fiatlux.VectorEnv, or use Expert for an Env")
+        self._env = plain
+        self.num_envs = plain.num_envs
+        threads = plain.num_threads if num_threads is None else num_threads
+        self.num_threads = whole("num_threads", threads, 1, _native.MAX_THREADS)
+        self._native = _native.Experts(self.num_envs, self.num_threads)
+        self._batch: _native.Batch | None = None
+        self._arms, self._hands = _parts(plain.action_names)
+        self._is_target = plain.action_form == "joint_target"
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.Experts of {self._env!r}>"
+
+    def reset(self, mask: Any = None) -> None:
+        """Makes the experts of the marked worlds begin anew at their present states; by default all."""
+        marks = np.ones(self.num_envs, np.bool_) if mask is None else np.ascontiguousarray(mask, np.bool_)
+        if marks.shape != (self.num_envs,):
+            raise ValueError(f"mask: shape {marks.shape} instead of ({self.num_envs},)")
+        self._native.restart(marks)
+
+    def label(self) -> Labels:
+        """Answers the present states of all worlds, on several threads. Call it once before each step.
+
+        Raises:
+            FiatluxError: A world cannot be sensed.
+        """
+        self._env._check_open()
+        if self._env._batch is not self._batch:
+            self._batch = self._env._batch
+            self.reset()
+        worlds, joints = self.num_envs, len(self._env.action_names)
+        target, action = np.empty((worlds, joints)), np.empty((worlds, joints))
+        command, flags = np.empty((worlds, _COMMAND)), np.empty((worlds, 2), np.bool_)
+        told = self._native.label(self._batch, target, action, command, flags)
+        phases, parts, reasons = zip(*told)
+        return Labels(
+            joint_target=target,
+            action=target.copy() if self._is_target else action,
+            body_command=command,
+            arms=target[:, self._arms],
+            hands=target[:, self._hands],
+            phase=np.array(phases),
+            part_done=np.array(parts),
+            is_over=flags[:, 0].copy(),
+            can_label=flags[:, 1].copy(),
+            reason=list(reasons),
+        )

@@ -1,0 +1,215 @@
+//! Gives learners the experts: what the policy `expert` would do in a world as it is now.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use fiatlux_batch::{Batch as Worlds, BatchError};
+use fiatlux_cli::in_full;
+use fiatlux_client::Policy;
+use fiatlux_policies::{Expert as Asked, Label};
+use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors, View};
+use fiatlux_wbc::BodyCommand;
+use fiatlux_wire::session_terms;
+use fiatlux_world::ACTION_SCALE;
+use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::prelude::*;
+
+use crate::batch::{Batch, error};
+use crate::episode::Episode;
+use crate::fault::{failed, guarded, not_contiguous, own, own_mut};
+
+/// What experts see. A learner's own sensors do not matter.
+const SENSORS: Sensors =
+    Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
+
+/// The expert of one world, and its last answer.
+struct Teacher {
+    expert: Asked,
+    /// Episode and step of the last answer.
+    at: Option<(u64, u64)>,
+    answer: Result<Label, String>,
+    q0: Vec<f64>,
+}
+
+/// An answer's numbers that are not in arrays: phase, part of the plan that is done, and why there is no answer.
+type Told = (String, f64, Option<String>);
+
+impl Teacher {
+    fn new() -> PyResult<Self> {
+        let expert = Asked::new().map_err(|error| failed(&error))?;
+        Ok(Self { expert, at: None, answer: Err(String::new()), q0: Vec::new() })
+    }
+
+    /// Answers the present row once. A new episode, or an earlier row, makes the expert begin anew there.
+    fn ask(&mut self, suite: &mut SensorSuite, view: &View<'_>) -> Result<(), SenseError> {
+        let now = (view.episode, view.row.step);
+        if self.at == Some(now) {
+            return Ok(());
+        }
+        let seen = suite.observe(view, SENSORS)?;
+        let goes_on = self.at.is_some_and(|(episode, step)| episode == now.0 && step < now.1);
+        if !goes_on {
+            let info = session_terms(view.task, view.scene);
+            self.q0 = view.scene.robot.q0().to_vec();
+            self.answer = Ok(Label::default());
+            if let Err(error) = self.expert.reset(&info, &seen) {
+                self.answer = Err(in_full(&error));
+            }
+        }
+        // An expert that could not go on begins anew only with an episode, or when it is told to.
+        if self.answer.is_ok() {
+            self.answer = self.expert.label(&seen).map_err(|error| in_full(&error));
+        }
+        self.at = Some(now);
+        Ok(())
+    }
+
+    /// Writes the last answer: joint targets as such and as actions, the command, and the flags `is_over` and `can_label`.
+    fn write(&self, targets: &mut [f64], actions: &mut [f64], command: &mut [f64], flags: &mut [bool]) -> Told {
+        targets.fill(f64::NAN);
+        actions.fill(f64::NAN);
+        command.fill(f64::NAN);
+        flags.fill(false);
+        let label = match &self.answer {
+            Err(reason) => return (String::new(), f64::NAN, Some(reason.clone())),
+            Ok(label) => label,
+        };
+        let places = targets.iter_mut().zip(actions).zip(&label.joint_target).zip(&self.q0);
+        for (((target, action), to), q0) in places {
+            (*target, *action) = (*to, (to - q0) / ACTION_SCALE);
+        }
+        if let Some(body) = &label.body_command {
+            command.iter_mut().zip(body.numbers()).for_each(|(place, number)| *place = number);
+        }
+        flags.copy_from_slice(&[label.is_over, true]);
+        (label.phase.clone(), label.part_done.unwrap_or(f64::NAN), None)
+    }
+}
+
+/// The expert of one environment.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct Expert(Mutex<Teacher>);
+
+#[pymethods]
+impl Expert {
+    #[new]
+    fn new() -> PyResult<Self> {
+        Ok(Self(Mutex::new(Teacher::new()?)))
+    }
+
+    /// Begins anew at the next row that it is asked about.
+    fn restart(slf: &Bound<'_, Self>) -> PyResult<()> {
+        own_mut!(slf, this);
+        lock(&this.0).at = None;
+        Ok(())
+    }
+
+    /// Answers an episode's present row; arrays as of `Experts::label`.
+    fn label(
+        slf: &Bound<'_, Self>,
+        py: Python<'_>,
+        episode: &Bound<'_, Episode>,
+        mut targets: PyReadwriteArrayDyn<'_, f64>,
+        mut actions: PyReadwriteArrayDyn<'_, f64>,
+        mut command: PyReadwriteArrayDyn<'_, f64>,
+        mut flags: PyReadwriteArrayDyn<'_, bool>,
+    ) -> PyResult<Told> {
+        own_mut!(slf, this);
+        own_mut!(episode, episode);
+        let asked = py.detach(|| {
+            let (suite, view) = episode.senses();
+            guarded(|| lock(&this.0).ask(suite, &view))
+        });
+        asked?.map_err(|error| failed(&error))?;
+        let slice = |_| not_contiguous("targets");
+        let told = lock(&this.0).write(
+            targets.as_slice_mut().map_err(slice)?,
+            actions.as_slice_mut().map_err(slice)?,
+            command.as_slice_mut().map_err(slice)?,
+            flags.as_slice_mut().map_err(slice)?,
+        );
+        Ok(told)
+    }
+}
+
+/// The experts of many worlds.
+#[pyclass(module = "fiatlux._native")]
+pub(crate) struct Experts {
+    teachers: Vec<Mutex<Teacher>>,
+    threads: usize,
+}
+
+#[pymethods]
+impl Experts {
+    #[new]
+    fn new(worlds: usize, threads: usize) -> PyResult<Self> {
+        let teachers: PyResult<_> = (0..worlds).map(|_| Teacher::new().map(Mutex::new)).collect();
+        Ok(Self { teachers: teachers?, threads })
+    }
+
+    /// The experts of the marked worlds begin anew at the next rows that they are asked about.
+    fn restart(slf: &Bound<'_, Self>, marks: PyReadonlyArrayDyn<'_, bool>) -> PyResult<()> {
+        own!(slf, this);
+        let marks = marks.as_slice().map_err(|_| not_contiguous("mask"))?;
+        this.teachers.iter().zip(marks).filter(|(_, mark)| **mark).for_each(|(teacher, _)| lock(teacher).at = None);
+        Ok(())
+    }
+
+    /// Answers the present rows of all worlds: joint targets and actions (worlds x joints), commands (worlds x 7), and the flags
+    /// `is_over` and `can_label` (worlds x 2). Numbers that an answer lacks are NaN.
+    fn label(
+        slf: &Bound<'_, Self>,
+        py: Python<'_>,
+        batch: &Bound<'_, Batch>,
+        mut targets: PyReadwriteArrayDyn<'_, f64>,
+        mut actions: PyReadwriteArrayDyn<'_, f64>,
+        mut commands: PyReadwriteArrayDyn<'_, f64>,
+        mut flags: PyReadwriteArrayDyn<'_, bool>,
+    ) -> PyResult<Vec<Told>> {
+        own_mut!(slf, this);
+        own!(batch, batch);
+        let (worlds, joints) = (batch.worlds(), batch.worlds().spec().actions.len());
+        py.detach(|| guarded(|| this.ask(worlds)))?.map_err(error)?;
+        let slice = |_| not_contiguous("targets");
+        let targets = targets.as_slice_mut().map_err(slice)?.chunks_mut(joints);
+        let actions = actions.as_slice_mut().map_err(slice)?.chunks_mut(joints);
+        let commands = commands.as_slice_mut().map_err(slice)?.chunks_mut(BodyCommand::NAMES.len());
+        let flags = flags.as_slice_mut().map_err(slice)?.chunks_mut(2);
+        let places = targets.zip(actions).zip(commands.zip(flags));
+        let told = this.teachers.iter().zip(places);
+        Ok(told
+            .map(|(teacher, ((targets, actions), (command, flags)))| {
+                lock(teacher).write(targets, actions, command, flags)
+            })
+            .collect())
+    }
+}
+
+impl Experts {
+    /// Asks all experts, each thread the next world that no other has taken.
+    fn ask(&self, worlds: &Worlds) -> Result<(), BatchError> {
+        let next = AtomicUsize::new(0);
+        let work = || {
+            loop {
+                let world = next.fetch_add(1, Ordering::Relaxed);
+                let Some(teacher) = self.teachers.get(world) else { return Ok(()) };
+                let asked = worlds.sense(world, |suite, view| lock(teacher).ask(suite, view))?;
+                asked.map_err(|source| BatchError::Task { world, source: source.into() })?;
+            }
+        };
+        std::thread::scope(|scope| {
+            let helpers: Vec<_> = (1..self.threads.min(self.teachers.len())).map(|_| scope.spawn(work)).collect();
+            let mut done = vec![work()];
+            done.extend(
+                helpers
+                    .into_iter()
+                    .map(|helper| helper.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))),
+            );
+            done.into_iter().collect()
+        })
+    }
+}
+
+fn lock(teacher: &Mutex<Teacher>) -> std::sync::MutexGuard<'_, Teacher> {
+    teacher.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,108 @@
+"""Tests that the scripted expert answers a learner as it plays by itself."""
+
+import fiatlux
+import numpy as np
+import pytest
+
+
+def labelled(env, expert, steps):
+    """What the expert answers as it plays, ``steps`` answers."""
+    labels = []
+    for _ in range(steps):
+        labels.append(expert.label())
+        env.step(labels[-1].action)
+    return labels
+
+
+def play(**settings):
+    """Digest of S07 as the expert plays it to its end."""
+    env = fiatlux.Env("S07", **settings)
+    env.reset(seed=64)
+    expert = fiatlux.Expert(env)
+    is_over = False
+    while not is_over:
+        label = expert.label()
+        assert label.can_label and label.reason is None
+        assert label.phase == ("Stand" if label.is_over else "Walk")
+        np.testing.assert_array_equal(expert.label().joint_target, label.joint_target)
+        _, _, terminated, truncated, info = env.step(label.action)
+        is_over = terminated or truncated
+    assert info["success"]
+    return env.digest
+
+
+def test_it_plays_alike_whatever_the_student_senses_and_in_whichever_form_it_acts():
+    assert play() == play(sensors=["last_action"], action_form="joint_target")
+
+
+def test_experts_of_many_worlds_answer_as_those_of_one_do_and_begin_anew_with_each_episode():
+    settings = {"noise": False, "action_form": "joint_target"}
+    env = fiatlux.Env("S05", **settings)
+    env.reset(seed=1000)
+    alone = labelled(env, fiatlux.Expert(env), 60)
+    many = fiatlux.VectorEnv(
+        "S05", 3, seeds=[1000], episodes=1, horizon_steps=40, sensors=["last_action"], num_threads=1, **settings
+    )
+    many.reset(seed=0)
+    together = labelled(many, fiatlux.Experts(many, num_threads=2), 60)
+    for step, labels in enumerate(together):
+        expected = alone[step % 40]
+        for name in ("joint_target", "action", "body_command", "arms", "hands", "phase", "is_over", "can_label"):
+            assert np.shape(getattr(labels, name))[0] == 3
+            for world in range(3):
+                np.testing.assert_array_equal(getattr(labels, name)[world], getattr(expected, name), f"{name}, {step}")
+
+
+def test_body_commands_lead_the_whole_body_controller_to_the_same_joint_targets():
+    env = fiatlux.VectorEnv("S09", 2, seeds=[1001], sensors=["proprioception"], observation="flat", num_threads=1)
+    observation, _ = env.reset(seed=0)
+    experts, bodies = fiatlux.Experts(env), fiatlux.WholeBodies(2)
+    stays = np.full((2, 2, 7), np.nan)
+    for _ in range(40):
+        labels = experts.label()
+        targets = bodies(observation, labels.body_command, stays)
+        np.testing.assert_array_equal(targets[:, :15], labels.joint_target[:, :15])
+        observation, *_ = env.step(labels.action)
+    assert (labels.body_command[:, :3] != 0).any()
+
+
+def test_an_expert_begins_anew_where_it_is_told_to_or_the_environment_goes_back():
+    env = fiatlux.Env("S05", action_form="joint_target")
+    env.reset(seed=64)
+    expert = fiatlux.Expert(env)
+    labelled(env, expert, 100)
+    saved = env.save()
+    walks = expert.label().body_command
+    expert.reset()
+    # It stands first.
+    stands = expert.label().body_command
+    assert np.abs(walks[:3]).max() > 0.05 and (stands[:3] == 0).all()
+    labelled(env, expert, 60)
+    assert np.abs(expert.label().body_command[:3]).max() > 0.05
+    env.restore(saved)
+    np.testing.assert_array_equal(expert.label().joint_target, fiatlux.Expert(env).label().joint_target)
+
+
+def test_on_the_ladder_it_commands_joints_and_says_how_far_it_is():
+    env = fiatlux.Env("S12", action_form="joint_target", sensors=["last_action"])
+    env.reset(seed=64)
+    labels = labelled(env, fiatlux.Expert(env), 400)
+    assert np.isnan(labels[-1].body_command).all() and labels[-1].phase == "Climb"
+    assert 0 < labels[-1].part_done < 0.2 and np.isnan(labels[0].part_done)
+    assert not labels[-1].is_over and labels[-1].can_label
+
+
+def test_wrong_arguments_are_refused_by_name():
+    env, many = fiatlux.Env("S05"), fiatlux.VectorEnv("S05", 2, num_threads=1)
+    with pytest.raises(TypeError, match="use Experts"):
+        fiatlux.Expert(many)
+    with pytest.raises(TypeError, match="use Expert for an Env"):
+        fiatlux.Experts(env)
+    with pytest.raises(TypeError, match="WalkingVectorEnv"):
+        fiatlux.Experts(fiatlux.WalkingVectorEnv(1, num_threads=1))
+    with pytest.raises(Exception, match="call reset"):
+        fiatlux.Expert(env).label()
+    with pytest.raises(ValueError, match="mask: shape"):
+        fiatlux.Experts(many).reset([True])
+    with pytest.raises(ValueError, match="num_threads"):
+        fiatlux.Experts(many, num_threads=0)
