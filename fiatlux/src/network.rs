@@ -38,10 +38,11 @@ mod over_zenoh {
         Ok(session.close()?)
     }
 
-    /// Listens for policies that connect from elsewhere; returns the endpoint with its port.
-    pub fn listen(endpoint: &str) -> anyhow::Result<(Carrier, String)> {
+    /// Listens for policies that connect to this server from elsewhere; returns the endpoint with its port.
+    pub fn listen(endpoint: &str, server: &str) -> anyhow::Result<(Carrier, String)> {
         let endpoint = free(endpoint)?;
-        let link: Link = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server)?;
+        let link = LinkArgs { listen: vec![endpoint.clone()], serves: Some(server.into()), ..LinkArgs::default() };
+        let link: Link = link.open(Role::Server)?;
         Ok((link.carrier(), endpoint))
     }
 
@@ -81,7 +82,7 @@ mod without {
         anyhow::bail!(REMEDY)
     }
 
-    pub fn listen(_: &str) -> anyhow::Result<(Carrier, String)> {
+    pub fn listen(_: &str, _: &str) -> anyhow::Result<(Carrier, String)> {
         anyhow::bail!(REMEDY)
     }
 

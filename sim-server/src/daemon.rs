@@ -113,6 +113,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     let stop = fiatlux_cli::stop_on_signal()?;
     let mut link = args.link;
     link.asks_tokens = args.tokens.is_some();
+    link.serves = Some(options.name.clone());
     for endpoint in &mut link.listen {
         let free = fiatlux_link::choose_port(endpoint);
         *endpoint = free.with_context(|| format!("no free port for {endpoint}; is its host one of this machine's?"))?;

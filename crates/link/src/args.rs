@@ -32,6 +32,9 @@ pub struct LinkArgs {
     /// flag.
     #[arg(skip)]
     pub asks_tokens: bool,
+    /// Name of the server that the program is: what it alone publishes is dropped where it arrives from others. Not a flag.
+    #[arg(skip)]
+    pub serves: Option<String>,
 }
 
 /// Checks an endpoint such as `tcp/HOST:PORT`, for the value of a flag: a wrong one is a usage error. The error says

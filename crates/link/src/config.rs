@@ -6,6 +6,7 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
 use std::time::Duration;
 
+use fiatlux_proto::keys::ServerKeys;
 use serde_json::{Value, json};
 use zenoh::Config;
 
@@ -37,6 +38,7 @@ const MULTICAST: &str = "scouting/multicast/enabled";
 const GOSSIP: &str = "scouting/gossip/enabled";
 const MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
 const TLS: &str = "transport/link/tls";
+const DOWNSAMPLING: &str = "downsampling";
 
 /// Config of a session that reaches nobody outside the process.
 pub fn embedded() -> Result<Config, LinkError> {
@@ -136,6 +138,21 @@ pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     honoured::check(&config)?;
     check_certificates(&config)?;
     Ok(config)
+}
+
+/// Drops what others publish in the place of this server before it is passed on: on these topics nothing but its own messages
+/// counts, which do not arrive over a link. A rate of 0 drops all, and unlike a rule of access control it meets keys with
+/// wildcards, too.
+pub fn drop_forged(config: &mut Config, server: &str) -> Result<(), LinkError> {
+    let session = ServerKeys::new(server).session("*");
+    let own = [session.observation(), session.notice(), session.truth_row()];
+    let rules: Vec<Value> = own.iter().map(|key| json!({ "key_expr": key, "freq": 0.0 })).collect();
+    let drop = json!({
+        "id": format!("published by {server} alone"), "flows": ["ingress"], "messages": ["put", "delete"], "rules": rules,
+    });
+    let mut items = get(config, DOWNSAMPLING).as_array().cloned().unwrap_or_default();
+    items.push(drop);
+    set(config, DOWNSAMPLING, &Value::Array(items))
 }
 
 /// Refuses an encrypted endpoint without a certificate in the config. A server to connect to may have a certificate of

@@ -21,7 +21,10 @@ impl LinkArgs {
 
     /// As [`LinkArgs::open`]; setting `stop` ends the wait with an error.
     pub fn open_unless(&self, role: Role, stop: &AtomicBool) -> Result<Link, LinkError> {
-        let config = config::layered(self, role)?;
+        let mut config = config::layered(self, role)?;
+        if let Some(server) = &self.serves {
+            config::drop_forged(&mut config, server)?;
+        }
         for endpoint in exposure::exposed(&config) {
             tracing::warn!("{}", exposure::warning(&endpoint, self.asks_tokens));
         }

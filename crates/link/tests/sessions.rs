@@ -120,6 +120,46 @@ fn a_client_comes_back_to_a_server_that_was_restarted() {
     }
 }
 
+/// Guards clients behind a server's link against what others publish in its place, under keys with wildcards, too. Its own
+/// messages and those of other servers get through.
+#[test]
+fn what_a_server_alone_publishes_comes_from_nobody_else() {
+    for mode in [LinkMode::Client, LinkMode::Peer] {
+        let endpoint = free_endpoint();
+        let serves = Some("lab".to_owned());
+        let server = LinkArgs { listen: vec![endpoint.clone()], serves, ..LinkArgs::default() };
+        let server = server.open(Role::Server).expect("listens").session().clone();
+        let client = joins(&endpoint, Role::Client, LinkMode::Client);
+        let (sender, heard) = std::sync::mpsc::channel();
+        let hear = move |sample: zenoh::sample::Sample| drop(sender.send(sample.key_expr().to_string()));
+        let _heard = client.declare_subscriber("fiatlux/v3/**").callback(hear).wait().expect("subscribes");
+        let stranger = joins(&endpoint, Role::Client, mode);
+        let others = "fiatlux/v3/lab-2/s/7/observation";
+        // Once this arrives, the stranger knows of the subscriber.
+        let until = Instant::now() + Duration::from_secs(10);
+        while heard.recv_timeout(Duration::from_millis(50)).is_err() {
+            assert!(Instant::now() < until, "nothing arrives");
+            stranger.put(others, "another server's").wait().expect("sent");
+        }
+        for forged in
+            ["lab/s/7/observation", "lab/s/7/notice", "lab/s/7/truth/row", "*/s/7/observation", "lab/**", "**"]
+        {
+            stranger.put(format!("fiatlux/v3/{forged}"), "forged").wait().expect("sent");
+            stranger.delete(format!("fiatlux/v3/{forged}")).wait().expect("sent");
+        }
+        stranger.put("fiatlux/v3/lab/s/7/action", "a client's").wait().expect("sent");
+        let own = "fiatlux/v3/lab/s/7/observation";
+        let mut keys = Vec::new();
+        while keys.last().is_none_or(|key| key != "fiatlux/v3/lab/s/7/action") {
+            keys.push(heard.recv_timeout(Duration::from_secs(10)).expect("it arrives"));
+        }
+        server.put(own, "its own").wait().expect("sent");
+        keys.push(heard.recv_timeout(Duration::from_secs(10)).expect("it arrives"));
+        keys.retain(|key| key != others);
+        assert_eq!(keys, ["fiatlux/v3/lab/s/7/action", own], "{mode:?}");
+    }
+}
+
 fn free_endpoint() -> String {
     let socket = TcpListener::bind("127.0.0.1:0").expect("binds");
     format!("tcp/{}", socket.local_addr().expect("is bound"))

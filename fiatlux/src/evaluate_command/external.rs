@@ -47,7 +47,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         scene,
     };
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
-    let (carrier, endpoint) = crate::network::listen(&args.listen)?;
+    let (carrier, endpoint) = crate::network::listen(&args.listen, &args.name)?;
     // The rate counts from the registration of the run.
     let mut line = None;
     let mut is_greeted = false;

@@ -21,9 +21,10 @@ use super::{Keys, ask_sealed, bytes_of, channel_of, open_session, subscribe_seal
 pub const LONG: Duration = Duration::from_secs(20);
 pub const JOINTS: usize = 53;
 
-/// A server, and the links of a client and of a stranger to it.
+/// A server, and the links of a client and of a stranger to it. What a stranger forges reaches the client, as through a router
+/// without rules.
 pub fn network(options: ServerOptions) -> (Server, Session, Session) {
-    let (server, client, stranger, _) = network_at(options);
+    let (server, client, stranger, _) = linked(options, None);
     (server, client, stranger)
 }
 
@@ -33,11 +34,16 @@ pub fn connect(endpoint: &str) -> Session {
     args.open(Role::Client).unwrap().session().clone()
 }
 
-/// As [`network`], with the server's endpoint.
+/// As [`network`], with the server's endpoint; its link drops forgeries, as that of `sim-server` does.
 pub fn network_at(options: ServerOptions) -> (Server, Session, Session, String) {
+    let name = options.name.clone();
+    linked(options, Some(name))
+}
+
+fn linked(options: ServerOptions, serves: Option<String>) -> (Server, Session, Session, String) {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
-    let listens = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listens = LinkArgs { listen: vec![endpoint.clone()], serves, ..LinkArgs::default() };
     let listens = listens.open(Role::Server).unwrap().session().clone();
     let server = Server::start(fiatlux_link::carrier(&listens), options).unwrap();
     (server, connect(&endpoint), connect(&endpoint), endpoint)
