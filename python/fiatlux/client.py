@@ -77,8 +77,7 @@ class Client:
             seed, episode: Seed of the room, and index of the episode.
             server: Name of the server; not needed if there is only one.
             name: The policy's name, for the record.
-            observation: Form of the observations. Sensors may have a rate here, such as ``"camera@10"``; in between,
-                observations repeat the last image.
+            observation: Form of the observations.
             record: Sensors to record in the bag, such as ``"camera"``; the episode then waits for a recorder.
             settings: See :class:`fiatlux.Settings`.
         """

@@ -1,6 +1,7 @@
 """Plays one episode at a time, by the benchmark's own rules."""
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from . import _native
 from ._numbers import seed_of, size_of
 from .kinematics import Contacts
-from .settings import Settings, complete, spelt_out
+from .settings import Settings, complete, names_of, spelt_out
 from .spaces import Layout, ObservationForm, as_actions, joint_groups
 from .tasks import TASKS, Task
 
@@ -149,6 +150,17 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             info |= _in_force(self._episode.summary())
         return self._observation(), reward, terminated, truncated, info
 
+    def look(self, sensors: Sequence[str]) -> Any:
+        """Computes these sensors of the present row again, whatever their rate, and returns the observation; see
+        :class:`fiatlux.Settings`. A look takes no time, as in a session in lockstep.
+
+        Raises:
+            ValueError: The environment was made without a sensor.
+        """
+        self._check_begun()
+        self._episode.look(names_of("sensors", sensors))
+        return self._observation()
+
     def render(self) -> NDArray[np.uint8] | None:
         """Renders the present row as height x width x 3; returns ``None`` without a render mode."""
         self._check_begun()
@@ -218,6 +230,11 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     def task(self) -> Task:
         """The task of this environment."""
         return next(task for task in TASKS.values() if self._task in (task.short_id, task.id))
+
+    @property
+    def looks(self) -> bool:
+        """Whether a sensor is seen only when somebody looks, such as ``"camera@look"``."""
+        return any(name.endswith("@look") for name in self._settings["sensors"] or ())
 
     @property
     def action_names(self) -> list[str]:

@@ -189,7 +189,11 @@ def steps(
         begin({"task": env.task.short_id, "instruction": env.task.instruction, "seed": seed, "episode": episode})
     yield None, observed, 0.0, False, False
     taken, ended = 0, False
+    look = getattr(played, "look", None) if env.looks else None
     while not ended and (max_steps is None or taken < max_steps):
+        # An episode begins with a look.
+        if callable(look) and taken and (names := look(observed)):
+            observed = env.look(names)
         action = played(observed)
         observed, reward, terminated, truncated, _ = env.step(action)
         yield action, observed, reward, terminated, truncated

@@ -14,7 +14,8 @@ class Policy(Protocol):
     """Answers each observation with an action.
 
     A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
-    ``seed`` and ``episode``. Attributes ``action_form``, ``sensors`` and ``robot``, if it has them, are settings that it needs, as in
+    ``seed`` and ``episode``. A method ``look(observation)``, if it has one, is called before each action in which a sensor of the form
+    ``"camera@look"`` could be seen anew, and returns the names of those to look at; an episode begins with a look. Attributes ``action_form``, ``sensors`` and ``robot``, if it has them, are settings that it needs, as in
     :class:`fiatlux.Settings`.
     """
 
@@ -83,6 +84,17 @@ class Player:
         reset = getattr(self._policy, "reset", None)
         if callable(reset):
             reset(dict(info))
+
+    def look(self, numbers: NDArray[np.float32]) -> list[str]:
+        """Names of the sensors to look at before the action; none for a policy without ``look``."""
+        look = getattr(self._policy, "look", None)
+        if not callable(look):
+            return []
+        assert self._layout is not None
+        names = look(self._layout.show(numbers, copy=False))
+        if isinstance(names, str):
+            raise ValueError(f"look returned {names!r}; return a list of names, [{names!r}]")
+        return [str(name) for name in names or ()]
 
     def act(self, numbers: NDArray[np.float32]) -> NDArray[np.float64]:
         """The action that answers an observation."""

@@ -37,7 +37,9 @@ class EpisodeSettings(TypedDict, total=False):
 
     Attributes:
         sensors: Names of the sensors; observations have them in the simulator's order. By default proprioception, contact
-            forces and the last action.
+            forces and the last action. A name may have a rate in Hz, such as ``"camera@10"``: between two pictures the field keeps the
+            last one, and ``camera.age`` says how old it is, s. ``"camera@look"`` is seen at the start of an episode and then only
+            when somebody looks: :meth:`fiatlux.Env.look`, or ``look`` of a policy.
         privileged: Adds the exact poses of the things around the robot, which a real robot cannot sense.
         action_form: ``"action"``: joint target = q0 + 0.5 action. ``"joint_target"``: joint targets, rad.
         reward: ``"benchmark"`` pays gate progress only, ``"training"`` the shaped reward.
@@ -202,6 +204,13 @@ def _ranges(ranges: Mapping[str, Any], group: str = "") -> Iterator[str]:
         yield f"{group}{name}={least!r}..{most!r}"
 
 
+def names_of(argument: str, names: Sequence[str]) -> list[str]:
+    """A list of names; refuses a single one."""
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"{argument} is {names!r}; give a list of names")
+    return list(names)
+
+
 def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, privileged: bool) -> list[str] | None:
     """Names of the sensors; ``None`` for the default ones."""
     if isinstance(sensors, str):
@@ -211,9 +220,9 @@ def _sensors(task: str | None, observation: str, sensors: Sequence[str] | None, 
             raise ValueError("observation='published' is a vector of its own; leave sensors and privileged out")
         return ["flat"]
     if not privileged:
-        return None if sensors is None else list(sensors)
+        return None if sensors is None else list(dict.fromkeys(sensors))
     if sensors is None:
         if task is None:
             raise ValueError("privileged: name the sensors too, since the tasks of a run have different defaults")
         sensors = _native.body_sensors(task)
-    return [*sensors, "privileged"]
+    return list(dict.fromkeys([*sensors, "privileged"]))

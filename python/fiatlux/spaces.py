@@ -71,13 +71,11 @@ class Layout:
 
     def show(self, numbers: NDArray[np.float32], copy: bool) -> Any:
         """Converts vectors, with any number of leading axes, to the layout's form."""
-        if copy:
-            numbers = numbers.copy()
         if self.form != "dict":
-            return numbers
+            return numbers.copy() if copy else numbers
         before = numbers.shape[:-1]
         parts = {name: numbers[..., field].reshape(before + shape) for name, (field, shape) in self.fields.items()}
-        return {name: part.astype(self._dtypes[name], copy=False) for name, part in parts.items()}
+        return {name: part.astype(self._dtypes[name], copy=copy) for name, part in parts.items()}
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from ._memory import available
 from ._numbers import MAX_SEED, seed_of, seeds_of, size_of, whole
 from .env import check_camera
 from .kinematics import Contacts
-from .settings import EpisodeSettings, Gains, by_preset, complete, refuse_argument, spelt_out
+from .settings import EpisodeSettings, Gains, by_preset, complete, names_of, refuse_argument, spelt_out
 from .spaces import Layout, ObservationForm, as_actions, joint_groups
 
 if TYPE_CHECKING:
@@ -329,6 +329,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._batch.end_episodes(marks, self._observation)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._was_over |= marks
+        return self._layout.show(self._observation, self.copies)
+
+    def look(self, sensors: Sequence[str], worlds: Any = None) -> Any:
+        """Computes these sensors of the marked ``worlds`` (all by default) again, whatever their rate, and returns the observation of all,
+        as :meth:`fiatlux.Env.look` does for one."""
+        self._check_open()
+        marks = np.ones(self.num_envs, np.bool_) if worlds is None else self._marks("worlds", worlds)
+        self._batch.look(names_of("sensors", sensors), marks, self._observation)
         return self._layout.show(self._observation, self.copies)
 
     def stagger(self, steps: Any = None) -> None:

@@ -17,7 +17,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::build;
 use crate::fault::{failed, guarded, refused};
-use crate::numbers::{Numbers, described as described_term};
+use crate::numbers::Numbers;
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
@@ -86,8 +86,10 @@ impl Bag {
             image_size: [header.image_width as usize, header.image_height as usize],
         };
         let terms = term_messages(chosen, &setup);
-        let read = || {
-            let (mut numbers, mut rows) = (Numbers::new(terms.iter()), Vec::new());
+        let mut numbers = Numbers::new(&terms, &header.sensors);
+        let fields = numbers.fields().to_vec();
+        let read = move || {
+            let mut rows = Vec::new();
             for observation in self.file.observations() {
                 numbers.take(&observation?);
                 rows.extend_from_slice(numbers.latest());
@@ -96,7 +98,7 @@ impl Bag {
         };
         let rows = py.detach(|| guarded(read))?.map_err(|error| failed(&error))?;
         py.check_signals()?;
-        Ok((terms.iter().map(described_term).collect(), rows.into_pyarray(py)))
+        Ok((fields, rows.into_pyarray(py)))
     }
 
     /// All messages of a topic as columns.

@@ -323,6 +323,25 @@ impl Batch {
         py.detach(|| guarded(|| worlds.end_episodes(marks, observation)))?.map_err(error)
     }
 
+    /// Computes these sensors of the marked worlds' present rows again.
+    fn look(
+        slf: &Bound<'_, Self>,
+        py: Python<'_>,
+        sensors: Vec<String>,
+        marks: PyReadonlyArray1<'_, bool>,
+        observation: &Bound<'_, PyArrayDyn<f32>>,
+    ) -> PyResult<()> {
+        own_mut!(slf, this);
+        let mut observation = writable(observation, "observation")?;
+        let observation = observation.as_slice_mut().map_err(|_| not_contiguous("observation"))?;
+        let marks = marks.as_slice().map_err(|_| not_contiguous("worlds"))?;
+        let worlds = &mut this.worlds;
+        py.detach(|| guarded(|| worlds.look(&sensors, marks, observation)))?.map_err(|failure| match failure {
+            BatchError::Task { source, .. } => PyValueError::new_err(source.to_string()),
+            failure => error(failure),
+        })
+    }
+
     /// Lets each world's present episode end this many steps earlier.
     fn shorten_episodes(slf: &Bound<'_, Self>, steps: Vec<u64>) -> PyResult<()> {
         own_mut!(slf, this);
@@ -530,7 +549,7 @@ impl Batch {
                 return Err(PyValueError::new_err("ranges: action_delay must be [least, most], ms"));
             }
         }
-        let network = settings.network(options.sensors)?;
+        let network = settings.network(options.sensors.sensors())?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let config = SceneConfig::default();
         // One start at a time, so that Ctrl-C works: staging one takes a tenth of a second.

@@ -14,7 +14,8 @@ use fiatlux_client::{
     RunProgress,
 };
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
+use fiatlux_proto::v3::{Observation, ObservationTerm, OpenRequest, RunSpec, SessionInfo};
+use fiatlux_sensing::Sensor;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyConnectionError, PyValueError};
 use pyo3::prelude::*;
@@ -22,7 +23,7 @@ use pyo3::types::PyDict;
 
 use crate::build;
 use crate::fault::{check_process, failed, not_contiguous, refused};
-use crate::numbers::{Numbers, described};
+use crate::numbers::Numbers;
 use crate::settings::Settings;
 use crate::watch::watch;
 
@@ -269,25 +270,31 @@ impl Failure {
         failed
     }
 
+    fn is_noted(&self) -> bool {
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+
     /// Raises the exception, if there is one.
     pub(crate) fn check(&self) -> PyResult<()> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
 }
 
-/// A Python policy: an object with `begin(info)` and `act(numbers)`, where the numbers are the observation's terms one after
-/// another.
+/// A Python policy: an object with `begin(info)`, `look(numbers)` and `act(numbers)`, where the numbers are the observation's terms one
+/// after another.
 struct Player {
     object: Py<PyAny>,
     name: String,
     form: ActionForm,
     failure: Failure,
     numbers: Numbers,
+    /// Sensors that are seen when the policy looks.
+    on_request: Vec<&'static str>,
 }
 
 impl Player {
     fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
-        Self { object, name, form, failure, numbers: Numbers::default() }
+        Self { object, name, form, failure, numbers: Numbers::default(), on_request: Vec::new() }
     }
 
     fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
@@ -303,7 +310,7 @@ impl Player {
         spec.set_item("action_range", vec![[-1.0, 1.0]; names.len()])?;
         spec.set_item("actions", names)?;
         spec.set_item("rewards", Vec::<String>::new())?;
-        spec.set_item("observation", seen(info).map(described).collect::<Vec<_>>())?;
+        spec.set_item("observation", self.numbers.fields().to_vec())?;
         self.object.call_method1(py, "begin", (dict, spec)).map(|_| ())
     }
 
@@ -315,10 +322,22 @@ impl Player {
     }
 }
 
-/// The terms of a session's observations.
-fn seen(info: &SessionInfo) -> impl Iterator<Item = &fiatlux_proto::v3::ObservationTerm> {
-    let is_seen = |name: &str| info.sensors.iter().all(|s| s.name != name || !(s.bag_only || s.on_request));
-    info.terms.iter().filter(move |term| is_seen(&term.sensor))
+/// The terms of a session's sensors that the policy may see.
+fn seen(info: &SessionInfo) -> Vec<ObservationTerm> {
+    let is_seen = |name: &str| info.sensors.iter().all(|sensor| sensor.name != name || !sensor.bag_only);
+    info.terms.iter().filter(|term| is_seen(&term.sensor)).cloned().collect()
+}
+
+/// Names of sensors as a policy returns them.
+fn looked_at(object: &Bound<'_, PyAny>, numbers: &[f32]) -> PyResult<Vec<&'static str>> {
+    let names: Vec<String> = object.call_method1("look", (PyArray1::from_slice(object.py(), numbers),))?.extract()?;
+    let known = |name: &String| {
+        let sensor = Sensor::by_name(name).map(Sensor::name);
+        sensor.ok_or_else(|| {
+            PyValueError::new_err(format!("look: '{name}' is not a sensor; known ones are {}", Sensor::names()))
+        })
+    };
+    names.iter().map(known).collect()
 }
 
 impl Policy for Player {
@@ -327,11 +346,32 @@ impl Policy for Player {
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        self.numbers = Numbers::new(seen(info));
+        self.numbers = Numbers::new(&seen(info), &info.sensors);
+        let on_request = info.sensors.iter().filter(|sensor| sensor.on_request);
+        self.on_request = on_request.filter_map(|sensor| Sensor::by_name(&sensor.name)).map(Sensor::name).collect();
         Python::attach(|py| self.begin(info, first, py)).map_err(|error| self.failure.note(error))
     }
 
+    fn look(&mut self, observation: &Observation) -> Vec<&'static str> {
+        // As in environments, an episode begins with a look.
+        if observation.step == 0 {
+            return self.on_request.clone();
+        }
+        if self.on_request.is_empty() {
+            return Vec::new();
+        }
+        self.numbers.take(observation);
+        let asked = Python::attach(|py| looked_at(self.object.bind(py), self.numbers.latest()));
+        asked.unwrap_or_else(|error| {
+            self.failure.note(error);
+            Vec::new()
+        })
+    }
+
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
+        if self.failure.is_noted() {
+            return Err(PolicyError::Failed { policy: "of Python", source: "it could not say where to look".into() });
+        }
         self.numbers.take(observation);
         let numbers = Python::attach(|py| self.answer(py)).map_err(|error| self.failure.note(error))?;
         Ok(match self.form {

@@ -7,7 +7,7 @@ use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_rules::Protocol;
-use fiatlux_sensing::{SensorSuite, Sensors, Setup, View};
+use fiatlux_sensing::{Sampler, SenseError, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as WorldEpisode, PHYSICS_DT, Scene, SceneConfig};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
@@ -26,7 +26,10 @@ pub(crate) struct Episode {
     settings: Py<PyDict>,
     played: Vec<f64>,
     play: Play,
-    sensors: Sensors,
+    sampler: Sampler,
+    /// The observation of the row `sampled_at`; parts that are not due are older.
+    observation: Vec<f32>,
+    sampled_at: Option<u64>,
     spec: Spec,
     form: ActionForm,
     /// Steps in which all criteria of the published gate held, up to the published end.
@@ -37,9 +40,10 @@ pub(crate) struct Episode {
 
 #[pymethods]
 impl Episode {
-    /// An episode at its start, or after these actions.
+    /// An episode at its start, or after these actions, in which sensors that are not computed in every step were computed last at
+    /// the steps `taken_at`.
     #[new]
-    #[pyo3(signature = (task, seed, episode, settings, actions=None))]
+    #[pyo3(signature = (task, seed, episode, settings, actions=None, taken_at=Vec::new()))]
     fn new(
         py: Python<'_>,
         task: &str,
@@ -47,20 +51,22 @@ impl Episode {
         episode: u64,
         settings: Bound<'_, PyDict>,
         actions: Option<PyReadonlyArrayDyn<'_, f64>>,
+        taken_at: Vec<u64>,
     ) -> PyResult<Self> {
         let given = settings.copy()?.unbind();
         let settings: Settings = settings.extract()?;
         let task = build::task(task)?;
         let (robot, gains) = settings.robot()?;
         let options = settings.rulebook(task)?;
-        let RulebookOptions { protocol, sensors, image_size, action_form: form, action_delay, .. } = options;
-        let network = settings.network(sensors)?;
+        let RulebookOptions { protocol, ref sensors, image_size, action_form: form, action_delay, .. } = options;
+        let sampler = sensors.clone();
+        let network = settings.network(sampler.sensors())?;
         let spec = settings.episode(task, seed, episode)?;
         let begin = || -> Result<_, Box<dyn std::error::Error + Send + Sync>> {
             let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec.scene(gains))?);
             let episode = WorldEpisode::start(Arc::clone(&scene), &spec)?;
             let setup = Setup { protocol, image_size, ..Setup::new(&scene, task) };
-            let suite = SensorSuite::new(sensors, setup).with_network(network);
+            let suite = SensorSuite::new(sampler.sensors(), setup).with_sight(sampler.sight()).with_network(network);
             let mut visuals = None;
             let drawn = || Arc::clone(visuals.insert(Arc::new(Visuals::new(&scene))));
             let play = Play::start_with(episode, suite, action_delay[0], drawn)?;
@@ -75,7 +81,9 @@ impl Episode {
             settings: given,
             played: Vec::new(),
             play,
-            sensors,
+            observation: vec![0.0; spec.observation_length()],
+            sampler,
+            sampled_at: None,
             spec,
             form,
             steps_in_gate: 0,
@@ -84,7 +92,16 @@ impl Episode {
         };
         if let Some(actions) = &actions {
             let actions = actions.as_slice().map_err(|_| not_contiguous("actions"))?;
-            let replay = || actions.chunks(made.spec.actions.len()).try_for_each(|action| made.advance(action));
+            let last = (actions.len() / made.spec.actions.len().max(1)) as u64;
+            made.sampler.set_taken_at(&taken_at, last).map_err(|error| refused(&error))?;
+            let replay = || -> Result<(), PlayError> {
+                made.retake()?;
+                for action in actions.chunks(made.spec.actions.len()) {
+                    made.advance(action)?;
+                    made.retake()?;
+                }
+                Ok(())
+            };
             py.detach(|| guarded(replay))?.map_err(|error| refused(&error))?;
         }
         Ok(made)
@@ -95,7 +112,9 @@ impl Episode {
         let spec = self.episode().spec();
         let actions = PyArray1::from_slice(py, &self.played);
         let settings = self.settings.clone_ref(py);
-        let arguments = (spec.task.short_id(), spec.seed, spec.episode, settings, actions).into_pyobject(py)?;
+        let taken_at = self.sampler.taken_at();
+        let arguments =
+            (spec.task.short_id(), spec.seed, spec.episode, settings, actions, taken_at).into_pyobject(py)?;
         Ok((py.get_type::<Self>().into_any(), arguments))
     }
 
@@ -104,6 +123,8 @@ impl Episode {
             settings: self.settings.clone_ref(py),
             played: self.played.clone(),
             play: self.play.clone(),
+            sampler: self.sampler.clone(),
+            observation: self.observation.clone(),
             spec: self.spec.clone(),
             visuals: self.visuals.clone(),
             painter: Painter::default(),
@@ -125,14 +146,29 @@ impl Episode {
         if found != expected {
             return Err(refused(&fiatlux_batch::BatchError::Length { field: "observation", found, expected }));
         }
-        let (suite, view) = this.play.senses();
-        guarded(|| suite.compute_all(this.sensors, &view, observation))?.map_err(|error| failed(&error))
+        guarded(|| this.sample())?.map_err(|error| failed(&error))?;
+        observation.copy_from_slice(&this.observation);
+        Ok(())
+    }
+
+    /// Computes these sensors of the present row again.
+    fn look(slf: &Bound<'_, Self>, py: Python<'_>, sensors: Vec<String>) -> PyResult<()> {
+        own_mut!(slf, this);
+        let asked = this.sampler.named(&sensors).map_err(|error| refused(&error))?;
+        let look = || {
+            this.sample()?;
+            let (suite, view) = this.play.senses();
+            this.sampler.look(suite, asked, &view, &mut this.observation)
+        };
+        py.detach(|| guarded(look))?.map_err(|error| failed(&error))
     }
 
     /// Takes a control step; returns reward, terminated, truncated.
     fn step(slf: &Bound<'_, Self>, py: Python<'_>, action: PyReadonlyArrayDyn<'_, f64>) -> PyResult<(f64, bool, bool)> {
         own_mut!(slf, this);
         let action = action.as_slice().map_err(|_| not_contiguous("action"))?;
+        // What is due in a row is seen before the row is left.
+        guarded(|| this.sample())?.map_err(|error| failed(&error))?;
         py.detach(|| guarded(|| this.advance(action)))?.map_err(|error| refused(&error))?;
         let end = this.episode().end();
         Ok((
@@ -253,6 +289,27 @@ impl Episode {
     /// The sensors, and the present row.
     pub(crate) fn senses(&mut self) -> (&mut SensorSuite, View<'_>) {
         self.play.senses()
+    }
+
+    /// Samples the present row, once.
+    fn sample(&mut self) -> Result<(), SenseError> {
+        let step = Some(self.episode().row().step);
+        if self.sampled_at != step {
+            let (suite, view) = self.play.senses();
+            self.sampler.sample(suite, &view, &mut self.observation)?;
+            self.sampled_at = step;
+        }
+        Ok(())
+    }
+
+    /// Computes the sensors that were computed last in the present row, in an episode that is played again.
+    fn retake(&mut self) -> Result<(), SenseError> {
+        let asked = self.sampler.taken_in(self.episode().row().step);
+        if asked == Sensors::NONE {
+            return Ok(());
+        }
+        let (suite, view) = self.play.senses();
+        self.sampler.look(suite, asked, &view, &mut self.observation)
     }
 
     /// Takes a control step; if it is refused, nothing changes.

@@ -10,7 +10,7 @@ use fiatlux_features::{ResNet18, Weights};
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
-use fiatlux_sensing::{Sensor, Sensors};
+use fiatlux_sensing::{Sampler, Sensor, Sensors};
 use fiatlux_world::EpisodeSpec;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -118,15 +118,22 @@ impl Settings {
         }
     }
 
-    /// Sensors by name; without names, those of the robot's own body.
-    fn sensors(&self, task: Task) -> PyResult<Sensors> {
-        let Some(names) = &self.sensors else { return Ok(Sensors::of_body(task)) };
-        names.iter().try_fold(Sensors::NONE, |set, name| {
-            let sensor = Sensor::by_name(name).ok_or_else(|| {
-                PyValueError::new_err(format!("'{name}' is not a sensor; known ones are {}", Sensor::names()))
-            })?;
-            Ok(set.with(sensor))
-        })
+    /// Sensors by name with their rates; without names, those of the robot's own body.
+    fn sensors(&self, task: Task) -> PyResult<Sampler> {
+        let Some(names) = self.sensors.as_deref() else { return Ok(Sampler::new(Sensors::of_body(task))) };
+        if names.is_empty() {
+            return Ok(Sampler::new(Sensors::NONE));
+        }
+        for name in names {
+            let plain = name.split(['@', '+']).next().unwrap_or_default().trim();
+            if Sensor::by_name(plain).is_none() {
+                let known = Sensor::names();
+                return Err(PyValueError::new_err(format!("'{plain}' is not a sensor; known ones are {known}")));
+            }
+        }
+        let asked = fiatlux_wire::requested_sensors(&self.request(&[])?.sensors);
+        let asked = asked.map_err(|refusal| PyValueError::new_err(format!("sensors: {}", refusal.message)))?;
+        Ok(Sampler::of_request(&asked, task))
     }
 
     /// The network of the camera's features, if the sensors need it. The last one is kept for the next episode, since it
@@ -153,8 +160,7 @@ impl Settings {
         Ok(Some(twin))
     }
 
-    /// The request for a session, except task, seed and policy. Here sensors may have a rate, such as `camera@10`; `record`
-    /// names those to record in the bag.
+    /// The request for a session, except task, seed and policy. `record` names the sensors to record in the bag.
     pub(crate) fn request(&self, record: &[String]) -> PyResult<OpenRequest> {
         let (robot, _) = self.robot()?;
         let mut request = OpenRequest {

@@ -243,6 +243,20 @@ impl Batch {
         self.carry_out_where(&Order::End, marks, observation)
     }
 
+    /// Lets the marked worlds compute these sensors of their present row again, whatever their rate, and writes the observations.
+    ///
+    /// # Errors
+    /// As for [`Batch::reset`]; marks of another length; [`BatchError::Task`]: a sensor that the observation does not have. Nothing
+    /// has changed then.
+    pub fn look(&mut self, sensors: &[String], marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
+        check_length("marks", marks.len(), self.worlds)?;
+        check_length("observation", observation.len(), self.worlds * self.spec.observation_length())?;
+        if self.torn {
+            return Err(BatchError::Torn);
+        }
+        self.carry_out_where(&Order::Look(Arc::new(sensors.to_vec())), marks, observation)
+    }
+
     fn carry_out_where(&mut self, order: &Order, marks: &[bool], observation: &mut [f32]) -> Result<(), BatchError> {
         self.workers.check_process()?;
         for (mut job, mark) in self.workers.jobs().zip(marks) {

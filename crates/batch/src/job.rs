@@ -25,6 +25,8 @@ pub(crate) enum Order {
     Copy(Arc<(Snapshot, Original)>),
     /// End the episode, if marked.
     End,
+    /// Look with these sensors, if marked.
+    Look(Arc<Vec<String>>),
     /// Take a control step with its action.
     Step {
         /// Observe the last row of an episode too.
@@ -164,7 +166,7 @@ impl Worker {
         let keeps_contacts = match order {
             Order::Reset => matches!(job.begin, Begin::Stays),
             Order::Load(_) | Order::Copy(_) => !job.is_marked,
-            Order::End => true,
+            Order::End | Order::Look(_) => true,
             Order::Step { .. } => false,
         };
         if !keeps_contacts {
@@ -186,7 +188,8 @@ impl Worker {
                 job.slot.copy_from(&snapshot.worlds[0], original, &stage.bank).map_err(Stopped::Task)
             }
             Order::End if job.is_marked => job.slot.end(stage, shared, &mut job.observation),
-            Order::Load(_) | Order::Copy(_) | Order::End => Ok(()),
+            Order::Look(sensors) if job.is_marked => job.slot.look(&stage.bank, shared, sensors, &mut job.observation),
+            Order::Load(_) | Order::Copy(_) | Order::End | Order::Look(_) => Ok(()),
             Order::Step { wants_final } => {
                 let results = Results {
                     observation: &mut job.observation,

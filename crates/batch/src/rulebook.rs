@@ -8,7 +8,7 @@ use fiatlux_render::{HEAD_PIXELS, Lighting, Visuals};
 use fiatlux_rules::{
     CONTROL_DT, Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
 };
-use fiatlux_sensing::{NoiseSeed, Sensor, SensorSuite, Sensors, Setup, Term, View};
+use fiatlux_sensing::{NoiseSeed, Sampler, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Delay, Light, Random, Scene, World};
 use serde::{Deserialize, Serialize};
 
@@ -44,9 +44,9 @@ pub struct RulebookOptions {
     /// Weights of the reward's terms where they are not the usual ones. A term pays its value times its weight times 0.02 s, gate
     /// progress its value times its weight.
     pub reward_weights: BTreeMap<String, f64>,
-    /// Sensors of the observation, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each world has its
-    /// own devices: a camera takes a few hundred kilobytes in each.
-    pub sensors: Sensors,
+    /// Sensors of the observation with the rate of each, in the order of [`Sensor::ALL`](fiatlux_sensing::Sensor::ALL). Each
+    /// world has its own devices: a camera takes a few hundred kilobytes in each.
+    pub sensors: Sampler,
     /// Sensors have noise, from the world's random stream; the benchmark's own episodes draw it by seed and episode.
     pub noise: bool,
     /// Factor of the noise's width: least and most, drawn for each episode; above 0.
@@ -69,7 +69,7 @@ impl RulebookOptions {
             horizon_steps: task.horizon_steps(),
             variant: Variant::Benchmark,
             reward_weights: BTreeMap::new(),
-            sensors: Sensors::of_body(task),
+            sensors: Sampler::new(Sensors::of_body(task)),
             noise: true,
             noise_scale: [1.0; 2],
             image_size: [HEAD_PIXELS; 2],
@@ -88,6 +88,7 @@ pub struct Rulebook {
     spec: Arc<Spec>,
     visuals: SharedVisuals,
     suite: SensorSuite,
+    sampler: Sampler,
     /// `None` before the first episode.
     referee: Option<Referee>,
     episode: u64,
@@ -111,6 +112,8 @@ struct State {
     noise: Option<(u64, u64)>,
     noise_scale: f64,
     delay: Delay,
+    /// Of sensors that are not computed in every step; their numbers are in the observation.
+    taken_at: Vec<u64>,
 }
 
 /// The meshes of each scene, for its cameras; worlds of one scene share them.
@@ -154,17 +157,18 @@ impl Rulebook {
                 ((ACTION_LIMIT * ACTION_SCALE - offset).floor(), range)
             }
         };
-        let terms =
-            options.sensors.iter().flat_map(|sensor| sensor.terms(&setup).into_iter().map(move |term| (sensor, term)));
-        let field = |(sensor, term): (Sensor, Term)| {
-            Field::of_sensor(sensor.name(), term.name, &term.shape, term.range, most * term.noise, term.scale)
+        let fields = |sensor: Sensor| {
+            let terms = sensor.terms(&setup).into_iter().map(move |term| {
+                Field::of_sensor(sensor.name(), term.name, &term.shape, term.range, most * term.noise, term.scale)
+            });
+            terms.chain(options.sensors.oldest(sensor).map(|oldest| Field::of_age(sensor.name(), oldest)))
         };
         let spec = Spec {
             actions: joints.iter().map(|joint| joint.name.clone()).collect(),
             horizon_steps: options.horizon_steps.min(task.horizon_steps()),
             action_limit,
             action_range,
-            observation: terms.map(field).collect(),
+            observation: options.sensors.sensors().iter().flat_map(fields).collect(),
             rewards: usual.iter().map(|(name, _)| (*name).to_owned()).collect(),
             reward_weights: usual.iter().map(|(name, weight)| given(name).unwrap_or(*weight)).collect(),
         };
@@ -172,7 +176,10 @@ impl Rulebook {
         let factors = usual.iter().map(|(name, weight)| given(name).map_or(1.0, |given| given / weight)).collect();
         Ok(Self {
             task,
-            suite: SensorSuite::new(options.sensors, setup).with_network(network),
+            suite: SensorSuite::new(options.sensors.sensors(), setup)
+                .with_sight(options.sensors.sight())
+                .with_network(network),
+            sampler: options.sensors.clone(),
             options: Arc::new(options),
             spec: Arc::new(spec),
             visuals: Arc::default(),
@@ -184,6 +191,18 @@ impl Rulebook {
             delay: Delay::default(),
             noise_scale: 1.0,
         })
+    }
+
+    /// What observes a row; `None` before the first episode.
+    fn sampled<'a>(
+        &'a mut self,
+        scene: &'a Scene,
+        row: &'a Row,
+    ) -> Option<(&'a mut Sampler, &'a mut SensorSuite, View<'a>)> {
+        let Referee { judges, rewards } = self.referee.as_ref()?;
+        let (judge, reward) = (judges.in_force(), rewards.reward());
+        let view = View { scene, episode: self.episode, row, task: self.task, judge, reward };
+        Some((&mut self.sampler, &mut self.suite, view))
     }
 
     fn visuals_of(&self, scene: &Arc<Scene>) -> Arc<Visuals> {
@@ -226,7 +245,7 @@ impl Task for Rulebook {
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
-            let visuals = self.options.sensors.meets(Sensors::WITH_IMAGE).then(|| self.visuals_of(scene));
+            let visuals = self.options.sensors.sensors().meets(Sensors::WITH_IMAGE).then(|| self.visuals_of(scene));
             self.suite.begin(scene, noise, || visuals.unwrap_or_else(|| Arc::new(Visuals::new(scene))), lighting)?;
         } else {
             self.suite.restart(noise, lighting);
@@ -272,15 +291,18 @@ impl Task for Rulebook {
     }
 
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError> {
-        let sensors = self.options.sensors;
-        let Some((suite, view)) = self.senses(world.scene(), world.row()) else { return Ok(()) };
-        Ok(suite.compute_all(sensors, &view, observation)?)
+        let Some((sampler, suite, view)) = self.sampled(world.scene(), world.row()) else { return Ok(()) };
+        Ok(sampler.sample(suite, &view, observation)?)
+    }
+
+    fn look(&mut self, scene: &Scene, row: &Row, sensors: &[String], observation: &mut [f32]) -> Result<(), TaskError> {
+        let asked = self.sampler.named(sensors)?;
+        let Some((sampler, suite, view)) = self.sampled(scene, row) else { return Ok(()) };
+        Ok(sampler.look(suite, asked, &view, observation)?)
     }
 
     fn senses<'a>(&'a mut self, scene: &'a Scene, row: &'a Row) -> Option<(&'a mut SensorSuite, View<'a>)> {
-        let Referee { judges, rewards } = self.referee.as_ref()?;
-        let (judge, reward) = (judges.in_force(), rewards.reward());
-        Some((&mut self.suite, View { scene, episode: self.episode, row, task: self.task, judge, reward }))
+        self.sampled(scene, row).map(|(_, suite, view)| (suite, view))
     }
 
     fn settings(&self) -> Vec<(&'static str, String)> {
@@ -298,14 +320,13 @@ impl Task for Rulebook {
             action_form,
             action_delay,
         } = &*self.options;
-        let sensors: Vec<_> = sensors.iter().map(Sensor::name).collect();
         vec![
             ("task", self.task.to_string()),
             ("horizon_steps", self.spec.horizon_steps.to_string()),
             ("protocol", protocol.to_string()),
             ("reward", format!("{variant:?}")),
             ("reward_weights", format!("{reward_weights:?}")),
-            ("sensors", sensors.join(", ")),
+            ("sensors", sensors.names().join(", ")),
             ("noise", noise.to_string()),
             ("noise_scale", format!("{noise_scale:?}")),
             ("image_size", format!("{image_size:?}")),
@@ -327,8 +348,8 @@ impl Task for Rulebook {
         let Referee { judges, rewards } = self.referee.as_ref().ok_or("no episode has begun")?;
         let noise = self.noise.map(|noise| (noise.seed, noise.episode));
         let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
-        let (noise_scale, delay) = (self.noise_scale, self.delay.clone());
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay })?)
+        let (noise_scale, delay, taken_at) = (self.noise_scale, self.delay.clone(), self.sampler.taken_at());
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay, taken_at })?)
     }
 
     fn copy_from(&mut self, other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
@@ -341,6 +362,7 @@ impl Task for Rulebook {
             return Err("the other world has another number of reward terms".into());
         }
         self.delay.clone_from(&other.delay);
+        self.sampler.clone_from(&other.sampler);
         (self.episode, self.noise, self.noise_scale) = (other.episode, other.noise, other.noise_scale);
         self.suite.scale_noise(self.noise_scale);
         self.suite.restart(self.noise, Lighting::of(light));
@@ -356,6 +378,7 @@ impl Task for Rulebook {
         if !rewards.set_state(state.rewards, row) {
             return Err("the snapshot has another number of reward terms".into());
         }
+        self.sampler.set_taken_at(&state.taken_at, row.step)?;
         judges.set_state(state.judges);
         self.delay = state.delay;
         self.episode = state.episode;

@@ -311,6 +311,18 @@ impl Slot {
         Ok(())
     }
 
+    /// Looks with these sensors at the present row.
+    pub fn look(
+        &mut self,
+        bank: &ReadyBank,
+        shared: &Shared,
+        sensors: &[String],
+        observation: &mut [f32],
+    ) -> Result<(), Stopped> {
+        let task = &mut observation[..shared.observation_length];
+        Ok(self.task.look(&bank.scene, &self.row, sensors, task)?)
+    }
+
     /// Takes a control step; where an episode ends, the next one begins as the batch's autoreset says.
     pub fn step(
         &mut self,
@@ -347,6 +359,8 @@ impl Slot {
         self.has_ended = outcome != Outcome::Continues;
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
+                // Parts that are not due stay as they were.
+                final_observation.copy_from_slice(observation);
                 self.observe(stage, shared, final_observation)?;
             }
             self.begin(stage, shared, None, observation)?;

@@ -44,7 +44,8 @@ pub trait Task: TaskClone + Send + Sync {
     /// episode as a failure, whatever this returns.
     fn judge(&mut self, world: &World, random: &mut Random, reward_terms: &mut [f32]) -> Outcome;
 
-    /// Writes the observation of a row.
+    /// Writes the observation of a row. The buffer has that of the row before it in the episode, so that a part which is not due can
+    /// stay as it is; at row 0 it has anything.
     ///
     /// # Errors
     /// The task's own reasons, such as a camera that the robot lacks; they end the batch's call.
@@ -54,6 +55,20 @@ pub trait Task: TaskClone + Send + Sync {
     /// for a task without sensors, or before its first episode.
     fn senses<'a>(&'a mut self, _scene: &'a Scene, _row: &'a Row) -> Option<(&'a mut SensorSuite, View<'a>)> {
         None
+    }
+
+    /// Writes the parts of these sensors again, whatever their rate. `row` is the present one, and the buffer has its observation.
+    ///
+    /// # Errors
+    /// By default, that the task's observation has no sensors by name.
+    fn look(
+        &mut self,
+        _scene: &Scene,
+        _row: &Row,
+        _sensors: &[String],
+        _observation: &mut [f32],
+    ) -> Result<(), TaskError> {
+        Err("this task has no sensors to look at".into())
     }
 
     /// Name and value of each quantity that it drew for the episode.
@@ -161,6 +176,11 @@ impl Field {
         };
         let range = [range[0] - noise, range[1] + noise].map(|bound| (bound * scale) as f32);
         Self { name, shape: shape.into(), range }
+    }
+
+    /// Age of the numbers of a sensor that is not computed in every step, s, with the greatest possible one.
+    pub fn of_age(sensor: &str, oldest: f64) -> Self {
+        Self { name: format!("{sensor}.age"), shape: Vec::new(), range: [0.0, oldest as f32] }
     }
 
     /// True if the numbers are the bytes of a picture, from 0 to 255: height x width x 3, or height x width labels.

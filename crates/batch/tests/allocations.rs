@@ -6,7 +6,7 @@ use std::sync::Arc;
 use fiatlux_batch::{Bank, Batch, BatchConfig, Outputs, Rulebook, RulebookOptions, Walking, WalkingOptions};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Task, Variant};
-use fiatlux_sensing::{Sensor, Sensors};
+use fiatlux_sensing::{Cadence, Sampler, Sensor, Sensors};
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig, SceneSpec};
 
 /// Allocations in steps of a batch, after a few; and how many episodes ended in them.
@@ -40,7 +40,7 @@ fn a_step_allocates_nothing() {
 
     let episodes = [0, 1].map(|episode| EpisodeSpec::new(Task::S07, 0, episode));
     let banks = Bank::of_episodes(&SceneConfig::default(), &robot, &gains, &episodes).unwrap();
-    let sensors = Sensors::of_body(Task::S07).with(Sensor::Privileged);
+    let sensors = Sampler::new(Sensors::of_body(Task::S07)).with(Sensor::Privileged, Cadence::Every(3));
     let options = RulebookOptions { variant: Variant::Training, sensors, ..RulebookOptions::new(Task::S07) };
     let task = Rulebook::new(Task::S07, &banks[0].scene, options, None).unwrap();
     let (allocations, ended) = count(Batch::new(config(banks), &task).unwrap());

@@ -90,20 +90,6 @@ impl SensorSuite {
         (sensor.entry().compute)(view, &mut self.devices, &mut Out::slice(out))
     }
 
-    /// Writes the numbers of these sensors of a row, one sensor after the other, in the order of [`Sensor::ALL`].
-    ///
-    /// # Errors
-    /// As of [`SensorSuite::compute`].
-    pub fn compute_all(&mut self, sensors: Sensors, view: &View<'_>, out: &mut [f32]) -> Result<(), SenseError> {
-        let mut rest = out;
-        for sensor in sensors.iter() {
-            let (numbers, others) = rest.split_at_mut(self.length(sensor).min(rest.len()));
-            self.compute(sensor, view, numbers)?;
-            rest = others;
-        }
-        Ok(())
-    }
-
     /// A message with these sensors of a row and no others.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 
 mod climbing;
 mod common;
+mod rates;
 mod refused;
 mod rulebook;
 mod states;

@@ -6,7 +6,7 @@ use fiatlux_batch::{ActionForm, Bank, Batch, BatchConfig, Outputs, Rulebook, Rul
 use fiatlux_render::Lighting;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Cause, Task, Variant};
-use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup, View};
+use fiatlux_sensing::{Sampler, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, Stream};
 
 /// Those of a learner that sees much.
@@ -39,8 +39,8 @@ fn rig(specs: &[EpisodeSpec], threads: usize, form: ActionForm) -> Rig {
     });
     let episodes = episodes.collect();
     let (task, variant) = (specs[0].task, specs[0].variant);
-    let options =
-        RulebookOptions { variant, sensors: SENSORS, noise: false, action_form: form, ..RulebookOptions::new(task) };
+    let sensors = Sampler::new(SENSORS);
+    let options = RulebookOptions { variant, sensors, noise: false, action_form: form, ..RulebookOptions::new(task) };
     let played = Rulebook::new(task, &banks[0].scene, options, None).unwrap();
     let batch = Batch::new(BatchConfig { threads, ..BatchConfig::new(banks) }, &played).unwrap();
     Rig { batch, episodes }
@@ -124,7 +124,7 @@ fn whatever_is_drawn_is_drawn_as_in_an_episode() {
         let (scene, start) = (Arc::clone(&banks[0].scene), banks[0].starts[0].clone());
         let sensors = Sensors::of(&[Sensor::Camera, Sensor::ChestCamera]);
         let image_size = [32, 24];
-        let options = RulebookOptions { sensors, image_size, ..RulebookOptions::new(spec.task) };
+        let options = RulebookOptions { sensors: Sampler::new(sensors), image_size, ..RulebookOptions::new(spec.task) };
         let played = Rulebook::new(spec.task, &scene, options, None).unwrap();
         let mut batch = Batch::new(BatchConfig::new(banks), &played).unwrap();
         let mut seen = vec![0.0; batch.spec().observation_length()];

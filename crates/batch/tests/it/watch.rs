@@ -7,7 +7,7 @@ use fiatlux_batch::{
 };
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{Task, errand};
-use fiatlux_sensing::Sensors;
+use fiatlux_sensing::{Sampler, Sensors};
 use fiatlux_world::{EpisodeSpec, SceneConfig, ShapeOwner, World};
 use nalgebra::Vector3;
 
@@ -142,7 +142,7 @@ fn gravity_and_noise_are_drawn_and_named() {
             let options = RulebookOptions {
                 noise,
                 noise_scale: [scale; 2],
-                sensors: Sensors::of_body(Task::S02),
+                sensors: Sampler::new(Sensors::of_body(Task::S02)),
                 ..RulebookOptions::new(Task::S02)
             };
             let mut batch = make(vec![nominal.clone()], options);
