@@ -114,6 +114,7 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
             meshes: None,
             scene: SceneConfig::default(),
             session,
+            shard: None,
         },
         task: args.task,
         episodes: args.episodes as usize,

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use fiatlux_cli::ProgressLine;
-use fiatlux_client::{RunProgress, SeedList, SessionArgs, TaskList};
+use fiatlux_client::{RunProgress, SeedList, SessionArgs, Shard, ShardRecord, TaskList};
 use fiatlux_grading::tables;
 use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
@@ -24,6 +24,8 @@ const EXAMPLES: &str = "Examples:
                                                           16 rooms drawn afresh
   fiatlux evaluate --policy stand --tasks S05,S06 --seeds 0..9
   fiatlux evaluate --policy hold --tasks climb --seeds 0 --json
+  fiatlux evaluate --policy walk --seeds 0..99 --shard 2/4
+                                                          every fourth episode; scorer merge makes one result
   fiatlux evaluate --external --name lab --listen tcp/0.0.0.0:7447 --out results/mine
                                                           the same for a policy on another machine
 
@@ -63,9 +65,13 @@ pub struct EvaluateArgs {
     /// nobody has seen and keeps them in OUT/seeds.txt (not with --external: the client chooses) [default: 0..3].
     #[arg(long, allow_hyphen_values = true)]
     seeds: Option<SeedList>,
-    /// Output folder [default: results/POLICY; with --external results/NAME].
+    /// Output folder [default: results/POLICY; with --shard results/POLICY-KofN; with --external results/NAME].
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Play part K of N of the episodes alone, such as 2/4: the second and every fourth after it. auto takes K and N from
+    /// Slurm's array or Kubernetes' indexed Job. `scorer merge` makes one result of all parts.
+    #[arg(long, value_name = "K/N", conflicts_with = "external")]
+    shard: Option<Shard>,
     /// Number of episodes at once; with --external, number of threads that step them [default: one for each core].
     #[arg(long, value_parser = fiatlux_cli::whole::<u16>(1..=256))]
     workers: Option<u16>,
@@ -126,7 +132,13 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     };
     // The name of a policy may be a path.
     let folder = policy.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
+    let folder = args.shard.map_or_else(|| folder.clone(), |shard| shard.name(&folder));
     let out = args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(folder));
+    if args.shard.is_some() && args.seeds.as_ref().is_some_and(|seeds| seeds.fresh) {
+        return Ok(fiatlux_cli::usage(
+            "--shard: each shard would draw rooms of its own; name the same rooms in all of them, such as --seeds 0..63",
+        ));
+    }
     let mut session = args.session.clone();
     let seeds = match &args.seeds {
         Some(seeds) if seeds.fresh => {
@@ -148,7 +160,14 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         meshes: args.meshes.clone(),
         scene,
         session,
+        shard: args.shard.map(|shard| (shard, ShardRecord::again(command_line()))),
     };
+    if let Some((shard, _)) = &options.shard
+        && !(0..options.tasks.len() * options.seeds.len()).any(|index| shard.has(index))
+    {
+        fiatlux_cli::report(format!("shard {shard} has no episode: there are fewer episodes than shards"));
+        return Ok(ExitCode::SUCCESS);
+    }
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let line = ProgressLine::default();
     let outcome = evaluate(&options, &stop, &mut |progress| line.show(|| look(&line, progress)));
@@ -162,6 +181,11 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         outcome => outcome?,
     };
     finish(args.json, &options.out, &outcome, "the rest will be played by the same command")
+}
+
+/// The command line of this process, with the name of its program alone.
+fn command_line() -> impl Iterator<Item = String> {
+    std::iter::once("fiatlux".to_owned()).chain(std::env::args().skip(1))
 }
 
 fn look(line: &ProgressLine, progress: &RunProgress) -> String {

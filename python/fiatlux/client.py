@@ -180,4 +180,5 @@ def run_of(
         "run_file": fspath(run_file),
         "record": [],
         "patience_s": 60.0,
+        "shard": None,
     }

@@ -96,6 +96,8 @@ def evaluate(
     record: Sequence[str] = (),
     max_steps: int | None = None,
     assets: Mapping[str, str | PathLike[str]] | None = None,
+    shard: str | None = None,
+    run_file: str | PathLike[str] | None = None,
     progress: Callable[[dict[str, Any]], None] | None = None,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
@@ -116,6 +118,10 @@ def evaluate(
         record: Sensors to record in the bags in addition to the small ones, such as ``"camera"``.
         assets: Objects in place of things of the room, by place, such as ``{"crate": "DIR"}``, where ``python -m fiatlux.assets build``
             wrote the folder; only with ``out``. Such evaluations are ranked apart.
+        shard: Part of the episodes to play, such as ``"2/4"``: the second and every fourth after it; ``"auto"`` takes it from Slurm's
+            array or Kubernetes' indexed Job. Each shard has its own ``out``, and all have one ``run_file``; ``scorer merge`` makes
+            one result of them. In the scores of a shard by itself the others' episodes count as failures.
+        run_file: File with the name and key of the recorded run, by default ``out/RUN.toml``. It is made if it does not exist.
         max_steps: Cuts episodes after this number of steps; the table cannot be compared with others then. Not with ``out``.
         progress: Called with the summary of each episode as it ends; with ``out``, a few times a second with a dictionary of
             counts.
@@ -124,17 +130,22 @@ def evaluate(
     if isinstance(tasks, str):
         raise ValueError(f"tasks is {tasks!r}; give a list, [{tasks!r}]")
     check_policy(policy)
+    if shard is not None and isinstance(seeds, str) and seeds.startswith("fresh"):
+        raise ValueError("seeds: each shard would draw rooms of its own; give all of them the same rooms")
     seeds = seeds_of(seeds, record=None if out is None else Path(out) / "seeds.txt")
     chosen = settings_for(policy, settings)
     if out is not None:
         if max_steps is not None:
             raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
+        if shard is not None and run_file is None:
+            raise ValueError("shard: give all shards one run_file, so that they are parts of one run")
         objects = {place: fspath(folder) for place, folder in (assets or {}).items()}
         return _recorded(
-            policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen, objects
+            policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen, objects, shard, run_file
         )
-    for field, given in (("parallel", parallel is not None), ("record", len(record) > 0), ("assets", bool(assets))):
-        if given:
+    recorded_only = {"parallel": parallel, "record": record or None, "assets": assets or None, "shard": shard}
+    for field, given in {**recorded_only, "run_file": run_file}.items():
+        if given is not None:
             raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
     wanted = [(task, seed) for task in tasks for seed in seeds]
     return collect(wanted, _played(policy, tasks, seeds, observation, max_steps, chosen), progress)
@@ -212,11 +223,14 @@ def _recorded(
     progress: Callable[[dict[str, Any]], None] | None,
     settings: Mapping[str, Any],
     assets: Mapping[str, str],
+    shard: str | None,
+    run_file: str | PathLike[str] | None,
 ) -> Evaluation:
     if len(tasks) == 0 or len(seeds) == 0:
         raise ValueError("tasks and seeds: give at least one each")
     asked = complete(tasks[0] if len(tasks) == 1 else None, observation, settings)
-    run = {**run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml"), "record": list(record)}
+    run = run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml" if run_file is None else run_file)
+    run |= {"record": list(record), "shard": shard}
     # A policy may be made even if nothing is left to play.
     begun = Event()
     play_one = lambda: Player(policy, observation, begun)

@@ -11,7 +11,7 @@ use fiatlux_carrier::Carrier;
 use fiatlux_cli::in_full;
 use fiatlux_client::{
     Access, AccessArgs, Client as Session, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome,
-    RunProgress,
+    RunProgress, Shard,
 };
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_proto::v3::{Observation, ObservationTerm, OpenRequest, RunSpec, SessionInfo};
@@ -167,9 +167,16 @@ pub(crate) struct Run {
     pub run_file: PathBuf,
     pub record: Vec<String>,
     pub patience_s: f64,
+    pub shard: Option<String>,
 }
 
 impl Run {
+    /// The part of its episodes to play.
+    pub(crate) fn shard(&self) -> PyResult<Option<Shard>> {
+        let shard = self.shard.as_deref().map(str::parse::<Shard>).transpose();
+        shard.map_err(|error| PyValueError::new_err(format!("shard: {error}")))
+    }
+
     /// Opens the run's file, or draws a new run.
     pub(crate) fn options(&self, settings: &Settings) -> PyResult<RunOptions> {
         if self.parallel == Some(0) {
@@ -192,7 +199,8 @@ impl Run {
             // The messages name the programs' flag.
             PyValueError::new_err(in_full(&error).replace("--run-file", "run_file"))
         })?;
-        Ok(RunOptions { server: self.server.clone(), parallel: self.parallel, patience, ..RunOptions::new(file) })
+        let (server, shard) = (self.server.clone(), self.shard()?);
+        Ok(RunOptions { server, parallel: self.parallel, patience, shard, ..RunOptions::new(file) })
     }
 }
 

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_client::{RunProgress, SeedList};
+use fiatlux_client::{RunOptions, RunProgress, SeedList, Shard, ShardRecord};
 use fiatlux_grading::report;
+use fiatlux_proto::v3::RunSpec;
 use fiatlux_runs::{ExternalOptions, evaluate_run};
 use fiatlux_world::{AssetArg, SceneConfig};
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -36,14 +37,20 @@ pub(crate) fn evaluate_into(
     let assets: Vec<AssetArg> = assets.into_iter().map(|(place, path)| AssetArg { place, path }).collect();
     let scene = SceneConfig::default().with_assets(&assets).map_err(|error| refused(&error))?;
     std::fs::create_dir_all(&out)?;
-    let options = run.options(&settings)?;
+    let shard = run.shard()?;
+    let options = RunOptions { is_alone: true, ..run.options(&settings)? };
+    if let Some(shard) = shard {
+        keep_record(&out, shard, &options.file.spec)?;
+    }
     let hosting = ExternalOptions {
-        name: SERVER.into(),
+        // The journals of all shards come into one folder.
+        name: shard.map_or_else(|| SERVER.into(), |shard| shard.name(SERVER)),
         out: out.clone(),
         workers: std::thread::available_parallelism().map_or(1, usize::from),
         weights,
         meshes: None,
         scene,
+        shard,
     };
     let failure = Failure::default();
     let noted = failure.clone();
@@ -62,6 +69,23 @@ pub(crate) fn evaluate_into(
     write(&out, "results.json", &text)?;
     write(&out, "report.html", &report::html(&outcome.results))?;
     Ok((text, outcome.lost))
+}
+
+/// Notes in the folder which evaluation it has a shard of.
+fn keep_record(out: &Path, shard: Shard, spec: &RunSpec) -> PyResult<()> {
+    let episodes = spec.tasks.len() * spec.seeds.len();
+    if !(0..episodes).any(|index| shard.has(index)) {
+        return Err(PyValueError::new_err(format!(
+            "shard {shard} has none of the {episodes} episodes; use fewer shards"
+        )));
+    }
+    let record = ShardRecord {
+        shard: shard.to_string(),
+        tasks: spec.tasks.clone(),
+        seeds: spec.seeds.clone(),
+        again: "the same call of fiatlux.evaluate with shard='{shard}', out='{out}'".into(),
+    };
+    record.keep(out).map_err(|error| PyOSError::new_err(format!("{}: {error}", out.display())))
 }
 
 fn write(out: &Path, name: &str, text: &str) -> PyResult<()> {

@@ -1,6 +1,7 @@
 //! The program `scorer`, as a function: grades, compares and verifies bags, and serves the leaderboard.
 
 mod admin;
+mod merge;
 mod serve;
 mod submit;
 mod verify;
@@ -32,6 +33,7 @@ const UNVERIFIED: u8 = 4;
     propagate_version = true,
     after_help = "Examples:
   scorer grade runs/zero                               scores of a folder of bags
+  scorer merge results/walk results/walk-*of4          the shards of an evaluation as one
   scorer compare results/stand results/hold            two runs, episode by episode
   scorer verify results/zero -e tcp/lab:7447           simulate the bags again on a server
   scorer submit results/zero --to https://board.example.org --token TOKEN.txt"
@@ -44,6 +46,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Grade(GradeArgs),
+    Merge(merge::MergeArgs),
     Compare(CompareArgs),
     Verify(verify::VerifyArgs),
     Serve(serve::ServeArgs),
@@ -146,6 +149,7 @@ pub fn run() -> ExitCode {
     }
     let done = match command {
         Command::Grade(args) => run_grade(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => run_compare(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Serve(args) => serve::run(&args),
@@ -173,13 +177,7 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     for folder in [&args.out, &args.html].into_iter().flatten().map(|file| folder(file)) {
         make(&folder)?;
     }
-    let line = ProgressLine::default();
-    let graded = grade(&args.paths, &options, &|progress| {
-        let left = || line.left(progress.bytes_done, progress.bytes);
-        line.show(|| format!("{} of {} bags, {} left", progress.bags_done, progress.bags, left()));
-    });
-    line.clear();
-    let results = graded?;
+    let results = graded(&args.paths, &options)?;
     let claim = match args.paths.as_slice() {
         // With other rules it may well say otherwise; and a file that is written anew says nothing.
         [folder] if args.set.is_empty() && !args.published_counting => {
@@ -207,6 +205,17 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
         None => fiatlux_cli::print_headed(text)?,
     }
     Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
+}
+
+/// Grades bags, with a line of progress.
+fn graded(paths: &[PathBuf], options: &GradeOptions) -> Result<Results> {
+    let line = ProgressLine::default();
+    let graded = grade(paths, options, &|progress| {
+        let left = || line.left(progress.bytes_done, progress.bytes);
+        line.show(|| format!("{} of {} bags, {} left", progress.bags_done, progress.bags, left()));
+    });
+    line.clear();
+    Ok(graded?)
 }
 
 fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {

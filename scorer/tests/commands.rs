@@ -3,6 +3,8 @@
 
 #[path = "../../crates/grading/tests/common/mod.rs"]
 mod common;
+#[path = "commands/merge.rs"]
+mod merge;
 
 use std::process::{Command, Stdio};
 

@@ -10,6 +10,7 @@ mod policy;
 mod replay;
 mod run;
 mod session_args;
+mod shard;
 mod stats;
 
 pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server};
@@ -22,4 +23,5 @@ pub use run::{
     RunProgress, WantedEpisode, play_each,
 };
 pub use session_args::SessionArgs;
+pub use shard::{Shard, ShardRecord};
 pub use stats::RoundTrips;

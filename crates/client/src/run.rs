@@ -15,7 +15,7 @@ use fiatlux_rules::Task;
 use thiserror::Error;
 
 use crate::client::{DISCOVERY_S, live_servers};
-use crate::{Access, Client, ClientError, Policy, PolicyError, check_tasks, find_server};
+use crate::{Access, Client, ClientError, Policy, PolicyError, Shard, check_tasks, find_server};
 use calls::{Calls, Links};
 use driver::RunDriver;
 pub use episodes::{Attempt, AttemptEnd, WantedEpisode, play_each};
@@ -38,6 +38,11 @@ pub struct RunOptions {
     pub patience: Duration,
     /// Keys and tokens for the handshakes.
     pub access: Access,
+    /// Plays these episodes alone; others with the same file play the rest. `None` for all.
+    pub shard: Option<Shard>,
+    /// The servers play for this shard alone, so the run is closed there with it. Otherwise whoever plays the last episode
+    /// closes it.
+    pub is_alone: bool,
 }
 
 impl RunOptions {
@@ -50,6 +55,8 @@ impl RunOptions {
             give_up_lost: false,
             patience: Duration::from_secs(60),
             access: Access::default(),
+            shard: None,
+            is_alone: false,
         }
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fiatlux_bag::run::{EpisodeState, Ledger, journal_of};
 use fiatlux_carrier::Carrier;
-use fiatlux_client::{EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress};
+use fiatlux_client::{EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress, Shard};
 use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
 use fiatlux_world::SceneConfig;
@@ -37,6 +37,8 @@ pub struct ExternalOptions {
     pub meshes: Option<PathBuf>,
     /// Scene that the server simulates.
     pub scene: SceneConfig,
+    /// The part of the run that is played here; `None` for all of it.
+    pub shard: Option<Shard>,
 }
 
 /// Progress of a run from elsewhere.
@@ -216,7 +218,9 @@ fn outcome(
     let bags = journal.parent().unwrap_or(Path::new(""));
     let mut any_played = false;
     let mut lost = Vec::new();
-    for (episode, planned) in ledger.episodes().iter().zip(&ledger.registration().episodes) {
+    let own = |(index, _): &(usize, _)| options.shard.is_none_or(|shard| shard.has(*index));
+    let episodes = ledger.episodes().iter().zip(&ledger.registration().episodes).enumerate().filter(own);
+    for (_, (episode, planned)) in episodes.clone() {
         match &episode.state {
             EpisodeState::Played(_) => any_played = true,
             EpisodeState::Failed { cause } => lost.push(format!("{} seed {}: {cause}", planned.task, planned.seed)),
@@ -229,6 +233,6 @@ fn outcome(
     }
     let results = grade(&[bags.to_path_buf()], options.workers, &options.out)?;
     lost.extend(results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)));
-    let asked = ledger.episodes().len();
+    let asked = episodes.count();
     Ok(Outcome { results, resumed: 0, lost, asked, stopped: stopped && !ledger.is_finished() })
 }

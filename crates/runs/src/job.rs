@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, source_of};
+use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, Shard, ShardRecord, source_of};
 use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
@@ -38,6 +38,8 @@ pub struct EvaluateOptions {
     pub scene: SceneConfig,
     /// The request for every session, without policy, task and seed.
     pub session: SessionArgs,
+    /// The part of the episodes to play, and the command that plays another ([`ShardRecord::again`]); `None` for all of them.
+    pub shard: Option<(Shard, String)>,
 }
 
 /// One episode to play.
@@ -48,6 +50,20 @@ pub(super) struct Job {
 }
 
 impl EvaluateOptions {
+    /// The episodes to play; the record of a shard is in its folder from then on.
+    pub(super) fn jobs(&self) -> Result<Vec<Job>, EvaluateError> {
+        let all = self.tasks.iter().flat_map(|&task| self.seeds.iter().map(move |&seed| Job { task, seed }));
+        let Some((shard, again)) = &self.shard else { return Ok(all.collect()) };
+        let record = ShardRecord {
+            shard: shard.to_string(),
+            tasks: self.tasks.iter().map(Task::to_string).collect(),
+            seeds: self.seeds.clone(),
+            again: again.clone(),
+        };
+        record.keep(&self.out).map_err(|error| folder(&self.out, error))?;
+        Ok(all.enumerate().filter(|(index, _)| shard.has(*index)).map(|(_, job)| job).collect())
+    }
+
     pub(super) fn request(&self, job: Job, policy: &dyn Policy) -> OpenRequest {
         let mut request = OpenRequest {
             protocol: Some(PROTOCOL),

@@ -60,8 +60,7 @@ pub fn evaluate(
     let bags = options.out.join("bags");
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = lock(&options.out)?;
-    let mut jobs: Vec<Job> =
-        options.tasks.iter().flat_map(|&task| options.seeds.iter().map(move |&seed| Job { task, seed })).collect();
+    let mut jobs = options.jobs()?;
     jobs.extend(earlier(&jobs, &bags)?);
     // A client that failed keeps its place until the grace time is over.
     let server = ServerOptions {

@@ -45,6 +45,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
         weights,
         meshes: args.meshes.clone(),
         scene,
+        shard: None,
     };
     let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let (carrier, endpoint) = crate::network::listen(&args.listen, &args.name)?;

@@ -33,6 +33,7 @@ fn options(name: &str, policy: &str, task: Task, flags: &[&str]) -> DemonstrateO
             meshes: None,
             scene: SceneConfig::default(),
             session,
+            shard: None,
         },
         task,
         episodes: 1,

@@ -9,8 +9,9 @@ use std::time::Duration;
 use fiatlux_bag::run::{EpisodeState, Ledger, journal_of, journals};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_client::{
-    Client, Command, EpisodeFate, Policy, PolicyError, RunError, RunFile, RunOptions, RunOutcome, RunProgress,
+    Client, Command, EpisodeFate, Policy, PolicyError, RunError, RunFile, RunOptions, RunOutcome, RunProgress, Shard,
 };
+use fiatlux_grading::{GradeOptions, grade};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policies::Zero;
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
@@ -429,4 +430,48 @@ fn hosted_seeds_are_told_at_the_end() {
     let outcome = play(&link, &options, 2, &mut progress, &AtomicBool::new(false));
     assert!(outcome.is_whole() && outcome.finished && outcome.servers == ["lab"], "{outcome:?}");
     assert!(outcome.episodes.iter().all(|episode| episode.seed.is_some_and(|seed| seed > 1000)), "{outcome:?}");
+}
+
+/// Guards shards of one run: whoever plays the last episode on a server closes it, or each on a server of its own; the episodes are
+/// those of one client either way.
+#[test]
+fn shards_play_each_episode_once() {
+    const SHARDS: usize = 3;
+    let folder = folder("shards");
+    let of = |part| RunOptions { shard: Shard::new(part, SHARDS), ..options(&folder, "lab") };
+    let expected: std::collections::BTreeSet<_> = undisturbed().into_iter().collect();
+    let link = fiatlux_link::Link::embedded().unwrap().session().clone();
+    let lab = server(&link, "lab", &folder);
+    let mut played = Vec::new();
+    for part in 1..=SHARDS {
+        let outcome = play(&link, &of(part), 0, &mut |_| (), &AtomicBool::new(false));
+        assert!(outcome.is_whole() && outcome.episodes.len() == EPISODES / SHARDS, "{outcome:?}");
+        assert_eq!(outcome.finished, part == SHARDS, "{outcome:?}");
+        played.extend(digests(&outcome));
+    }
+    lab.shutdown(Duration::from_secs(10));
+    assert_eq!((played.len(), played.into_iter().collect()), (EPISODES, expected));
+
+    let mut runs = Vec::new();
+    for part in 1..=SHARDS {
+        let options = RunOptions { is_alone: true, ..of(part) };
+        let own = folder.join(format!("machine-{part}"));
+        let link = fiatlux_link::Link::embedded().unwrap().session().clone();
+        let name = format!("lab-{part}");
+        let server = server(&link, &name, &own);
+        let outcome = play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false));
+        server.shutdown(Duration::from_secs(10));
+        assert!(outcome.is_whole() && outcome.finished, "{outcome:?}");
+        runs.push(own.join("bags").join(&outcome.run));
+    }
+    let one = grade(&[folder.join("bags")], &GradeOptions::default(), &|_| ()).unwrap();
+    let many = grade(&runs, &GradeOptions::default(), &|_| ()).unwrap();
+    let rows = |results: &fiatlux_grading::Results| {
+        let rows = results.episodes.iter().map(|one| (one.task.clone(), one.seed, one.state_digest.clone()));
+        rows.collect::<Vec<_>>()
+    };
+    assert_eq!((rows(&many), &many.score), (rows(&one), &one.score));
+    let run = many.run.unwrap();
+    assert!(run.finished && run.failures.is_empty() && run.notes.is_empty(), "{run:?}");
+    fs::remove_dir_all(&folder).unwrap();
 }

@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use clap::Args;
 use fiatlux_cli::{ProgressLine, stop_on_signal};
 use fiatlux_client::{
-    AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, TaskList,
+    AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, Shard, TaskList,
 };
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_policies::{Policies, VlaArgs};
@@ -81,6 +81,11 @@ pub struct EvaluateArgs {
     /// Longest wait for servers that are gone, do not answer, or do not let anything be played, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = fiatlux_cli::whole::<u32>(1..=86_400))]
     patience: u32,
+    /// Play part K of N of the episodes alone, such as 2/4: the second and every fourth after it; auto takes K and N from
+    /// Slurm's array or Kubernetes' indexed Job. All parts have one --run-file; whoever plays the last episode closes the run.
+    /// With --finish a part closes it on its servers, which no other part may use then
+    #[arg(long, value_name = "K/N", conflicts_with = "hosted")]
+    shard: Option<Shard>,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
@@ -124,6 +129,8 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
         give_up_lost: args.finish,
         access: args.access.read()?,
         patience: Duration::from_secs(args.patience.into()),
+        shard: args.shard,
+        is_alone: args.finish,
         ..RunOptions::new(file)
     };
     let line = ProgressLine::default();
@@ -136,9 +143,9 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
     line.clear();
     let outcome = outcome?;
     let printed = report::print(&outcome, &args.policy, args.json);
-    report::tell(&outcome, &args.run_file);
+    report::tell(&outcome, &args.run_file, args.shard);
     printed?;
-    Ok(outcome.is_whole() && outcome.finished)
+    Ok(outcome.is_whole() && (outcome.finished || args.shard.is_some()))
 }
 
 fn look(line: &ProgressLine, progress: &RunProgress, protocol: &str) -> String {

@@ -3,6 +3,7 @@
 
 mod access;
 mod bridges;
+mod cluster;
 mod determinism;
 mod end_to_end;
 mod faults;

@@ -6,10 +6,11 @@ use std::process::{Command, Stdio};
 use fiatlux_tests::programs::{Running, Scratch, free_port, program};
 
 /// Pages in the order in which a reader takes them: commands use what earlier ones made.
-const PAGES: [&str; 7] = [
+const PAGES: [&str; 8] = [
     "README.md",
     "docs/index.md",
     "docs/machines.md",
+    "docs/cluster.md",
     "docs/observations.md",
     "docs/policies.md",
     "docs/bags.md",

@@ -129,8 +129,12 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
         played?;
         let is_over = self.is_registered() && self.episodes.scheduler.is_over();
         let stopped = self.stop.load(Ordering::Relaxed) && !is_over;
-        let is_lost = |(standing, _): (&Standing, _)| *standing == Standing::Lost;
-        let may_finish = self.options.give_up_lost || !self.episodes.scheduler.standings().any(is_lost);
+        let is_left = |(standing, _): (&Standing, _)| match standing {
+            Standing::Lost => true,
+            Standing::Elsewhere => !self.options.is_alone,
+            _ => false,
+        };
+        let may_finish = self.options.give_up_lost || !self.episodes.scheduler.standings().any(is_left);
         if is_over && may_finish && !self.finished {
             self.finish();
         }
@@ -255,7 +259,9 @@ impl<'scope, 'env> RunDriver<'scope, 'env> {
                 tracing::warn!("the policy refuses {task}: {error}; its episodes count as failures");
                 scheduler.refused_by_policy(index, &of_task, &error.to_string());
                 // A policy that fits no session is an error of the call, and nothing is lost by it.
-                if scheduler.standings().all(|(standing, _)| *standing == Standing::Unplayable) {
+                let is_refused =
+                    |(standing, _): (&Standing, _)| [Standing::Unplayable, Standing::Elsewhere].contains(standing);
+                if scheduler.standings().all(is_refused) {
                     return Err(error.into());
                 }
             }

@@ -183,6 +183,7 @@ impl<'scope, 'env, E: From<AttemptEvent> + Send + 'scope> EpisodeLoop<'scope, 'e
                 }
                 Standing::Unplayable => progress.done += 1,
                 Standing::Lost => progress.lost += 1,
+                Standing::Elsewhere => progress.episodes -= 1,
             }
         }
         progress

@@ -86,8 +86,14 @@ impl RunFile {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let run = Self::draw(spec).map_err(io("draw a key for"))?;
                 let run = Self { policy_digest: policy_digest.into(), ..run };
-                run.write(path).map_err(io("create"))?;
-                Ok(run)
+                match run.write(path) {
+                    Ok(()) => Ok(run),
+                    // Of several shards that begin at once, one draws.
+                    Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                        Self::open_of(path, spec, policy_digest)
+                    }
+                    Err(error) => Err(io("create")(error)),
+                }
             }
             Err(error) => Err(io("read")(error)),
         }
@@ -110,16 +116,18 @@ impl RunFile {
         Ok(Self { run, key: HEXLOWER.encode(key), policy_digest: String::new(), spec: spec.clone() })
     }
 
-    /// Writes a new file, never over an existing one.
+    /// Writes a new file, whole from the moment it is there, never over an existing one.
     fn write(&self, path: &Path) -> std::io::Result<()> {
         let text = toml::to_string(self).map_err(std::io::Error::other)?;
         let mut options = OpenOptions::new();
         options.write(true).create_new(true);
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let mut file = options.open(path)?;
+        let part = path.with_file_name(format!(".{}.part", self.run));
+        let mut file = options.open(&part)?;
         let written = file.write_all(format!("{HEAD}{text}").as_bytes()).and_then(|()| file.sync_all());
-        // Do not leave a file with part of a key.
-        written.inspect_err(|_| drop(std::fs::remove_file(path)))
+        let written = written.and_then(|()| std::fs::hard_link(&part, path));
+        std::fs::remove_file(&part)?;
+        written
     }
 }
 
@@ -182,6 +190,18 @@ mod tests {
         assert!(!format!("{first:?}").contains(&first.key));
         std::fs::remove_file(&path).unwrap();
         assert_ne!(RunFile::open(&path, &spec()).unwrap().key, first.key, "drawn anew");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    /// Guards shards that begin at once: all have the run of the first, and none reads half a file.
+    #[test]
+    fn of_many_that_begin_at_once_one_draws() {
+        let path = path("once");
+        let runs: Vec<RunFile> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|_| scope.spawn(|| RunFile::open(&path, &spec()).unwrap())).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        assert!(runs.iter().all(|run| *run == runs[0]), "{runs:?}");
         std::fs::remove_file(&path).unwrap();
     }
 

@@ -37,7 +37,7 @@ pub struct EpisodeOutcome {
 pub struct RunOutcome {
     /// Name of the run, as registered.
     pub run: String,
-    /// Every episode of the run, by index.
+    /// Every episode of the run, or of its shard, by index.
     pub episodes: Vec<EpisodeOutcome>,
     /// The run is closed, so that no more episodes can be played.
     pub finished: bool,

@@ -26,6 +26,8 @@ pub(super) enum Standing {
     Lost,
     /// The policy refuses to play it: a failure when the run is closed.
     Unplayable,
+    /// Another shard plays it.
+    Elsewhere,
 }
 
 /// Why an episode that was handed out was not played to its end.
@@ -86,6 +88,13 @@ impl Scheduler {
     pub(super) fn new(episodes: usize, parallel: usize) -> Self {
         let episode = Episode { standing: Standing::Waiting, tries: 0, home: None, problem: None };
         Self { episodes: vec![episode; episodes], servers: BTreeMap::new(), parallel, moment: 0 }
+    }
+
+    /// Leaves all episodes but these to other shards.
+    pub(super) fn keep_only(&mut self, is_own: impl Fn(usize) -> bool) {
+        for (_, episode) in self.episodes.iter_mut().enumerate().filter(|(index, _)| !is_own(*index)) {
+            episode.standing = Standing::Elsewhere;
+        }
     }
 
     /// A server has appeared or reappeared.
@@ -292,10 +301,13 @@ impl Scheduler {
         self.servers.values().any(Server::is_live)
     }
 
-    /// True if each episode is decided or given up.
+    /// True if each episode is decided, given up or left to another shard.
     pub(super) fn is_over(&self) -> bool {
         let is_over = |episode: &Episode| {
-            matches!(episode.standing, Standing::Decided { .. } | Standing::Lost | Standing::Unplayable)
+            matches!(
+                episode.standing,
+                Standing::Decided { .. } | Standing::Lost | Standing::Unplayable | Standing::Elsewhere
+            )
         };
         self.episodes.iter().all(is_over)
     }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use fiatlux_cli::report;
-use fiatlux_client::{EpisodeFate, EpisodeOutcome, RunOutcome};
+use fiatlux_client::{EpisodeFate, EpisodeOutcome, RunOutcome, Shard};
 use fiatlux_proto::plain;
 use serde_json::{Value, json};
 
@@ -30,7 +30,7 @@ pub fn print(outcome: &RunOutcome, policy: &str, as_json: bool) -> std::io::Resu
 }
 
 /// Reports on stderr what was not played, and how to continue.
-pub fn tell(outcome: &RunOutcome, run_file: &Path) {
+pub fn tell(outcome: &RunOutcome, run_file: &Path, shard: Option<Shard>) {
     for episode in outcome.episodes.iter().filter(|episode| episode.fate == EpisodeFate::Failed) {
         report(format!("failed: {}: {}", name(episode), plain(&episode.cause)));
     }
@@ -50,6 +50,8 @@ pub fn tell(outcome: &RunOutcome, run_file: &Path) {
              another run, name another --run-file than {file}",
             outcome.run
         ));
+    } else if let Some(shard) = shard.filter(|_| outcome.is_whole()) {
+        report(format!("shard {shard} of run {} is played; the run is finished with the last shard", outcome.run));
     } else {
         report(format!("run {} is not finished: the same command continues it with the key in {file}", outcome.run));
     }

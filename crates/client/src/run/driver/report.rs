@@ -36,10 +36,12 @@ impl RunDriver<'_, '_> {
             }
             outcome
         };
+        let is_own = |(index, _): &(usize, _)| self.options.shard.is_none_or(|shard| shard.has(*index));
+        let standings = self.episodes.scheduler.standings().zip(&self.episodes.wanted).enumerate().filter(is_own);
         let took_part = self.servers.iter().filter(|(_, state)| state.took_part);
         RunOutcome {
             run: self.options.file.run.clone(),
-            episodes: self.episodes.scheduler.standings().zip(&self.episodes.wanted).map(outcome).collect(),
+            episodes: standings.map(|(_, standing)| outcome(standing)).collect(),
             finished: self.finished,
             stopped,
             servers: took_part.map(|(name, _)| name.clone()).collect(),

@@ -76,6 +76,9 @@ impl RunDriver<'_, '_> {
         self.problem = None;
         if !self.is_registered() {
             self.episodes.want(wanted, self.options.parallel.unwrap_or(usize::MAX).max(1));
+            if let Some(shard) = self.options.shard {
+                self.episodes.scheduler.keep_only(|index| shard.has(index));
+            }
             self.build = Some(build);
             self.tell_of_refusals();
         }
