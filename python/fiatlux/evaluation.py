@@ -141,7 +141,19 @@ def evaluate(
             raise ValueError("shard: give all shards one run_file, so that they are parts of one run")
         objects = {place: fspath(folder) for place, folder in (assets or {}).items()}
         return _recorded(
-            policy, tasks, seeds, Path(out), parallel, name, observation, record, progress, chosen, objects, shard, run_file
+            policy,
+            tasks,
+            seeds,
+            Path(out),
+            parallel,
+            name,
+            observation,
+            record,
+            progress,
+            chosen,
+            objects,
+            shard,
+            run_file,
         )
     recorded_only = {"parallel": parallel, "record": record or None, "assets": assets or None, "shard": shard}
     for field, given in {**recorded_only, "run_file": run_file}.items():

@@ -6,6 +6,7 @@
 import json
 import os
 import pathlib
+import subprocess
 
 import fiatlux
 import numpy as np
@@ -70,3 +71,37 @@ def test_published_episodes_have_no_strict_scores(tmp_path):
         evaluation = fiatlux.evaluate(Zero, ["S05"], [0], protocol="published", **settings)
         assert evaluation.episodes[0]["strict_success"] is None and evaluation.scores["score_strict"] is None
         assert "strict" not in evaluation.table()
+
+
+def test_shards_join_one_run(tmp_path):
+    """Guards shards: each plays its part of one run, goes on alone, and says nothing of the others' part."""
+    run_file, tasks, seeds = tmp_path / "RUN.toml", ["S05", "S09"], [0, 1, 2]
+    whole = fiatlux.evaluate(Zero, tasks, seeds, out=tmp_path / "whole", run_file=run_file)
+    parts = [tmp_path / f"part-{part}" for part in (1, 2)]
+    for part, out in enumerate(parts, 1):
+        for _ in range(2):
+            shard = fiatlux.evaluate(Zero, tasks, seeds, out=out, shard=f"{part}/2", run_file=run_file)
+            assert shard.lost == () and sum(bool(row["bag"]) for row in shard.episodes) == 3
+    played = [row for out in parts for row in json.loads((out / "results.json").read_text())["episodes"] if row["bag"]]
+    expected = {(row["task"], row["seed"]): row["rows_digest"] for row in whole.episodes}
+    assert {(row["task"], row["seed"]): row["rows_digest"] for row in played} == expected and len(played) == 6
+    assert len({folder.name for folder in tmp_path.glob("*/runs/*")}) == 1
+    if scorer := os.environ.get("FIATLUX_TEST_SCORER"):
+        merged = tmp_path / "merged"
+        subprocess.run([scorer, "merge", merged, *parts], check=True, stdout=subprocess.DEVNULL)
+        results, one = (json.loads((folder / "results.json").read_text()) for folder in (merged, tmp_path / "whole"))
+        # Servers have other names, and so have their bags.
+        for result in (results, one):
+            result["run"]["servers"] = [row.pop("bag") is None for row in result["episodes"]]
+        assert results == one
+    for wrong, reason in [
+        ({"shard": "1/2"}, "one run_file"),
+        ({"shard": "3/2", "run_file": run_file}, "is not a shard"),
+        ({"shard": "7/7", "run_file": run_file}, "none of the 6 episodes"),
+        ({"shard": "1/3", "run_file": run_file, "out": parts[0]}, "it has shard 1/2"),
+        ({"shard": "1/2", "out": None}, "only a recorded evaluation"),
+    ]:
+        with pytest.raises((ValueError, OSError), match=reason):
+            fiatlux.evaluate(Zero, tasks, seeds, **{"out": tmp_path / "wrong", **wrong})
+    with pytest.raises(ValueError, match="rooms of its own"):
+        fiatlux.evaluate(Zero, tasks, "fresh:4", out=tmp_path / "wrong", shard="1/2", run_file=run_file)

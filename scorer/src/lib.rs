@@ -1,6 +1,7 @@
 //! The program `scorer`, as a function: grades, compares and verifies bags, and serves the leaderboard.
 
 mod admin;
+mod files;
 mod merge;
 mod serve;
 mod submit;
@@ -9,11 +10,12 @@ mod verify;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
-use fiatlux_cli::{ProgressLine, print, report as tell};
-use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, false_claim, grade, report, tables};
+use fiatlux_cli::{print, report as tell};
+use fiatlux_grading::{GradeOptions, Results, ScoreError, compare, false_claim, report, tables};
 use fiatlux_proto::plain;
+use files::{graded, make, write};
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -207,17 +209,6 @@ fn run_grade(args: &GradeArgs) -> Result<ExitCode> {
     Ok(if results.has_data_loss() || claim.is_some() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
 }
 
-/// Grades bags, with a line of progress.
-fn graded(paths: &[PathBuf], options: &GradeOptions) -> Result<Results> {
-    let line = ProgressLine::default();
-    let graded = grade(paths, options, &|progress| {
-        let left = || line.left(progress.bytes_done, progress.bytes);
-        line.show(|| format!("{} of {} bags, {} left", progress.bags_done, progress.bags, left()));
-    });
-    line.clear();
-    Ok(graded?)
-}
-
 fn formatted(results: &Results, args: &GradeArgs) -> Result<String> {
     Ok(match (args.json, args.csv, args.latex) {
         (true, ..) => results.to_json()?,
@@ -231,17 +222,6 @@ fn run_compare(args: &CompareArgs) -> Result<ExitCode> {
     let compared = compare(&args.a, &args.b, args.any_conditions)?;
     print(&if args.json { compared.to_json()? } else { compared.to_text() })?;
     Ok(if compared.has_unpaired() { ExitCode::from(DATA_LOSS) } else { ExitCode::SUCCESS })
-}
-
-fn make(folder: &Path) -> Result<()> {
-    if folder.as_os_str().is_empty() {
-        return Ok(());
-    }
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))
-}
-
-fn write(file: &Path, text: &str) -> Result<()> {
-    fiatlux_cli::write_whole(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
 #[cfg(test)]

@@ -14,7 +14,8 @@ use fiatlux_client::{Shard, ShardRecord};
 use fiatlux_grading::{Fault, GradeOptions, Results, find_bags, report, tables};
 use fiatlux_proto::plain;
 
-use crate::{DATA_LOSS, graded};
+use crate::DATA_LOSS;
+use crate::files::{graded, make, write};
 
 /// Marks a folder whose files may be removed by the next merge: all are in the shards.
 const MARK: &str = "merged.json";
@@ -62,7 +63,7 @@ pub fn run(args: &MergeArgs) -> Result<ExitCode> {
     let missing = missing(&mut results, records.first().map(|(_, record)| record));
     let page = report::html_in(&results, &args.out);
     for (name, text) in [("results.json", results.to_json()?), ("report.html", page)] {
-        crate::write(&args.out.join(name), &text)?;
+        write(&args.out.join(name), &text)?;
     }
     fiatlux_cli::print_headed(tables::text(&results))?;
     tell(format!("{} episodes of {} folders are in {}", played(&results), args.shards.len(), args.out.display()));
@@ -153,7 +154,7 @@ fn check_versions(results: &Results) -> Result<()> {
 
 /// Makes the folder, or empties that of an earlier merge.
 fn clear(out: &Path, shards: &[PathBuf]) -> Result<()> {
-    crate::make(out)?;
+    make(out)?;
     let place = out.canonicalize()?;
     for shard in shards {
         if shard.canonicalize()?.starts_with(&place) || place.starts_with(shard.canonicalize()?) {
@@ -171,7 +172,7 @@ fn clear(out: &Path, shards: &[PathBuf]) -> Result<()> {
         bail!("{} has other files; name a new folder as OUT", out.display());
     }
     let names: Vec<String> = shards.iter().map(|shard| shard.display().to_string()).collect();
-    crate::write(&mark, &(serde_json::to_string(&names)? + "\n"))
+    write(&mark, &(serde_json::to_string(&names)? + "\n"))
 }
 
 /// Brings the bags and journals of a run into OUT, where its results then are.
