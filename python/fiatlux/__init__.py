@@ -21,7 +21,7 @@ from .expert import Expert, Experts, Label, Labels
 from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
-from .settings import ROBOTS, EpisodeSettings, Settings, segments
+from .settings import ROBOTS, Camera, EpisodeSettings, Settings, cameras, segments
 from .submission import SubmissionError, submit
 from .tasks import TASKS, Task
 from .vector import ClimbingVectorEnv, SharedSettings, Start, VectorEnv, WalkingVectorEnv
@@ -38,6 +38,7 @@ __all__ = [
     "TASKS",
     "Bag",
     "Baseline",
+    "Camera",
     "Client",
     "ClimbingVectorEnv",
     "Env",
@@ -63,6 +64,7 @@ __all__ = [
     "WholeBodies",
     "WholeBody",
     "__version__",
+    "cameras",
     "evaluate",
     "export_lerobot",
     "load_policy",

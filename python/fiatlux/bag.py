@@ -17,7 +17,7 @@ from .spaces import Layout, ObservationForm
 ROWS_PER_SECOND = 50
 """Control steps in a second."""
 
-_PICTURES = ("camera", "chest_camera")
+_PICTURES = ("camera", "chest_camera", "left_wrist_camera", "right_wrist_camera")
 
 
 class Columns(dict[str, Any]):
@@ -132,13 +132,13 @@ class Bag(Mapping[str, dict[str, Any]]):
                 for row, data in zip(rows, camera["data"])
             }
         observation = self["/observation"]
-        if "chest_camera.rgb" in observation:
-            data = observation["chest_camera.rgb"]
-            rows = observation.get("chest_camera.rgb.rows", range(len(data)))
-            shape = (int(observation["chest_camera.height"][0]), int(observation["chest_camera.width"][0]), 3)
-            found["chest_camera"] = {
-                int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)
-            }
+        for name in _PICTURES[1:]:
+            if f"{name}.rgb" not in observation:
+                continue
+            data = observation[f"{name}.rgb"]
+            rows = observation.get(f"{name}.rgb.rows", range(len(data)))
+            shape = (int(observation[f"{name}.height"][0]), int(observation[f"{name}.width"][0]), 3)
+            found[name] = {int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)}
         return found
 
     def __repr__(self) -> str:

@@ -3,10 +3,12 @@
 import difflib
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any, Literal, NoReturn, TypedDict, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import size_of, whole
@@ -23,6 +25,37 @@ def segments(robot: str = ROBOTS[0]) -> dict[int, str]:
         FiatluxError: No robot has that name.
     """
     return {label: name for label, name in enumerate(_native.segments(robot), 1)}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where a camera is on the robot, and its lens: a pinhole without distortion.
+
+    Attributes:
+        link: The link that carries it.
+        pose: Its pose in that link: x, y, z, then the quaternion w, x, y, z. It looks along its x axis, y left, z up.
+        matrix: The intrinsics, pixels: ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` from the picture's left and upper edge. They take x right,
+            y down, z ahead: ``matrix @ (-y, -z, x)`` of a point (x, y, z) in the camera's own frame is a pixel times its depth.
+        near: Nothing nearer along its axis is in the picture, m.
+    """
+
+    link: str
+    pose: NDArray[np.float64]
+    matrix: NDArray[np.float64]
+    near: float
+
+
+def cameras(robot: str = ROBOTS[0], image_size: tuple[int, int] = (256, 256)) -> dict[str, Camera]:
+    """The robot's cameras by the sensor whose picture they take, as ``SessionInfo.cameras`` describes them to clients.
+
+    Raises:
+        FiatluxError: No robot has that name.
+    """
+    width, height = size_of("image_size", image_size)
+    return {
+        sensor: Camera(link, np.array(pose), np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), near)
+        for sensor, link, pose, (fx, fy, cx, cy), near in _native.cameras(robot, width, height)
+    }
 
 
 ActionForm = Literal["action", "joint_target"]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{ACTION_DELAY, NOISE, NamedRange, PRESETS, Task};
-use fiatlux_sensing::Sensor;
+use fiatlux_sensing::{Sensor, Sensors};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -32,6 +32,23 @@ pub(crate) fn segments(robot: &str) -> PyResult<Vec<String>> {
     Ok(fiatlux_sensing::segment_names(&robot))
 }
 
+/// A camera: its sensor, its link, its pose there, its focal lengths and principal point in pixels, and the nearest distance, m.
+type DescribedCamera = (String, String, Vec<f64>, [f64; 4], f64);
+
+/// The robot's cameras for images of that size.
+#[pyfunction]
+pub(crate) fn cameras(robot: &str, width: usize, height: usize) -> PyResult<Vec<DescribedCamera>> {
+    let robot = Robot::by_name(robot).map_err(|error| refused(&error))?;
+    let described = |camera: fiatlux_proto::v3::Camera| {
+        let pose = camera.pose.unwrap_or_default();
+        let lens = [camera.fx, camera.fy, camera.cx, camera.cy];
+        (camera.sensor, camera.link, [pose.position, pose.quaternion].concat(), lens, camera.near)
+    };
+    let sensors = Sensors::of(&Sensor::ALL);
+    let cameras = fiatlux_sensing::camera_messages(sensors, &robot, [width, height]);
+    Ok(cameras.into_iter().map(described).collect())
+}
+
 /// Names of all sensors.
 #[pyfunction]
 pub(crate) fn sensors() -> Vec<&'static str> {
@@ -41,7 +58,7 @@ pub(crate) fn sensors() -> Vec<&'static str> {
 /// Names of a task's sensors where none are named.
 #[pyfunction]
 pub(crate) fn body_sensors(name: &str) -> PyResult<Vec<&'static str>> {
-    Ok(fiatlux_sensing::Sensors::of_body(task(name)?).iter().map(Sensor::name).collect())
+    Ok(Sensors::of_body(task(name)?).iter().map(Sensor::name).collect())
 }
 
 /// The contract of a controller trained with this version, as JSON.

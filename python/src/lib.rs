@@ -47,6 +47,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::robots, module)?)?;
     module.add_function(wrap_pyfunction!(build::segments, module)?)?;
+    module.add_function(wrap_pyfunction!(build::cameras, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(painter::camera_names, module)?)?;
     module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;

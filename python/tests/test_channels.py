@@ -20,6 +20,49 @@ def test_channels_have_metres_and_names():
     assert set(names) == set(range(1, len(names) + 1))
 
 
+def test_a_camera_projects_a_point_to_where_it_is_seen():
+    env = fiatlux.Env("S06", sensors=["segmentation", "right_wrist_camera"], image_size=(96, 64))
+    observation, _ = env.reset(seed=3)
+    camera, row = fiatlux.cameras(image_size=(96, 64))["segmentation"], env.row()
+    kinematics = fiatlux.Kinematics("S06", seed=3)
+    assert camera.matrix[0, 2] == 48.0 and camera.matrix[1, 2] == 32.0
+    names = fiatlux.segments()
+    (label,) = [label for label, name in names.items() if name == "old_bulb"]
+    world = kinematics.poses(kinematics.state(row)[0], [camera.link])[0]
+    eye = compose(world, camera.pose)
+    bulb = row["old_bulb_pose"]
+    at = turn(eye[3:]).T @ (bulb[:3] + turn(bulb[3:]) @ [0, 0, 0.15] - eye[:3])
+    u, v, depth = camera.matrix @ [-at[1], -at[2], at[0]]
+    rows, columns = np.nonzero(observation["segmentation"] == label)
+    assert len(rows) > 10
+    np.testing.assert_allclose([u / depth, v / depth], [columns.mean() + 0.5, rows.mean() + 0.5], atol=6)
+    assert set(fiatlux.cameras()) >= {"camera", "chest_camera", "left_wrist_camera", "right_wrist_camera"}
+    assert observation["right_wrist_camera"].shape == (64, 96, 3)
+
+
+def turn(quaternion):
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def compose(one, other):
+    w, x, y, z = one[3:]
+    a, b, c, d = other[3:]
+    quaternion = [
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    ]
+    return np.concatenate([one[:3] + turn(one[3:]) @ other[:3], quaternion])
+
+
 def test_a_vector_sees_what_an_environment_sees():
     env = fiatlux.Env("S06", sensors=SENSORS, image_size=(32, 24), observation="dict")
     worlds = fiatlux.VectorEnv(

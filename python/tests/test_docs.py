@@ -27,14 +27,14 @@ def test_examples_run(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "section, worlds",
+    "page, section, worlds",
     [
-        ("What is trained", fiatlux.WalkingVectorEnv),
-        ("Following the plan of the ladder", fiatlux.ClimbingVectorEnv),
+        ("training.md", "What is trained", fiatlux.WalkingVectorEnv),
+        ("notes/training.md", "What following the plan pays", fiatlux.ClimbingVectorEnv),
     ],
 )
-def test_the_page_lists_the_terms_of_a_reward_with_their_weights(section, worlds):
-    page = (ROOT / "docs/training.md").read_text()
+def test_a_page_lists_the_terms_of_a_reward_with_their_weights(page, section, worlds):
+    page = (ROOT / "docs" / page).read_text()
     text = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
     listed = re.findall(r"^\| `(\w+)` \| (-?[\d.e-]+) \|", text, re.MULTILINE)
     assert {name: float(weight) for name, weight in listed} == worlds(1).reward_weights

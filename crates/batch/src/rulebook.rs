@@ -10,6 +10,7 @@ use fiatlux_rules::{
 };
 use fiatlux_sensing::{NoiseSeed, Sampler, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Delay, Light, Random, Scene, World};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
 use crate::task::check_weights;
@@ -98,6 +99,8 @@ pub struct Rulebook {
     /// Factors of the reward's terms.
     factors: Arc<[f64]>,
     delay: Delay,
+    /// Pose of the pelvis in row 0 of the episode.
+    start: Isometry3<f64>,
     /// Factor of the noise in the present episode.
     noise_scale: f64,
 }
@@ -114,6 +117,8 @@ struct State {
     delay: Delay,
     /// Of sensors that are not computed in every step; their numbers are in the observation.
     taken_at: Vec<u64>,
+    /// Pose of the pelvis in row 0: position, then the quaternion's i, j, k, w.
+    start: [f64; 7],
 }
 
 /// The meshes of each scene, for its cameras; worlds of one scene share them.
@@ -189,6 +194,7 @@ impl Rulebook {
             weights,
             factors,
             delay: Delay::default(),
+            start: Isometry3::identity(),
             noise_scale: 1.0,
         })
     }
@@ -201,7 +207,7 @@ impl Rulebook {
     ) -> Option<(&'a mut Sampler, &'a mut SensorSuite, View<'a>)> {
         let Referee { judges, rewards } = self.referee.as_ref()?;
         let (judge, reward) = (judges.in_force(), rewards.reward());
-        let view = View { scene, episode: self.episode, row, task: self.task, judge, reward };
+        let view = View { scene, episode: self.episode, row, start: &self.start, task: self.task, judge, reward };
         Some((&mut self.sampler, &mut self.suite, view))
     }
 
@@ -242,6 +248,7 @@ impl Task for Rulebook {
         self.noise_scale = if most > least { random.uniform(least, most) } else { least };
         self.suite.scale_noise(self.noise_scale);
         self.delay.restart(&world.row().action, delay);
+        self.start = world.row().robot.pose;
         if self.referee.is_none() {
             let scene = world.scene();
             self.referee = Some(Referee::new(self.task, scene, &self.options));
@@ -349,7 +356,9 @@ impl Task for Rulebook {
         let noise = self.noise.map(|noise| (noise.seed, noise.episode));
         let (judges, rewards, episode) = (judges.state(), rewards.state(), self.episode);
         let (noise_scale, delay, taken_at) = (self.noise_scale, self.delay.clone(), self.sampler.taken_at());
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay, taken_at })?)
+        let ([x, y, z], [i, j, k, w]) = (self.start.translation.vector.into(), self.start.rotation.coords.into());
+        let start = [x, y, z, i, j, k, w];
+        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay, taken_at, start })?)
     }
 
     fn copy_from(&mut self, other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
@@ -363,6 +372,7 @@ impl Task for Rulebook {
         }
         self.delay.clone_from(&other.delay);
         self.sampler.clone_from(&other.sampler);
+        self.start = other.start;
         (self.episode, self.noise, self.noise_scale) = (other.episode, other.noise, other.noise_scale);
         self.suite.scale_noise(self.noise_scale);
         self.suite.restart(self.noise, Lighting::of(light));
@@ -380,6 +390,13 @@ impl Task for Rulebook {
         }
         self.sampler.set_taken_at(&state.taken_at, row.step)?;
         judges.set_state(state.judges);
+        let [x, y, z, i, j, k, w] = state.start;
+        // As it was, not normalised again.
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+        if !state.start.iter().all(|number| number.is_finite()) {
+            return Err("the snapshot is damaged: the pelvis began nowhere".into());
+        }
+        self.start = Isometry3::from_parts(Translation3::new(x, y, z), turn);
         self.delay = state.delay;
         self.episode = state.episode;
         self.noise_scale = state.noise_scale;

@@ -285,6 +285,8 @@ fn observations(header: &v3::EpisodeHeader) -> &'static str {
         "privileged"
     } else if exact || is_untrained(header) || !meshes(header).is_empty() || kinds.contains(&"other") {
         "other"
+    } else if kinds.contains(&"goal") {
+        "goal"
     } else {
         "standard"
     }

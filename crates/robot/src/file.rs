@@ -56,6 +56,13 @@ pub(crate) struct SensorMounts {
     pub lidar: Option<String>,
 }
 
+/// Cameras of several robots, outside their files.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CameraFile {
+    pub camera: Vec<CameraDef>,
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CameraDef {

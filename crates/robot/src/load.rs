@@ -3,13 +3,16 @@
 use fiatlux_dynamics::Material;
 
 use crate::digest::{digested, sha256_hex};
-use crate::file::{JointGroupsTable, RobotFile};
+use crate::file::{CameraDef, CameraFile, JointGroupsTable, RobotFile};
 use crate::gains::Gains;
 use crate::kinematics::pose;
 use crate::locate::{Step, line_at};
 use crate::refuse::Refuse;
 use crate::shape::Surface;
 use crate::{BulbGrasp, CameraMount, Joint, JointGroups, Robot, RobotError};
+
+/// Cameras that are not of the benchmark.
+const CAMERAS: &str = include_str!("../cameras.toml");
 
 /// Mass may differ from that of the file by this, kg.
 const MASS_TOLERANCE: f64 = 1e-3;
@@ -107,16 +110,31 @@ fn cameras(file: &RobotFile, link_names: &[&str], refuse: &Refuse<'_>) -> Result
             let problem = || format!("names link '{name}', which the file does not have; correct or remove it");
             found.ok_or_else(|| part.refuse(field, problem()))
         };
-        cameras.push(CameraMount {
-            name: def.name.clone(),
-            link: link("link", &def.link)?,
-            link_from_camera: pose(def.xyz, def.rpy),
-            horizontal_fov: 2.0 * libm::atan(def.aperture / (2.0 * def.focal_length)),
-            near: def.near,
-            hidden_link: def.hidden_link.as_ref().map(|name| link("hidden_link", name)).transpose()?,
-        });
+        let hidden_link = def.hidden_link.as_ref().map(|name| link("hidden_link", name)).transpose()?;
+        cameras.push(camera(def, link("link", &def.link)?, hidden_link));
+    }
+    let others: CameraFile = toml::from_str(CAMERAS).map_err(|error| RobotError::Syntax {
+        line: error.span().map_or(1, |span| line_at(CAMERAS, span.start)),
+        problem: format!("cameras.toml: {}", error.message().trim_end()),
+    })?;
+    for def in &others.camera {
+        let link = link_names.iter().position(|link| *link == def.link);
+        if let Some(link) = link.filter(|_| cameras.iter().all(|camera| camera.name != def.name)) {
+            cameras.push(camera(def, link, None));
+        }
     }
     Ok(cameras)
+}
+
+fn camera(def: &CameraDef, link: usize, hidden_link: Option<usize>) -> CameraMount {
+    CameraMount {
+        name: def.name.clone(),
+        link,
+        link_from_camera: pose(def.xyz, def.rpy),
+        horizontal_fov: 2.0 * libm::atan(def.aperture / (2.0 * def.focal_length)),
+        near: def.near,
+        hidden_link,
+    }
 }
 
 fn bulb_grasp(

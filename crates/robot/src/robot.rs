@@ -184,7 +184,7 @@ impl Robot {
         self.lidar
     }
 
-    /// All cameras, in the order of the robot's file.
+    /// All cameras: those of the robot's file, then those of `cameras.toml`, which its digest does not cover.
     pub fn cameras(&self) -> &[CameraMount] {
         &self.cameras
     }

@@ -50,6 +50,9 @@ const STANDARD_SENSORS: [&str; 9] = [
 /// The benchmark's sensors that say what no robot could sense.
 const PRIVILEGED_SENSORS: [&str; 2] = ["privileged", "verdict"];
 
+/// The sensor that says where the lamp is, as a map would.
+const GOAL_SENSOR: &str = "goal";
+
 /// Digest of the benchmark's sensors: names, costs, cameras, and of their terms names, fields, shapes, units, ranges, scales
 /// and noise. The test says how it is made.
 pub const SENSORS: &str = "5b23bbc5824ca5cd33770f55741285d12d07d755b2aadba433617b9a5d59d418";
@@ -59,13 +62,15 @@ pub fn model(robot: &str) -> Option<&'static str> {
     MODELS.into_iter().find(|(name, _)| *name == robot).map(|(_, digest)| digest)
 }
 
-/// The observations of a run with the sensor of that name: `standard`, `privileged`, or `other` for a sensor that is not a
-/// part of the benchmark.
+/// The observations of a run with the sensor of that name: `standard`, `privileged`, `goal` for the lamp's place, or `other` for another
+/// sensor that is not a part of the benchmark.
 pub fn observations_with(sensor: &str) -> &'static str {
     if PRIVILEGED_SENSORS.contains(&sensor) {
         "privileged"
     } else if STANDARD_SENSORS.contains(&sensor) {
         "standard"
+    } else if sensor == GOAL_SENSOR {
+        "goal"
     } else {
         "other"
     }

@@ -1,7 +1,7 @@
 //! Messages that describe a session's sensors to its client.
 
 use fiatlux_proto::v3;
-use fiatlux_robot::Robot;
+use fiatlux_robot::{CameraMount, Robot};
 use fiatlux_wire::pose_message;
 use fiatlux_world::ShapeOwner;
 
@@ -29,8 +29,11 @@ fn message(sensor: Sensor, term: &Term) -> v3::ObservationTerm {
     }
 }
 
-/// The cameras behind these sensors, as far as the robot has them.
-pub fn camera_messages(sensors: Sensors, robot: &Robot) -> Vec<v3::Camera> {
+/// The cameras behind these sensors, as far as the robot has them, for images of that width and height.
+pub fn camera_messages(sensors: Sensors, robot: &Robot, image_size: [usize; 2]) -> Vec<v3::Camera> {
+    let [width, height] = image_size.map(|pixels| pixels as f64);
+    // Pixels are square.
+    let focal = |mount: &CameraMount| width / 2.0 / libm::tan(mount.horizontal_fov / 2.0);
     let of = |sensor: Sensor| {
         let mount = robot.camera(sensor.camera()?)?;
         Some(v3::Camera {
@@ -39,6 +42,10 @@ pub fn camera_messages(sensors: Sensors, robot: &Robot) -> Vec<v3::Camera> {
             pose: Some(pose_message(&mount.link_from_camera)),
             horizontal_fov: mount.horizontal_fov,
             near: mount.near,
+            fx: focal(mount),
+            fy: focal(mount),
+            cx: width / 2.0,
+            cy: height / 2.0,
         })
     };
     sensors.iter().filter_map(of).collect()

@@ -31,6 +31,8 @@ pub(crate) struct Needs {
     /// Name of a camera in the robot's file.
     pub camera: Option<&'static str>,
     pub network: bool,
+    /// Its numbers are labels: a session's description has their names.
+    pub labels: bool,
 }
 
 impl Entry {
@@ -43,7 +45,7 @@ impl Entry {
 }
 
 impl Needs {
-    pub const ROW: Self = Self { scan: false, camera: None, network: false };
+    pub const ROW: Self = Self { scan: false, camera: None, network: false, labels: false };
 }
 
 /// Runs that a run with a sensor may be compared with.
@@ -53,6 +55,9 @@ pub enum Class {
     Standard,
     /// The benchmark's: what no robot could sense.
     Privileged,
+    /// Not a part of the benchmark: the lamp's place, which a map could give. Runs with it rank apart, with observations of the kind
+    /// `goal`.
+    Goal,
     /// Not a part of the benchmark. Runs with it rank apart, with observations of the kind `other`.
     Optional,
 }

@@ -36,6 +36,8 @@ impl Sensors {
     pub const WITH_IMAGE: Self = sensors_with!(|_sensor, needs| needs.camera.is_some());
     /// Those that need the features of the head camera's image.
     pub const WITH_FEATURES: Self = sensors_with!(|_sensor, needs| needs.network);
+    /// Those whose numbers are labels of [`segment_names`](crate::segment_names).
+    pub const WITH_LABELS: Self = sensors_with!(|_sensor, needs| needs.labels);
     /// Those that need a scan.
     pub const WITH_SCAN: Self = sensors_with!(|_sensor, needs| needs.scan);
 

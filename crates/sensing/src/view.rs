@@ -1,5 +1,6 @@
 use fiatlux_rules::{Judge, Row, Task};
 use fiatlux_world::{Episode, Scene};
+use nalgebra::Isometry3;
 
 /// Inputs of the sensors: a row, and what the rules say of it.
 #[derive(Debug, Clone, Copy)]
@@ -10,6 +11,8 @@ pub struct View<'a> {
     pub episode: u64,
     /// The row that is sensed.
     pub row: &'a Row,
+    /// Pose of the pelvis in row 0, world, m.
+    pub start: &'a Isometry3<f64>,
     /// The task that is played.
     pub task: Task,
     /// The judge, who has seen the row.
@@ -25,6 +28,7 @@ impl<'a> View<'a> {
             scene: episode.scene(),
             episode: episode.spec().episode,
             row: episode.row(),
+            start: episode.start_pose(),
             task: episode.spec().task,
             judge: episode.judge(),
             reward: episode.reward(),

@@ -25,7 +25,7 @@ const fn small(name: &'static str) -> KnownSensor {
 }
 
 /// Sensors, in the order in which sessions list them.
-pub const SENSORS: [KnownSensor; 15] = [
+pub const SENSORS: [KnownSensor; 18] = [
     small("proprioception"),
     small("hand_contact"),
     small("limb_contact"),
@@ -40,6 +40,9 @@ pub const SENSORS: [KnownSensor; 15] = [
     large("chest_depth"),
     large("chest_segmentation"),
     large("depth"),
+    small("goal"),
+    large("left_wrist_camera"),
+    large("right_wrist_camera"),
     large("segmentation"),
 ];
 

@@ -7,6 +7,7 @@ use fiatlux_rules::{
     Cause, Causes, End, EpisodeIdentity, JointDrive, Judge, JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest,
     Summary, Task, Term, Thresholds, Variant, Verdict, of_scene,
 };
+use nalgebra::Isometry3;
 use thiserror::Error;
 
 use crate::start::check_kind;
@@ -193,6 +194,8 @@ pub struct Episode {
     spec: EpisodeSpec,
     start: StartOffset,
     joint_target: Vec<f64>,
+    /// Pose of the pelvis in row 0.
+    start_pose: Isometry3<f64>,
     world: World,
     judges: Judges,
     rewards: Rewards,
@@ -230,8 +233,8 @@ impl Episode {
         digest.push(row);
         let totals = Totals { unconverged: u64::from(row.unconverged), ..Totals::default() };
         let joint_target = row.joint_target.clone();
-        let spec = spec.clone();
-        Self { spec, start, joint_target, judges, rewards, context, digest, totals, world }
+        let (spec, start_pose) = (spec.clone(), row.robot.pose);
+        Self { spec, start, joint_target, start_pose, judges, rewards, context, digest, totals, world }
     }
 
     /// The action for joint targets in rad: `(target - q0) / ACTION_SCALE`.
@@ -324,6 +327,11 @@ impl Episode {
     /// The row after the last step; row 0 before the first one.
     pub fn row(&self) -> &Row {
         self.world.row()
+    }
+
+    /// Pose of the pelvis in row 0, world, m.
+    pub fn start_pose(&self) -> &Isometry3<f64> {
+        &self.start_pose
     }
 
     /// Both judges, `published` and `strict`.

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use fiatlux_batch::{Bank, Batch, BatchConfig, BatchError, Outputs, Rulebook, RulebookOptions, Snapshot};
 use fiatlux_render::{Lighting, Visuals};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_rules::{CONTROL_DT, Task, errand};
 use fiatlux_sensing::{Cadence, Sampler, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode, EpisodeSpec, Scene, SceneConfig};
+use nalgebra::Point3;
 
 const IMAGE_SIZE: [usize; 2] = [16, 12];
 const PIXELS: usize = 3 * 16 * 12;
@@ -185,4 +186,37 @@ fn a_look_at_a_missing_sensor_is_refused() {
     assert!(source.contains("'lidar'") && source.contains("camera@10"), "{error}: {source}");
     assert_eq!(outputs.observation, before);
     batch.step(&vec![0.0; 2 * batch.spec().actions.len()], &mut outputs.buffers()).unwrap();
+}
+
+/// The goal is where the lamp is, in the frame that the pelvis had at the start of the episode, also in a world that goes on from another
+/// batch's snapshot.
+#[test]
+fn the_goal_is_the_lamp_from_where_the_robot_began() {
+    let mut played = batch(Sampler::new(Sensors::of(&[Sensor::Goal])));
+    let mut outputs = Outputs::new(&played);
+    played.reset(&mut outputs.observation).unwrap();
+    let began = [0, 1].map(|world| played.row(world).unwrap());
+    let joints = played.spec().actions.len();
+    let expected = outputs.observation.clone();
+    for (row, goal) in began.iter().zip(expected.chunks(3)) {
+        let goal = Point3::new(goal[0], goal[1], goal[2]).cast::<f64>();
+        let lamp = (row.robot.pose * goal).coords - row.things[errand::FIXTURE].pose.translation.vector;
+        // Depth of the seat in the published fixture.
+        assert!((lamp.norm() - 0.036_259).abs() < 1e-5, "{lamp}");
+    }
+    for _ in 0..8 {
+        played.step(&vec![0.4; 2 * joints], &mut outputs.buffers()).unwrap();
+    }
+    assert!(
+        (played.row(0).unwrap().robot.pose.translation.vector - began[0].robot.pose.translation.vector).norm() > 1e-3
+    );
+    assert_eq!(outputs.observation, expected);
+    let saved = Snapshot::from_bytes(&played.save().unwrap().to_bytes()).unwrap();
+    let mut other = batch(Sampler::new(Sensors::of(&[Sensor::Goal])));
+    other.restore(&saved, &mut outputs.observation).unwrap();
+    other.step(&vec![0.4; 2 * joints], &mut outputs.buffers()).unwrap();
+    assert_eq!(outputs.observation, expected);
+    other.copy_world(0, &[true, false], &mut outputs.observation).unwrap();
+    other.reset(&mut outputs.observation).unwrap();
+    assert_eq!(outputs.observation, expected, "the same start");
 }

@@ -8,7 +8,7 @@ pub(crate) const ENTRY: Entry = Entry {
     name: "chest_segmentation",
     class: Class::Optional,
     is_large: true,
-    needs: Needs { camera: Some(MOUNT), ..Needs::ROW },
+    needs: Needs { camera: Some(MOUNT), labels: true, ..Needs::ROW },
     terms: |setup| label_terms("chest_segmentation", "chest_segmentation.labels", setup),
     compute: |view, devices, out| {
         put_labels(devices.geometry(view, MOUNT)?, out);

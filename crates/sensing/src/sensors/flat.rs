@@ -14,7 +14,7 @@ pub(crate) const ENTRY: Entry = Entry {
     name: "flat",
     class: Class::Standard,
     is_large: true,
-    needs: Needs { scan: true, camera: Some(HEAD_CAMERA), network: true },
+    needs: Needs { scan: true, camera: Some(HEAD_CAMERA), network: true, ..Needs::ROW },
     terms,
     compute: |view, devices, out| {
         // The published LiDAR's ranges, whatever the session's own one sees.

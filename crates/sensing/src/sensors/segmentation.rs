@@ -11,7 +11,7 @@ pub(crate) const ENTRY: Entry = Entry {
     name: "segmentation",
     class: Class::Optional,
     is_large: true,
-    needs: Needs { camera: Some(HEAD_CAMERA), ..Needs::ROW },
+    needs: Needs { camera: Some(HEAD_CAMERA), labels: true, ..Needs::ROW },
     terms: |setup| label_terms("segmentation", "segmentation.labels", setup),
     compute: |view, devices, out| {
         put_labels(devices.geometry(view, HEAD_CAMERA)?, out);

@@ -43,7 +43,7 @@ pub fn q0(scene: &Scene) -> Vec<f64> {
 }
 
 fn view<'a>(scene: &'a Scene, row: &'a Row, task: Task, judge: &'a Judge) -> View<'a> {
-    View { scene, row, task, episode: 0, judge, reward: 0.5 }
+    View { scene, row, start: &row.robot.pose, task, episode: 0, judge, reward: 0.5 }
 }
 
 /// Sensors of a scene, for rows of the test's own.

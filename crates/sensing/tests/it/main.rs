@@ -9,3 +9,4 @@ mod lidar;
 mod observations;
 mod randomization;
 mod registry;
+mod wrist_cameras;

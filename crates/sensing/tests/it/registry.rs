@@ -122,8 +122,17 @@ fn terms_are_sized_by_the_robot() {
 #[test]
 fn cameras_are_described() {
     let robot = Robot::benchmark().unwrap();
-    let cameras = camera_messages(Sensors::of(&[Sensor::Camera, Sensor::Lidar]), &robot);
+    let cameras = camera_messages(Sensors::of(&[Sensor::Camera, Sensor::Lidar]), &robot, [640, 480]);
     assert_eq!(cameras.len(), 1);
     assert_eq!((cameras[0].sensor.as_str(), cameras[0].link.as_str()), ("camera", "d435_link"));
     assert!((cameras[0].horizontal_fov.to_degrees() - 69.4).abs() < 0.05);
+    // A lens of 15.13 mm before a sensor of 20.955 mm, and square pixels.
+    let [fx, fy] = [cameras[0].fx, cameras[0].fy];
+    assert!((fx - 640.0 * 15.13 / 20.955).abs() < 1e-9 && fx == fy, "{fx}, {fy}");
+    assert_eq!([cameras[0].cx, cameras[0].cy], [320.0, 240.0]);
+    let sensors = Sensors::of(&[Sensor::LeftWristCamera, Sensor::RightWristCamera]);
+    for name in Robot::NAMES {
+        let robot = Robot::by_name(name).unwrap();
+        assert_eq!(camera_messages(sensors, &robot, [64, 64]).len(), 2, "{name}");
+    }
 }

@@ -57,9 +57,6 @@ pub(super) struct Labels<'a> {
 }
 
 /// Description of a session, without its timeouts.
-/// Sensors whose numbers are labels of [`segment_names`].
-const SEGMENTATIONS: Sensors = Sensors::of(&[Sensor::Segmentation, Sensor::ChestSegmentation]);
-
 pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, scene: &Scene) -> SessionInfo {
     let terms = session_terms(plan.task, scene);
     SessionInfo {
@@ -75,7 +72,7 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         gains: plan.gains.to_string(),
         image_width: plan.image_size[0] as u32,
         image_height: plan.image_size[1] as u32,
-        cameras: camera_messages(plan.sensors.sensed(), &scene.robot),
+        cameras: camera_messages(plan.sensors.sensed(), &scene.robot, plan.image_size),
         weights: labels.weights.into(),
         meshes: labels.meshes.into(),
         randomization: Some(plan.request.randomization.unwrap_or_default()),
@@ -84,7 +81,11 @@ pub(super) fn session(server: &str, id: &str, plan: &Plan, labels: Labels<'_>, s
         command_timeout_s: plan.command_timeout_s,
         take: plan.request.take,
         source: source(plan).into(),
-        segments: if plan.sensors.sensed().meets(SEGMENTATIONS) { segment_names(&scene.robot) } else { Vec::new() },
+        segments: if plan.sensors.sensed().meets(Sensors::WITH_LABELS) {
+            segment_names(&scene.robot)
+        } else {
+            Vec::new()
+        },
         ..terms
     }
 }

@@ -1,0 +1,23 @@
+//! Image of the camera beside the left wrist, which looks along the palm at fingers and thumb.
+
+use super::camera::{image_terms, message};
+use crate::sensor::{Class, Entry, Needs};
+
+/// Its name in `cameras.toml` of the robots.
+const MOUNT: &str = "left_wrist_camera";
+
+pub(crate) const ENTRY: Entry = Entry {
+    name: "left_wrist_camera",
+    class: Class::Optional,
+    is_large: true,
+    needs: Needs { camera: Some(MOUNT), ..Needs::ROW },
+    terms: |setup| image_terms("left_wrist_camera", "left_wrist_camera.rgb", setup),
+    compute: |view, devices, out| {
+        out.extend_bytes(devices.picture(view, MOUNT)?.rgb());
+        Ok(())
+    },
+    encode: |view, devices, observation| {
+        observation.left_wrist_camera = Some(message(devices.picture(view, MOUNT)?));
+        Ok(())
+    },
+};
