@@ -79,13 +79,15 @@ def test_shards_join_one_run(tmp_path):
     whole = fiatlux.evaluate(Zero, tasks, seeds, out=tmp_path / "whole", run_file=run_file)
     parts = [tmp_path / f"part-{part}" for part in (1, 2)]
     for part, out in enumerate(parts, 1):
-        for _ in range(2):
-            shard = fiatlux.evaluate(Zero, tasks, seeds, out=out, shard=f"{part}/2", run_file=run_file)
-            assert shard.lost == () and sum(bool(row["bag"]) for row in shard.episodes) == 3
+        shard = fiatlux.evaluate(Zero, tasks, seeds, out=out, shard=f"{part}/2", run_file=run_file)
+        assert shard.lost == () and sum(bool(row["bag"]) for row in shard.episodes) == 3
+        with pytest.warns(UserWarning, match="had all episodes already"):
+            again = fiatlux.evaluate(Zero, tasks, seeds, out=out, shard=f"{part}/2", run_file=run_file)
+        assert again.episodes == shard.episodes
     played = [row for out in parts for row in json.loads((out / "results.json").read_text())["episodes"] if row["bag"]]
     expected = {(row["task"], row["seed"]): row["rows_digest"] for row in whole.episodes}
     assert {(row["task"], row["seed"]): row["rows_digest"] for row in played} == expected and len(played) == 6
-    assert len({folder.name for folder in tmp_path.glob("*/runs/*")}) == 1
+    assert len({journal.parent.name for journal in tmp_path.glob("*/runs/*/*.run.jsonl")}) == 1
     if scorer := os.environ.get("FIATLUX_TEST_SCORER"):
         merged = tmp_path / "merged"
         subprocess.run([scorer, "merge", merged, *parts], check=True, stdout=subprocess.DEVNULL)
