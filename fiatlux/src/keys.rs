@@ -134,7 +134,7 @@ pub fn make(options: &KeysOptions) -> Result<CreatedKeys, KeysError> {
     let parent = out.parent().unwrap_or(&out);
     fs::create_dir_all(parent).map_err(folder)?;
     // Not the process's number: containers that share a folder have the same.
-    let number = fiatlux_access::random().map(u64::from_le_bytes).map_err(|error| folder(std::io::Error::other(error)))?;
+    let number = random().map(u64::from_le_bytes).map_err(|error| folder(io::Error::other(error)))?;
     let scratch = parent.join(format!(".fiatlux-keys-{number:016x}"));
     fs::DirBuilder::new().mode(0o700).create(&scratch).map_err(folder)?;
     let made = fill(options, &scratch, &out).and_then(|made| match fs::rename(&scratch, &out) {

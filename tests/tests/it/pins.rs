@@ -17,7 +17,9 @@ fn sensors_digest() -> String {
         let layout = RobotLayout { joints: robot.joints().len(), hand_bodies_per_side: robot.hand_links().len() / 2 };
         for task in [Task::S01, Task::Climb] {
             writeln!(text, "{} {task:?}", robot.hand()).unwrap();
-            for sensor in Sensor::ALL.into_iter().filter(|sensor| !matches!(sensor.class(), Class::Goal | Class::Optional)) {
+            for sensor in
+                Sensor::ALL.into_iter().filter(|sensor| !matches!(sensor.class(), Class::Goal | Class::Optional))
+            {
                 writeln!(text, "{} {:?} {:?}", sensor.name(), sensor.cost(), sensor.camera()).unwrap();
                 for term in sensor.terms(&Setup { task, protocol: Protocol::Strict, layout, image_size: [256; 2] }) {
                     let (name, field, unit) = (term.name, term.field, term.unit);
