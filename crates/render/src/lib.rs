@@ -45,6 +45,7 @@ mod shade;
 mod shadow;
 mod surfaces;
 mod tone;
+mod transform;
 mod view;
 mod visuals;
 

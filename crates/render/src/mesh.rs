@@ -41,6 +41,8 @@ pub(crate) struct Mesh {
     pub frame: Frame,
     pub owner: ShapeOwner,
     pub positions: Vec<[f32; 3]>,
+    /// The positions by axis: x, y and z of all vertices; made by [`Mesh::finished`].
+    pub columns: [Vec<f32>; 3],
     pub normals: Vec<[f32; 3]>,
     pub triangles: Vec<Triangle>,
     /// Number of triangles, from the first, that throw a shadow; the others are the insides of a surface that is not closed.
@@ -59,6 +61,7 @@ impl Mesh {
             frame,
             owner,
             positions: Vec::new(),
+            columns: [const { Vec::new() }; 3],
             normals: Vec::new(),
             triangles: Vec::new(),
             casting: usize::MAX,
@@ -103,7 +106,7 @@ impl Mesh {
         &self.triangles[..self.casting.min(self.triangles.len())]
     }
 
-    /// Sets the bounding sphere; to be called when all parts are in.
+    /// Sets the bounding sphere and the positions by axis; to be called when all parts are in.
     pub(crate) fn finished(mut self) -> Self {
         let mut low = Vector3::repeat(f64::INFINITY);
         let mut high = -low;
@@ -115,6 +118,7 @@ impl Mesh {
             self.center = (low + high) / 2.0;
             self.radius = (high - low).norm() / 2.0;
         }
+        self.columns = [0, 1, 2].map(|axis| self.positions.iter().map(|position| position[axis]).collect());
         self
     }
 }

@@ -1,19 +1,19 @@
 //! One frame from meshes to bytes.
 
+use fearless_simd::Level;
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::ShapeOwner;
 use nalgebra::Isometry3;
 
 use crate::lighting::PreparedLight;
-use crate::mesh::{Detail, Mesh};
+use crate::mesh::Detail;
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{Corner, Plane, Setup, fill};
-use crate::shade::{
-    Lamp, MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, sub, tile_brightness,
-};
+use crate::shade::{Lamp, MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, tile_brightness};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
+use crate::transform::{Projected, Seen};
 use crate::view::{SinglePose, View, single};
 use crate::visuals::Look;
 use crate::{Camera, Image, Lighting, Visuals};
@@ -35,8 +35,9 @@ pub struct Renderer {
     surfaces: Vec<Surface>,
     owners: Vec<ShapeOwner>,
     poses: Vec<Option<Isometry3<f64>>>,
-    vertices: Vec<Vertex>,
-    casters: Vec<Corner>,
+    vertices: Seen,
+    casters: Projected,
+    level: Level,
     shadow: ShadowMap,
     occlusion: Occlusion,
     finishes: Vec<Finish>,
@@ -55,7 +56,8 @@ struct Surface {
     mesh: u16,
 }
 
-#[derive(Debug, Clone, Copy)]
+/// A corner of a triangle that the near plane cuts.
+#[derive(Debug, Clone, Copy, Default)]
 struct Vertex {
     /// In the camera: ahead, left, up, m.
     at: Vec3,
@@ -86,8 +88,9 @@ impl Renderer {
             surfaces: Vec::new(),
             owners: Vec::new(),
             poses: Vec::new(),
-            vertices: Vec::new(),
-            casters: Vec::new(),
+            vertices: Seen::default(),
+            casters: Projected::default(),
+            level: Level::new(),
             shadow: ShadowMap::new(shadow),
             occlusion: Occlusion::new(w, h, cell),
             finishes: Paint::ALL.iter().map(|paint| paint.finish()).collect(),
@@ -177,32 +180,29 @@ impl Renderer {
             if Some(mesh.owner) == hidden || !view.reaches(center, mesh.radius as f32) {
                 continue;
             }
-            self.place_vertices(mesh, &pose, view);
+            let turn = SinglePose::new(&pose);
+            self.vertices.project(self.level, &mesh.columns, &turn, view);
             for triangle in &mesh.triangles {
-                let corners = triangle.vertices.map(|i| self.vertices[i as usize]);
+                let vertices = triangle.vertices.map(|i| i as usize);
                 let mut paint = triangle.paint;
                 if lit_bulb && paint == Paint::Glass {
                     paint = Paint::LitGlass;
                 }
-                let ahead = corners.map(|c| c.at[0] >= view.near);
+                // Few triangles are seen: the others need no normals.
+                let normals = || vertices.map(|i| turn.vector(mesh.normals[i]));
+                let ahead = vertices.map(|i| self.vertices.ahead(i) >= view.near);
                 if ahead == [true; 3] {
-                    self.add(&corners, paint, index);
+                    let corners = vertices.map(|i| self.vertices.corner(i));
+                    self.add(&corners, normals, paint, index);
                 } else if ahead != [false; 3] {
+                    let (normals, mut corners) = (normals(), [Vertex::default(); 3]);
+                    for ((corner, normal), i) in corners.iter_mut().zip(normals).zip(vertices) {
+                        *corner = Vertex { at: self.vertices.at(i), normal, corner: self.vertices.corner(i) };
+                    }
                     self.add_clipped(&corners, view, paint, index);
                 }
             }
         }
-    }
-
-    fn place_vertices(&mut self, mesh: &Mesh, pose: &Isometry3<f64>, view: &View) {
-        let turn = SinglePose::new(pose);
-        self.vertices.clear();
-        self.vertices.extend(mesh.positions.iter().zip(&mesh.normals).map(|(p, n)| {
-            let world = turn.point(*p);
-            let way = sub(world, view.eye);
-            let at = [dot(view.axes[0], way), dot(view.axes[1], way), dot(view.axes[2], way)];
-            Vertex { at, normal: turn.vector(*n), corner: view.project(at) }
-        }));
     }
 
     /// Cuts a triangle off at the near plane and draws what is left.
@@ -222,15 +222,17 @@ impl Renderer {
             }
         }
         for i in 2..left.len() {
-            self.add(&[left[0], left[i - 1], left[i]], paint, mesh);
+            let fan = [left[0], left[i - 1], left[i]];
+            self.add(&fan.map(|vertex| vertex.corner), || fan.map(|vertex| vertex.normal), paint, mesh);
         }
     }
 
-    fn add(&mut self, corners: &[Vertex; 3], paint: Paint, mesh: usize) {
+    #[inline]
+    fn add(&mut self, corners: &[Corner; 3], normals: impl FnOnce() -> [Vec3; 3], paint: Paint, mesh: usize) {
         let [width, height] = self.grid();
-        let Some(setup) = Setup::new(&corners.map(|c| c.corner), width, height) else { return };
-        let depths = corners.map(|c| c.corner.depth);
-        let [a, b, c] = corners.map(|c| c.normal);
+        let Some(setup) = Setup::new(corners, width, height) else { return };
+        let depths = corners.map(|corner| corner.depth);
+        let [a, b, c] = normals();
         let flat = (a == b && b == c).then_some(a);
         let normal = match flat {
             Some(_) => [Plane::default(); 3],
@@ -265,12 +267,9 @@ impl Renderer {
                 continue;
             }
             let turn = SinglePose::new(pose);
-            let shadow = &self.shadow;
-            self.casters.clear();
-            self.casters.extend(mesh.positions.iter().map(|p| shadow.corner_of(turn.point(*p))));
+            self.casters.cast(self.level, &mesh.columns, &turn, self.shadow.across());
             for triangle in mesh.casters() {
-                let corners = triangle.vertices.map(|i| self.casters[i as usize]);
-                self.shadow.draw(corners);
+                self.shadow.draw(triangle.vertices.map(|i| self.casters.corner(i as usize)));
             }
         }
         self.shadow.finish();

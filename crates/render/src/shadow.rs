@@ -20,13 +20,36 @@ pub(crate) struct ShadowMap {
     height: Vec<f32>,
     /// The largest height in each block of texels and those around it that the filter takes in.
     blocks: Vec<f32>,
+    /// The largest height in each column of a row of blocks.
+    columns: Vec<f32>,
+    across: Across,
+    /// Range of what is visible across the light.
+    low: [f32; 2],
+    high: [f32; 2],
+}
+
+/// The frame of the map: two axes across the light and one towards it.
+#[derive(Debug, Clone)]
+pub(crate) struct Across {
     axes: [Vec3; 3],
     /// Texels a metre, and the map's lower corner across the light.
     texels: f32,
     corner: [f32; 2],
-    /// Range of what is visible across the light.
-    low: [f32; 2],
-    high: [f32; 2],
+}
+
+impl Across {
+    #[inline(always)]
+    fn texel(&self, point: Vec3) -> [f32; 2] {
+        let along = |i: usize| (dot(self.axes[i], point) - self.corner[i]) * self.texels - 0.5;
+        [along(0), along(1)]
+    }
+
+    /// Where a point of the world is on the map.
+    #[inline(always)]
+    pub(crate) fn corner_of(&self, point: Vec3) -> Corner {
+        let [u, v] = self.texel(point);
+        Corner { u, v, depth: dot(self.axes[2], point) }
+    }
 }
 
 impl ShadowMap {
@@ -36,9 +59,8 @@ impl ShadowMap {
             size,
             height: vec![0.0; size * size],
             blocks: vec![0.0; (size / BLOCK) * (size / BLOCK)],
-            axes: [zero; 3],
-            texels: 1.0,
-            corner: [0.0; 2],
+            columns: vec![0.0; size],
+            across: Across { axes: [zero; 3], texels: 1.0, corner: [0.0; 2] },
             low: [0.0; 2],
             high: [0.0; 2],
         }
@@ -49,7 +71,7 @@ impl ShadowMap {
         let helper = if towards[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let across = normalize(cross(helper, towards));
         // The map is a mirror image of what the light sees, so that the rasteriser keeps the backs.
-        self.axes = [across, cross(towards, across), towards];
+        self.across.axes = [across, cross(towards, across), towards];
         self.low = [f32::INFINITY; 2];
         self.high = [f32::NEG_INFINITY; 2];
     }
@@ -57,7 +79,7 @@ impl ShadowMap {
     /// Notes a visible point that may lie in shadow.
     pub(crate) fn see(&mut self, point: Vec3) {
         for i in 0..2 {
-            let at = dot(self.axes[i], point);
+            let at = dot(self.across.axes[i], point);
             self.low[i] = self.low[i].min(at);
             self.high[i] = self.high[i].max(at);
         }
@@ -70,11 +92,11 @@ impl ShadowMap {
             return false;
         }
         let side = (side * (1.0 + 2.0 * MARGIN)).max(0.2);
-        self.texels = self.size as f32 / side;
+        self.across.texels = self.size as f32 / side;
         for i in 0..2 {
             let corner = (self.low[i] + self.high[i]) / 2.0 - side / 2.0;
             // Whole texels: shadows do not crawl while the camera moves on a little.
-            self.corner[i] = libm::floorf(corner * self.texels) / self.texels;
+            self.across.corner[i] = libm::floorf(corner * self.across.texels) / self.across.texels;
         }
         self.height.fill(f32::NEG_INFINITY);
         true
@@ -83,15 +105,13 @@ impl ShadowMap {
     /// True if a sphere can throw a shadow on anything visible.
     pub(crate) fn reaches(&self, center: Vec3, radius: f32) -> bool {
         (0..2).all(|i| {
-            let at = dot(self.axes[i], center);
+            let at = dot(self.across.axes[i], center);
             at + radius >= self.low[i] && at - radius <= self.high[i]
         })
     }
 
-    /// Where a point of the world is on the map.
-    pub(crate) fn corner_of(&self, point: Vec3) -> Corner {
-        let [u, v] = self.texel(point);
-        Corner { u, v, depth: dot(self.axes[2], point) }
+    pub(crate) fn across(&self) -> &Across {
+        &self.across
     }
 
     /// Draws a triangle; the corners are counter-clockwise seen from outside.
@@ -105,33 +125,28 @@ impl ShadowMap {
     /// Ends the drawing: finds the greatest height of each block.
     pub(crate) fn finish(&mut self) {
         let (size, count) = (self.size, self.size / BLOCK);
+        let around = |block: usize| (block * BLOCK).saturating_sub(1)..(block * BLOCK + BLOCK + 2).min(size);
+        let greater = |most: f32, value: f32| if value > most { value } else { most };
         for j in 0..count {
+            let rows = around(j);
+            // First down each column, then across: a tenth of the comparisons.
+            self.columns.fill(f32::NEG_INFINITY);
+            for row in self.height[rows.start * size..rows.end * size].chunks_exact(size) {
+                self.columns.iter_mut().zip(row).for_each(|(most, value)| *most = greater(*most, *value));
+            }
             for i in 0..count {
-                let (left, right) = ((i * BLOCK).saturating_sub(1), (i * BLOCK + BLOCK + 2).min(size));
-                let (top, bottom) = ((j * BLOCK).saturating_sub(1), (j * BLOCK + BLOCK + 2).min(size));
-                let mut most = f32::NEG_INFINITY;
-                for row in self.height[top * size..bottom * size].chunks_exact(size) {
-                    for value in &row[left..right] {
-                        most = if *value > most { *value } else { most };
-                    }
-                }
-                self.blocks[j * count + i] = most;
+                let columns = self.columns[around(i)].iter().copied();
+                self.blocks[j * count + i] = columns.fold(f32::NEG_INFINITY, greater);
             }
         }
-    }
-
-    #[inline]
-    fn texel(&self, point: Vec3) -> [f32; 2] {
-        let along = |i: usize| (dot(self.axes[i], point) - self.corner[i]) * self.texels - 0.5;
-        [along(0), along(1)]
     }
 
     /// Share of the key light that reaches a point with that normal: a tent of three by three texels.
     pub(crate) fn light(&self, point: Vec3, normal: Vec3) -> f32 {
         // A step off the surface of about a texel keeps slanted ones clear of their own edges.
-        let point = add(point, scale(normal, 1.2 / self.texels));
-        let height = dot(self.axes[2], point) + BIAS;
-        let [u, v] = self.texel(point);
+        let point = add(point, scale(normal, 1.2 / self.across.texels));
+        let height = dot(self.across.axes[2], point) + BIAS;
+        let [u, v] = self.across.texel(point);
         let last = self.size as f32 - 3.0;
         if !(u >= 1.0 && v >= 1.0 && u < last && v < last) {
             return 1.0;
@@ -162,9 +177,9 @@ impl ShadowMap {
     /// As [`ShadowMap::light`] with a shadow that is the softer the farther it falls. `turn` in [0, 1) turns the pattern of
     /// samples.
     pub(crate) fn soft_light(&self, point: Vec3, normal: Vec3, turn: f32) -> f32 {
-        let point = add(point, scale(normal, 1.5 / self.texels));
-        let height = dot(self.axes[2], point) + BIAS;
-        let [u, v] = self.texel(point);
+        let point = add(point, scale(normal, 1.5 / self.across.texels));
+        let height = dot(self.across.axes[2], point) + BIAS;
+        let [u, v] = self.across.texel(point);
         let at = |radius: f32, k: usize| -> f32 {
             let [du, dv] = disc_sample(k, turn);
             let (x, y) = (u + radius * du + 0.5, v + radius * dv + 0.5);
@@ -175,7 +190,7 @@ impl ShadowMap {
                 f32::NEG_INFINITY
             }
         };
-        let search = (0.05 * self.texels).max(2.0);
+        let search = (0.05 * self.across.texels).max(2.0);
         let (mut blockers, mut above) = (0.0, 0.0);
         for k in 0..SAMPLES {
             let top = at(search, k);
@@ -187,7 +202,7 @@ impl ShadowMap {
         if blockers == 0.0 {
             return 1.0;
         }
-        let radius = (above / blockers * SUN_SLOPE * self.texels).clamp(1.2, search);
+        let radius = (above / blockers * SUN_SLOPE * self.across.texels).clamp(1.2, search);
         let lit = (0..SAMPLES).filter(|&k| at(radius, k) <= height).count();
         lit as f32 / SAMPLES as f32
     }

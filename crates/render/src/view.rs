@@ -52,6 +52,7 @@ impl View {
         (self.middle[1] - y as f32) * self.inverse_focal[1]
     }
 
+    #[inline(always)]
     pub(crate) fn project(&self, at: Vec3) -> Corner {
         let depth = 1.0 / at[0];
         let u = self.middle[0] - self.focal[0] * at[1] * depth;
@@ -89,10 +90,12 @@ impl SinglePose {
         Self { rows, shift: single(&pose.translation.vector) }
     }
 
+    #[inline(always)]
     pub(crate) fn point(&self, p: Vec3) -> Vec3 {
         add(self.vector(p), self.shift)
     }
 
+    #[inline(always)]
     pub(crate) fn vector(&self, v: Vec3) -> Vec3 {
         [dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)]
     }
