@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Body, Follower, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder, ladder_with_bulb,
-    raised, stand, turn, turn_with_bulb,
+    Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
+    ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
@@ -67,6 +67,17 @@ const SLICE: u32 = 40_000;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
+/// Distance from a posture of the plan at which a robot that is already on its way takes the plan up there: of the pelvis, m, and of
+/// the joints of legs and waist, rad.
+const TAKES_UP: (f64, f64) = (0.1, 0.6);
+/// What a metre of the pelvis counts in the comparison, rad.
+const METRE: f64 = 10.0;
+/// Postures of the plan that are compared lie so far apart, s. A robot that is nearest to one of the first ones begins at the start.
+const GRID_S: f64 = 0.05;
+const BEGINS_S: f64 = 1.0;
+/// Largest difference of the pelvis's height from that of the plan's first posture from which the robot begins at the start, m.
+const LEVEL_M: f64 = 0.12;
+
 /// Climbs by a plan.
 pub struct Climb {
     name: String,
@@ -92,6 +103,8 @@ struct Episode {
     hold: grip::Hold,
     climbs: bool,
     player: Option<Player>,
+    /// Time of the plan before the player took it up, s.
+    skipped: f64,
     /// For the way to the plan's first posture; meanwhile the robot stands.
     search: Option<Search<Option<Plan>>>,
     /// Follows the plan in place of the player, which goes to the plan's first posture alone.
@@ -121,10 +134,10 @@ impl Climb {
 
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
     pub fn progress(&self) -> Option<(f64, f64)> {
-        let Episode { follower, player, .. } = self.episode.as_ref()?;
+        let Episode { follower, player, skipped, .. } = self.episode.as_ref()?;
         match follower {
             Some(Follower { tracker, .. }) => Some((tracker.time(), tracker.reference().seconds())),
-            None => player.as_ref().map(|player| (player.time(), player.seconds())),
+            None => player.as_ref().map(|player| (skipped + player.time(), skipped + player.seconds())),
         }
     }
 }
@@ -212,18 +225,37 @@ impl Policy for Climb {
         let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
         let plan = plan
             .ok_or_else(|| unfit(format!("the ladder is {height:.2} times as high as the plan's; use another size")))?;
+        let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
+        let (world_from_plan, pelvis) = placed(first)?;
+        let is_at =
+            |here: &Keyframe| (here.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
+        let taken_up = match &self.climber {
+            None => nearest(&plan, &(world_from_plan.inverse() * pelvis), &angles(first, &q0)?),
+            Some(_) => None,
+        };
+        let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
+        if let Some(time) = taken_up {
+            let rest = rest_of(&plan, time);
+            skipped = plan.seconds() - rest.seconds();
+            let taken = robot.take().map(|robot| Player::new(robot, rest, world_from_plan)).transpose();
+            player = taken.map_err(PolicyError::of("climb"))?;
+            player.iter_mut().for_each(|player| player.rate = RATES[usize::from(goes_down)]);
+        } else if plan.keyframes.first().is_some_and(|start| is_at(start) > LEVEL_M) && self.climber.is_none() {
+            return Err(unfit("the robot is on the ladder, in no posture of the plan; begin on the level".into()));
+        }
         self.episode = Some(Episode {
             walker,
-            robot: Some(robot),
-            q0: info.joints.iter().map(|joint| joint.q0).collect(),
+            robot,
+            q0,
             start: None,
             velocity: [0.0; 3],
             stood: 0,
             plan,
             goes_down,
             hold,
-            climbs: false,
-            player: None,
+            climbs: player.is_some(),
+            player,
+            skipped,
             search: None,
             climber: self.climber.clone(),
             follower: None,
@@ -233,15 +265,8 @@ impl Policy for Climb {
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("climb"))?;
-        let seen = observation.privileged.as_ref();
-        let seen = seen.ok_or(PolicyError::Sensor { policy: "climb", sensor: "privileged" })?;
-        let (pelvis, world_from_ladder) =
-            (body::pose("climb", seen.robot.as_ref())?, body::pose("climb", seen.ladder.as_ref())?);
-        let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
-        let sensed = observation.proprioception.as_ref();
-        let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
-        let angles = sensed.joint_position.iter().zip(&episode.q0).map(|(turned, q0)| f64::from(*turned) + q0);
-        let angles: Vec<f64> = angles.collect();
+        let (world_from_plan, pelvis) = placed(observation)?;
+        let angles = angles(observation, &episode.q0)?;
         if episode.player.is_none() && episode.goes_down {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }
@@ -258,6 +283,8 @@ impl Policy for Climb {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }
         if let Some(follower) = &mut episode.follower {
+            let sensed = observation.proprioception.as_ref();
+            let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
             let speeds: Vec<f64> = sensed.joint_velocity.iter().map(|speed| f64::from(*speed)).collect();
             let mut targets = episode.q0.clone();
             follower.step(&(world_from_plan.inverse() * pelvis), &angles, &speeds, &mut targets);
@@ -272,6 +299,61 @@ impl Policy for Climb {
         let episode = self.episode.as_mut().filter(|episode| episode.player.is_none())?;
         episode.walker.record()
     }
+}
+
+/// Where the plan's frame and the pelvis are, in the world.
+fn placed(observation: &Observation) -> Result<(Isometry3<f64>, Isometry3<f64>), PolicyError> {
+    let seen = observation.privileged.as_ref();
+    let seen = seen.ok_or(PolicyError::Sensor { policy: "climb", sensor: "privileged" })?;
+    let world_from_ladder = body::pose("climb", seen.ladder.as_ref())?;
+    let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
+    Ok((world_from_plan, body::pose("climb", seen.robot.as_ref())?))
+}
+
+/// Angles of all joints, rad.
+fn angles(observation: &Observation, q0: &[f64]) -> Result<Vec<f64>, PolicyError> {
+    let sensed = observation.proprioception.as_ref();
+    let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
+    Ok(sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect())
+}
+
+/// The time at which a plan has a robot that is already on its way where it is, s; `None` at its start, or far from all postures.
+fn nearest(plan: &Plan, pelvis: &Isometry3<f64>, angles: &[f64]) -> Option<f64> {
+    let off = |time: f64| {
+        let due = plan.at(time)?;
+        let turns: Vec<f64> = due.angles.iter().zip(angles).take(MOVED).map(|(due, now)| due - now).collect();
+        let way = (due.pelvis.translation.vector - pelvis.translation.vector).norm();
+        let lean = due.pelvis.rotation.angle_to(&pelvis.rotation);
+        let most = turns.iter().fold(0.0_f64, |most, turn| most.max(turn.abs()));
+        let squares = turns.iter().map(|turn| turn * turn).sum::<f64>() + lean * lean + (way * METRE).powi(2);
+        (most < TAKES_UP.1 && way < TAKES_UP.0).then_some(squares)
+    };
+    let times = (0..=(plan.seconds() / GRID_S) as usize).map(|step| step as f64 * GRID_S);
+    let found = times.filter_map(|time| Some((time, off(time)?)));
+    let (time, _) = found.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    (time > BEGINS_S).then_some(time)
+}
+
+/// What is left of a plan from a time on, s.
+fn rest_of(plan: &Plan, time: f64) -> Plan {
+    let mut start = 0.0;
+    let mut rest = Plan::default();
+    for key in &plan.keyframes {
+        start += key.seconds;
+        if start <= time {
+            continue;
+        }
+        if rest.keyframes.is_empty() {
+            rest.keyframes.extend(plan.at(time).map(|here| Keyframe { seconds: GRID_S, ..here }));
+            rest.keyframes.push(Keyframe { seconds: start - time, ..key.clone() });
+        } else {
+            rest.keyframes.push(key.clone());
+        }
+    }
+    if rest.keyframes.is_empty() {
+        rest.keyframes.extend(plan.at(time));
+    }
+    rest
 }
 
 /// Height of the ladder in parts of the published one, by the distance of its top point from the seat, which is above it. 1 where

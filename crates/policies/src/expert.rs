@@ -54,9 +54,22 @@ pub struct Label {
 }
 
 /// A skill, as a part of the errand.
-trait Part: Policy + Skill {}
+trait Part: Policy + Skill {
+    /// Hears after its reset that another one has played the task so far.
+    fn takes_over(&mut self, _first: &Observation) {}
+}
 
-impl<P: Policy + Skill> Part for P {}
+impl Part for Walk {}
+
+impl Part for Ladder {}
+
+impl Part for Climb {}
+
+impl Part for Hands {
+    fn takes_over(&mut self, first: &Observation) {
+        self.rest_arms(first);
+    }
+}
 
 /// State of an episode.
 struct Episode {
@@ -200,6 +213,9 @@ impl Policy for Expert {
         let touched = touches(first).then_some(first.step);
         let task = if is_errand { Facts::of(first, touched.is_some())?.due() } else { known };
         let plays = self.begin(info, task, first)?;
+        if let (Plays::Skill(index), true) = (&plays, first.step > 0 && !is_errand) {
+            self.skills[*index].takes_over(first);
+        }
         let since = first.step;
         self.episode = Some(Episode { info: info.clone(), is_errand, plays, task, since, rests: 0, touched });
         Ok(())

@@ -20,7 +20,7 @@ use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
 use fiatlux_rules::{Bulb, Task};
 use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
-use fiatlux_wbc::{BodyCommand, CONTROL_DT, Network};
+use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
 use self::arm::RightArm;
 use self::grab::Grab;
@@ -73,6 +73,17 @@ impl Hands {
         Self { parameters: Some(parameters), ..self }
     }
 
+    /// Goes on with the right arm where it is, and the left one as it stands at the start of a task. The last targets of whoever played
+    /// before may have had the weight of the arms in them, which each step adds; the left thumb then meets the bench in S08.
+    pub(crate) fn rest_arms(&mut self, first: &Observation) {
+        let Some(Played { body, arm, .. }) = &mut self.episode else { return };
+        arm.sense(&arm.pelvis(), joints(first));
+        arm.rest_where_it_is();
+        let standing = body.targets.iter_mut().zip(arm.q0()).take(BODY).skip(MOVED);
+        standing.for_each(|(target, q0)| *target = *q0);
+        arm.write(&mut body.targets);
+    }
+
     /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
     pub fn progress(&mut self) -> Option<(String, f64)> {
         let Played { arm, skill, .. } = self.episode.as_mut()?;
@@ -110,7 +121,7 @@ impl Policy for Hands {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let skill: Box<dyn Expert> = match task {
+        let mut skill: Box<dyn Expert> = match task {
             "S03" => Box::new(Remove::new(self.parameters.as_deref(), &info.joints)?),
             "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),
@@ -122,7 +133,7 @@ impl Policy for Hands {
         };
         let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
         let is_up = matches!(task, "S03" | "S11");
-        let body = if is_up { body.without_steps() } else { body.bending_low() };
+        let mut body = if is_up { body.without_steps() } else { body.bending_low() };
         let bodies = HandBodies::new(&info.hand_bodies);
         let seen = seen(first, &bodies, false)?;
         let surroundings = match task {
@@ -130,7 +141,14 @@ impl Policy for Hands {
             "S11" => room::on_platform(info, first, &seen, Bulb::Fresh)?,
             _ => Surroundings::default(),
         };
-        let arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
+        let mut arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
+        // A look changes nothing where the task begins at its start.
+        let mut looking = arm.clone();
+        looking.sense(&seen.pelvis, joints(first));
+        if let Some(command) = skill.take_up(&seen, &mut looking)? {
+            body.stand_by(command);
+            arm = looking;
+        }
         self.episode = Some(Played { body, arm, skill, bodies });
         Ok(())
     }
@@ -140,8 +158,7 @@ impl Policy for Hands {
             return Err(PolicyError::not_reset("hands"));
         };
         let seen = seen(observation, bodies, body.is_standing())?;
-        let joints = observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
-        arm.sense(&seen.pelvis, joints);
+        arm.sense(&seen.pelvis, joints(observation));
         let command = skill.step(&seen, arm, &mut body.targets)?;
         body.step(observation, &command)
     }
@@ -149,6 +166,11 @@ impl Policy for Hands {
     fn source(&mut self) -> Option<Chunk> {
         self.episode.as_mut()?.body.record()
     }
+}
+
+/// Angles of all joints relative to the standing posture, rad.
+fn joints(observation: &Observation) -> &[f32] {
+    observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default()
 }
 
 fn seen(observation: &Observation, bodies: &HandBodies, stands: bool) -> Result<Seen, PolicyError> {

@@ -99,6 +99,13 @@ const HOLDING: [f64; 3] = [0.1, 0.7, -0.3];
 /// Rate of the arms' angles, rad/s.
 const ARM_RATE: f64 = 1.0;
 
+/// Height of the ladder's origin from which the robot has lifted it, m; where a robot is that is at work below the ladder: x either way and y,
+/// m, and turn, rad; and the pelvis's height below which it does not walk, m.
+const LIFTED_M: f64 = 0.015;
+const BETWEEN: (f64, [f64; 2], f64) = (0.25, [-0.15, 0.9], 0.5);
+const STANDS_M: f64 = 0.64;
+const WAIST_PITCH: usize = MOVED - 1;
+
 /// Bounds of each part of the velocity, m/s and rad/s.
 const SPEEDS: [f64; 2] = [-0.3, 0.45];
 
@@ -234,7 +241,7 @@ impl Policy for Ladder {
             Map::new(Map::outlines(info, IN_THE_WAY[0]).chain([("ladder".into(), stands)]), CLEAR_M[0]),
             Map::new(Map::outlines(info, IN_THE_WAY[1]), CLEAR_M[1]),
         ];
-        self.episode = Some(Episode {
+        let mut episode = Episode {
             body,
             arms,
             is_ready: false,
@@ -251,7 +258,9 @@ impl Policy for Ladder {
             lean: [0.0; 2],
             up: [0.0; 2],
             tilt: 0.0,
-        });
+        };
+        episode.take_up(first)?;
+        self.episode = Some(episode);
         Ok(())
     }
 
@@ -280,6 +289,38 @@ impl Policy for Ladder {
 }
 
 impl Episode {
+    /// Finds from the first observation where in its task a robot is that is already at it, and goes on from there.
+    fn take_up(&mut self, first: &Observation) -> Result<(), PolicyError> {
+        let seen = privileged(first)?;
+        let (robot, ladder) = (place(seen.robot.as_ref())?, place(seen.ladder.as_ref())?);
+        let height =
+            |pose: &Option<Pose>| pose.as_ref().and_then(|pose| pose.position.get(2)).copied().unwrap_or_default();
+        self.up = upwards(seen.ladder.as_ref())?;
+        self.tilt = libm::hypot(self.up[0], self.up[1]);
+        let here = inside(ladder, robot.0);
+        let turned = wrapped(robot.1 - ladder.1 + std::f64::consts::FRAC_PI_2);
+        let is_lifted = height(&seen.ladder) > LIFTED_M;
+        let is_between = (BETWEEN.1[0]..BETWEEN.1[1]).contains(&here[1]);
+        let is_below = here[0].abs() < BETWEEN.0 && is_between && turned.abs() < BETWEEN.2;
+        let phase = match (self.is_placed(ladder), is_below) {
+            (_, true) if is_lifted => Phase::Carry,
+            (false, true) => Phase::Enter,
+            (true, true) => Phase::ComeOut,
+            (true, false) if here[0].abs() < OUT_X && is_between && turned.abs() < BETWEEN.2 => Phase::ComeOut,
+            (true, false) => Phase::Around,
+            (false, false) => return Ok(()),
+        };
+        self.phases = Phases::new(phase, first.step);
+        let bent = first.proprioception.as_ref().and_then(|body| body.joint_position.get(WAIST_PITCH));
+        self.torso[1] = bent.map_or(0.0, |angle| f64::from(*angle)).clamp(0.0, self.postures.bent.1[1]);
+        self.command.height = height(&seen.robot).clamp(self.postures.low.0, UPRIGHT.0);
+        self.command.torso = [0.0, self.torso[1], 0.0];
+        if self.command.height < STANDS_M {
+            self.body.stand_by(self.command);
+        }
+        Ok(())
+    }
+
     /// The command of this control step, and the phase after it.
     fn decide(&mut self, step: u64, robot: Place, ladder: Place) {
         let spent = step.saturating_sub(self.phases.since());

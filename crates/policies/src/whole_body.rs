@@ -116,6 +116,14 @@ impl WholeBody {
         Self { controller, ..self }
     }
 
+    /// Begins with a robot that already stands as a command has it; see [`Controller::stand_by`]. GEAR's controller does not
+    /// change.
+    pub fn stand_by(&mut self, command: BodyCommand) {
+        if let Moves::Own(controller) = &mut self.controller {
+            controller.stand_by(command);
+        }
+    }
+
     /// Never steps; see [`Controller::without_steps`]. GEAR's controller does not change.
     #[must_use]
     pub fn without_steps(self) -> Self {

@@ -15,6 +15,9 @@ const SIDES: [[&str; 2]; 2] = [["L_", "left_"], ["R_", "right_"]];
 /// Share of the difference by which a held angle follows the sensed one in each control step: what is sensed is noisy.
 const SENSED: f64 = 0.1;
 
+/// A joint whose angles in the open and the closed hand are nearer to each other says nothing about how far it is closed, rad.
+const MOVES: f64 = 0.2;
+
 /// Angles or targets of joints by name, rad.
 pub type Angles = BTreeMap<String, f64>;
 
@@ -135,6 +138,17 @@ impl Grip {
             Some(GripJoint { joint, finger: finger(name)?, open, closed: *closed.get(name)? })
         };
         Self { joints: HandJoint::all(joints).filter_map(joint).collect() }
+    }
+
+    /// How far each finger is closed, from 0 to 1, by the sensed angles of all joints, rad: the mean of its joints that move.
+    pub fn closure(&self, sensed: &[f64]) -> [f64; FINGERS.len()] {
+        let mut sums = [(0.0, 0.0); FINGERS.len()];
+        for GripJoint { joint, finger, open, closed } in &self.joints {
+            let Some(angle) = sensed.get(joint.index).filter(|_| (closed - open).abs() > MOVES) else { continue };
+            let (share, count) = &mut sums[*finger];
+            (*share, *count) = (*share + ((angle - open) / (closed - open)).clamp(0.0, 1.0), *count + 1.0);
+        }
+        sums.map(|(share, count)| if count > 0.0 { share / count } else { 0.0 })
     }
 
     /// Writes targets, rad, of fingers in the order of [`FINGERS`]. Those with a torque do not close harder than that against what

@@ -21,6 +21,8 @@ pub struct Controller {
     observation: Vec<f32>,
     scratch: Scratch,
     bends_low: bool,
+    /// Command by which the robot already stands before the first control step.
+    stands_by: Option<BodyCommand>,
 }
 
 /// Heights of the pelvis, m, and pitches of the torso, rad, at which a robot is kept that stands without the network and may bend
@@ -40,6 +42,7 @@ impl Controller {
             scratch: network.scratch(),
             network,
             bends_low: false,
+            stands_by: None,
         }
     }
 
@@ -48,6 +51,13 @@ impl Controller {
     #[must_use]
     pub fn bending_low(self) -> Self {
         Self { bends_low: true, ..self }
+    }
+
+    /// Begins with a robot that already stands as a command has it, perhaps bent: it stands by balance from the first control step on,
+    /// until it is pushed too far or walks.
+    pub fn stand_by(&mut self, command: BodyCommand) {
+        self.stands_by = Some(command);
+        self.standing.stand_at_once();
     }
 
     /// Never steps: it stands by balance from the first control step on, as on a platform that has no room for a step.
@@ -64,6 +74,7 @@ impl Controller {
         self.clock = Clock::default();
         self.standing.restart();
         self.last_action = [0.0; MOVED];
+        self.stands_by = None;
     }
 
     /// Network, with its contract.
@@ -91,7 +102,9 @@ impl Controller {
         check_sensed(sensed)?;
         let command = self.within_range(command);
         let is_first = self.setpoint.is_none();
-        let start = || Setpoint::at(BodyCommand { height: NOMINAL_HEIGHT, torso: [0.0; 3], ..command });
+        let upright = BodyCommand { height: NOMINAL_HEIGHT, ..BodyCommand::default() };
+        let BodyCommand { height, torso, .. } = self.stands_by.take().unwrap_or(upright);
+        let start = || Setpoint::at(BodyCommand { height, torso, ..command });
         let setpoint = self.setpoint.get_or_insert_with(start);
         if !is_first {
             setpoint.advance(&command);

@@ -62,6 +62,8 @@ pub(crate) struct Standing {
     stance: Option<Stance>,
     /// It never gives the robot to the network.
     is_alone: bool,
+    /// It takes over in the next control step, calm or not.
+    is_at_once: bool,
     posture: Vec<f64>,
 }
 
@@ -111,6 +113,7 @@ impl Standing {
             calm: 0,
             stance: None,
             is_alone: false,
+            is_at_once: false,
             posture: q0,
         })
     }
@@ -120,10 +123,15 @@ impl Standing {
         self.is_alone = true;
     }
 
+    /// Takes over in the next control step.
+    pub fn stand_at_once(&mut self) {
+        self.is_at_once = true;
+    }
+
     /// Gives the robot back to the network.
     pub fn restart(&mut self) {
         self.balance.restart();
-        (self.average, self.calm, self.stance) = (None, 0, None);
+        (self.average, self.calm, self.stance, self.is_at_once) = (None, 0, None, false);
     }
 
     /// True if it has taken over.
@@ -143,7 +151,8 @@ impl Standing {
         let is_within = |reach: [f64; 2]| capture_point.x.abs() < reach[0] && capture_point.y.abs() < reach[1];
         if self.stance.is_none() {
             self.calm = if is_within(CALM) { self.calm + 1 } else { 0 };
-            if self.calm >= CALM_STEPS || self.is_alone {
+            let is_at_once = std::mem::take(&mut self.is_at_once);
+            if self.calm >= CALM_STEPS || self.is_alone || is_at_once {
                 self.posture.copy_from_slice(average);
                 self.stance = Some(Stance::of(&self.robot, average, &pendulum, self.sole_thickness, self.foot_height)?);
             }

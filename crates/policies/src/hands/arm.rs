@@ -8,9 +8,10 @@ use fiatlux_kinematics::{Clearance, InverseKinematics, Work, at_once};
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_skills::grip::{FINGERS, Finger, Grip};
+use fiatlux_skills::path::wrapped;
 use fiatlux_skills::towards;
-use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, LEGS, MOVED};
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, LEGS, MOVED};
+use nalgebra::{Isometry3, Quaternion, Unit, UnitQuaternion, Vector3};
 
 use super::shape::{BULB_NAME, SOCKET_NAME, Surroundings};
 
@@ -224,6 +225,27 @@ impl RightArm {
         self.place(&angles)
     }
 
+    /// Goes on from the sensed angles: what was commanded last may have had the arm's weight in it.
+    pub fn rest_where_it_is(&mut self) {
+        (self.angles, self.way) = (self.sensed_angles(), None);
+    }
+
+    /// The command by which the robot stands now, as sensed.
+    pub fn stands_by(&self, pelvis: &Isometry3<f64>) -> BodyCommand {
+        let waist = self.sensed.as_ref().and_then(|sensed| sensed.get(LEGS..MOVED)).unwrap_or(&[0.0; MOVED - LEGS]);
+        let turn = |axis: Unit<Vector3<f64>>, joint: usize| UnitQuaternion::from_axis_angle(&axis, waist[joint]);
+        let torso =
+            pelvis.rotation * turn(Vector3::z_axis(), 0) * turn(Vector3::x_axis(), 1) * turn(Vector3::y_axis(), 2);
+        let ((roll, pitch, yaw), (_, _, ahead)) = (torso.euler_angles(), pelvis.rotation.euler_angles());
+        let torso = [roll, pitch, wrapped(yaw - ahead)];
+        BodyCommand { height: pelvis.translation.z - self.floor, torso, ..BodyCommand::default() }
+    }
+
+    /// How far each finger is closed, as sensed.
+    pub fn closure(&self, grip: &Grip) -> [f64; FINGERS.len()] {
+        self.sensed.as_deref().map(|sensed| grip.closure(sensed)).unwrap_or_default()
+    }
+
     fn sensed_angles(&self) -> [f64; ARMS / 2] {
         let mut angles = self.angles;
         if let Some(sensed) = &self.sensed {
@@ -348,7 +370,12 @@ impl RightArm {
         self.angles
     }
 
-    /// Angles of the standing posture, rad.
+    /// Angles of all joints in the standing posture, rad.
+    pub fn q0(&self) -> &[f64] {
+        &self.q0
+    }
+
+    /// Angles of the arm in the standing posture, rad.
     pub fn standing(&self) -> [f64; ARMS / 2] {
         let mut angles = [0.0; ARMS / 2];
         angles.copy_from_slice(&self.q0[ARM]);

@@ -28,6 +28,13 @@ const ARRIVED: f64 = 0.002;
 const TURNED: f64 = 0.01;
 /// Least and largest size of a bulb that is believed: the published range is 0.9 to 1.1.
 const SIZES: [f64; 2] = [0.85, 1.15];
+/// Distances of the glass from its place in the hand up to which the hand holds it, or is around it, and up to which it is so near that
+/// it must not be moved in another way, m; how far a bulb has risen that is held, m; and closure of a hand that closes.
+const HOLDS_M: f64 = 0.06;
+const AROUND_M: f64 = 0.025;
+const NEAR_M: f64 = 0.22;
+const RISEN_M: f64 = 0.015;
+const CLOSES: f64 = 0.15;
 /// Cosine of the tilt at which a bulb still stands.
 const UPRIGHT: f64 = 0.9;
 /// The same at which it lies, or will. Between the two it may be on its way, or tilted in the hand.
@@ -496,6 +503,47 @@ impl Expert for Grab {
         arm.write_fingers(grip, &self.fingers, targets);
         self.phases.enter(next, seen.time);
         Ok(command)
+    }
+
+    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+        let hand = arm.sensed_hand();
+        let at = hand.inverse() * self.glass(seen);
+        let off = (at - Point3::from(self.params.grasp.hand_from_glass)).norm();
+        let closure = arm.closure(&self.grip);
+        let closed = closure.iter().sum::<f64>() / closure.len() as f64;
+        let stands_at = bench::SURFACE_HEIGHT + GLASS - CAP;
+        let risen = self.glass(seen).z - stands_at;
+        if risen < -GLASS {
+            let reason = "the bulb is no longer on the bench; begin with it there".into();
+            return Err(PolicyError::Unfit { policy: "hands", reason });
+        }
+        if off > NEAR_M {
+            return Ok(None);
+        }
+        arm.rest_where_it_is();
+        self.heading = heading(&seen.pelvis);
+        self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| finger.share = share);
+        let is_held = off < HOLDS_M && closed > CLOSES && risen > RISEN_M;
+        if !is_held {
+            self.size = self.size_of(&seen.fresh_bulb);
+        }
+        self.goal = hand;
+        let phase = if is_held {
+            self.bulb_height = stands_at;
+            self.goal.translation.vector.z += (self.params.motion.lift - risen).max(0.0);
+            self.fingers
+                .iter_mut()
+                .for_each(|finger| *finger = Finger { share: 1.0, torque: Some(self.params.close.torque) });
+            Phase::Lift
+        } else if off < AROUND_M && !lies(&seen.fresh_bulb) {
+            Phase::Close
+        } else if closed > CLOSES {
+            Phase::Open
+        } else {
+            Phase::Retreat
+        };
+        self.phases = Phases::new(phase, seen.time);
+        Ok(Some(BodyCommand { height: seen.pelvis.translation.z, ..BodyCommand::default() }))
     }
 
     fn rest(&self) -> [f64; ARMS / 2] {

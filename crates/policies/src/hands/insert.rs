@@ -17,7 +17,7 @@ use super::arm::{RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::skill::{CAP, Expert, Seen, parameters};
 use super::socket::Plug;
-use super::stance::{Judge, Lean, REST, Stance, Taking};
+use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m.
 const STOP: f64 = fixture::STOP_HEIGHT;
@@ -26,6 +26,9 @@ const MOUTH: f64 = fixture::MOUTH_HEIGHT;
 const CHECKED: f64 = 0.01;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
+/// Closure of a hand that holds the bulb, and distance of its frame from the bulb's up to which it is at the bulb, m.
+const HOLDS: f64 = 0.3;
+const HAND_M: f64 = 0.25;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -349,6 +352,42 @@ impl Expert for Insert {
         }
         let stands_up = self.phases.now() == Phase::Done && self.phases.elapsed(seen.time) > open.wait;
         Ok(if stands_up { self.taking.upright } else { self.taking.command() })
+    }
+
+    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+        let plug = Plug::measure(&seen.socket, &seen.fresh_bulb);
+        let closure = arm.closure(&self.grip);
+        let closed = closure.iter().sum::<f64>() / closure.len() as f64;
+        let hand = arm.sensed_hand();
+        let is_near = hand.inv_mul(&seen.fresh_bulb).translation.vector.norm() < HAND_M;
+        let (align, open) = (&self.params.align, &self.params.open);
+        let is_before = plug.gap < align.before + HAND_M / 10.0 && plug.aside.norm() < align.stray;
+        let command = arm.stands_by(&seen.pelvis);
+        let is_on_way = !seen.seated[1] && (!is_before || closed < HOLDS);
+        if is_on_way && !leans(&command) {
+            return Ok(None);
+        }
+        arm.rest_where_it_is();
+        self.taking.stays(command);
+        self.hand_from_plug = hand.inv_mul(&(seen.fresh_bulb * Translation3::new(0.0, 0.0, CAP)));
+        (self.gap, self.deepest, self.goal) = (plug.gap, (plug.gap, seen.time), hand);
+        let phase = if is_on_way {
+            Phase::Take
+        } else if !seen.seated[1] {
+            let is_straight = plug.aside.norm() < align.aside && plug.turn.angle() < align.tilt;
+            self.gap = if is_straight { plug.gap } else { plug.gap.max(align.before) };
+            if is_straight { Phase::Insert } else { Phase::Align }
+        } else if closed > HOLDS {
+            Phase::Relax
+        } else {
+            self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| finger.share = share);
+            if is_near {
+                self.goal = way_out(arm, &hand, &open.back)?;
+            }
+            if is_near { Phase::Retreat } else { Phase::Done }
+        };
+        self.phases = Phases::new(phase, seen.time);
+        Ok(Some(command))
     }
 
     fn rest(&self) -> ArmAngles {

@@ -115,11 +115,21 @@ enum Phase {
     Rest,
     /// Opens the hand, by time.
     Open,
+    /// Stands up with the bulb, to step to another place.
+    Rise,
     /// Stands up the same way.
     StandUp,
     /// Takes the arm down: whoever walks to the bench next would have it below the top.
     TakeDown,
 }
+
+/// Part of the way down from which a robot that is already at it is taken to bend; height of a bulb's lowest point that lies on the
+/// floor or in the crate, m; and closure of a hand that still holds it there.
+const BENT: f64 = 0.08;
+const LIES: f64 = 0.08;
+const HOLDS: f64 = 0.4;
+/// The glass's place in the hand, m, as of `hand_from_glass` of `grab.toml`.
+const HELD: [f64; 3] = [-0.0596, -0.1225, -0.0339];
 
 /// Where the robot stands and where the glass is wanted, on the floor.
 #[derive(Debug, Clone, Copy)]
@@ -165,7 +175,8 @@ impl Place {
     fn spot(&self, seen: &Seen, arm: &mut RightArm) -> Spot {
         let hand_from_bulb = arm.sensed_hand().inv_mul(&seen.old_bulb);
         let stand = &self.params.stand;
-        let (here, looks) = (seen.pelvis.translation.vector.xy(), heading(&seen.pelvis));
+        let (stance, looks) = self.stance(seen);
+        let here = stance.translation.vector.xy();
         let along_x = heading(&seen.crate_);
         let crate_ = seen.crate_.translation.vector;
         let mut best: Option<(f64, Spot)> = None;
@@ -205,11 +216,21 @@ impl Place {
     fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut RightArm) -> Result<bool, PolicyError> {
         let glass = seen.old_bulb * Point3::new(0.0, 0.0, GLASS);
         let hand_from_glass = (arm.sensed_hand().inverse() * glass).coords;
-        let here = seen.pelvis.translation.vector;
-        let looks = heading(&seen.pelvis);
-        let world_from_stance = Isometry3::new(Vector3::new(here.x, here.y, 0.0), Vector3::z() * looks);
+        let (world_from_stance, _) = self.stance(seen);
         let Some(end) = self.params.way.last().map(|last| last.glass) else { return Ok(false) };
         let off = world_from_stance.inverse() * Point3::from(spot.glass.push(0.0)) - Point3::from(end);
+        self.plan_way(seen, hand_from_glass, off.xy(), arm)
+    }
+
+    /// The same, with the glass at a place in the hand and as far from its way on the level.
+    fn plan_way(
+        &mut self,
+        seen: &Seen,
+        hand_from_glass: Vector3<f64>,
+        off: Vector2<f64>,
+        arm: &mut RightArm,
+    ) -> Result<bool, PolicyError> {
+        let (world_from_stance, looks) = self.stance(seen);
         let (mut near, mut at_end) = (None, None);
         self.postures.clear();
         for waypoint in self.params.way.iter().rev() {
@@ -229,6 +250,27 @@ impl Place {
             self.postures.insert(0, posture);
         }
         Ok(at_end.is_some_and(|error| error < REACHED))
+    }
+
+    /// Where the robot stood before it bent, on the floor, and where it looked.
+    fn stance(&self, seen: &Seen) -> (Isometry3<f64>, f64) {
+        let mut pelvis = seen.pelvis;
+        if self.share > 0.0 {
+            let (at, turned) = (self.between(|way| way.pelvis), self.between(|way| way.turned));
+            let turned = UnitQuaternion::from_euler_angles(turned.x, turned.y, turned.z);
+            pelvis *= Isometry3::from_parts(at.into(), turned).inverse();
+        }
+        let (here, looks) = (pelvis.translation.vector, heading(&pelvis));
+        (Isometry3::new(Vector3::new(here.x, here.y, 0.0), Vector3::z() * looks), looks)
+    }
+
+    /// Numbers of the way at the present part of it.
+    fn between(&self, numbers: impl Fn(&Waypoint) -> [f64; 3]) -> Vector3<f64> {
+        let way = &self.params.way;
+        let at = self.share * way.len().saturating_sub(1) as f64;
+        let before = (at as usize).min(way.len().saturating_sub(2));
+        let of = |index: usize| way.get(index).map_or_else(Vector3::zeros, |way| Vector3::from(numbers(way)));
+        of(before).lerp(&of(before + 1), at - before as f64)
     }
 
     /// The hand's rotation: its fingers point below the horizontal and to the left of a direction.
@@ -307,6 +349,11 @@ impl Expert for Place {
                 self.fingers.iter_mut().for_each(|finger| finger.share -= CONTROL_DT / motion.open);
                 (elapsed > motion.open + motion.wait).then_some(Phase::StandUp)
             }
+            Phase::Rise => {
+                self.share = (self.share - on_way).max(0.0);
+                command = self.on_way().1;
+                (self.share == 0.0).then_some(Phase::StepUp)
+            }
             Phase::StandUp => {
                 self.share = (self.share - on_way).max(0.0);
                 (self.share == 0.0 && elapsed > params.bend.time + motion.wait).then_some(Phase::TakeDown)
@@ -326,6 +373,59 @@ impl Expert for Place {
         arm.write_fingers(&self.grip, &self.fingers, targets);
         self.phases.enter(next, seen.time);
         Ok(command)
+    }
+
+    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+        let glass = seen.old_bulb * Point3::new(0.0, 0.0, GLASS);
+        let closure = arm.closure(&self.grip);
+        let closed = closure.iter().sum::<f64>() / closure.len() as f64;
+        let in_crate = (seen.crate_.inverse() * glass).coords;
+        let is_inside = in_crate.x.abs() < INTERIOR[0] && in_crate.y.abs() < INTERIOR[1];
+        let lowest = self.lowest(&seen.old_bulb);
+        let (up, down) = (BodyCommand::default().height, self.params.bend.height);
+        let share = ((up - seen.pelvis.translation.z) / (up - down)).clamp(0.0, 1.0);
+        let is_held = lowest > LIES || closed > HOLDS;
+        if !is_held && !is_inside {
+            let reason = "the bulb is neither in the hand nor in the crate; begin with it in the hand".into();
+            return Err(PolicyError::Unfit { policy: "hands", reason });
+        }
+        if is_held && share < BENT {
+            return Ok(None);
+        }
+        arm.rest_where_it_is();
+        self.share = if share < BENT { 0.0 } else { share };
+        self.fingers
+            .iter_mut()
+            .zip(closure)
+            .for_each(|(finger, share)| finger.share = if is_held { 1.0 } else { share });
+        let (stance, _) = self.stance(seen);
+        let phase = if is_held {
+            let is_low = is_inside && lowest < self.params.motion.low;
+            // On its way it goes on as it is, if that ends in the crate.
+            let off = (stance.inverse() * glass).coords.xy() - self.between(|way| way.glass).xy();
+            let end = self.params.way.last().map_or([0.0; 3], |last| last.glass);
+            let end = seen.crate_.inverse() * (stance * Point3::new(end[0] + off.x, end[1] + off.y, 0.0));
+            let margin = self.params.stand.margin / 2.0;
+            let ends_inside = end.x.abs() < INTERIOR[0] - margin && end.y.abs() < INTERIOR[1] - margin;
+            let hand_from_glass = (arm.sensed_hand().inverse() * glass).coords;
+            let reaches = (ends_inside || is_low) && self.plan_way(seen, hand_from_glass, off, arm)?;
+            match (reaches, is_low) {
+                (true, true) => Phase::Rest,
+                (true, false) => Phase::Lower,
+                (false, _) => Phase::Rise,
+            }
+        } else if self.share > 0.0 {
+            let held = arm.sensed_hand() * Point3::from(HELD);
+            let here = stance.inverse() * held;
+            let off = here.coords.xy() - self.between(|way| way.glass).xy();
+            self.plan_way(seen, HELD.into(), off, arm)?;
+            if closed > BENT { Phase::Open } else { Phase::StandUp }
+        } else {
+            Phase::TakeDown
+        };
+        self.phases = Phases::new(phase, seen.time);
+        arm.set_pelvis(&seen.pelvis);
+        Ok(Some(self.on_way().1))
     }
 
     fn rest(&self) -> [f64; ARMS / 2] {

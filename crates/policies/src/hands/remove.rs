@@ -15,12 +15,18 @@ use super::arm::{Apart, RightArm, ToolGoal};
 use super::plan::ArmAngles;
 use super::skill::{Expert, GLASS, Seen, TOUCHED, parameters};
 use super::socket::Plug;
-use super::stance::{Judge, Lean, REST, Stance, Taking};
+use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
+
+/// Distances of the glass from its place in the hand up to which the hand is around it, and up to which it is so near that it must not be
+/// moved in another way, m; and closure of a hand that closes.
+const AROUND_M: f64 = 0.02;
+const NEAR_M: f64 = 0.12;
+const CLOSES: f64 = 0.15;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -309,6 +315,45 @@ impl Expert for Remove {
             self.has_arrived = false;
         }
         Ok(self.taking.command())
+    }
+
+    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+        let closure = arm.closure(&self.grip);
+        let closed = closure.iter().sum::<f64>() / closure.len() as f64;
+        let hand = arm.sensed_hand();
+        let at = (hand.inverse() * glass(seen)).translation.vector;
+        let off = (at - Vector3::from(self.params.grasp.hand_from_glass)).norm();
+        let command = arm.stands_by(&seen.pelvis);
+        if off > NEAR_M && !seen.seated[0] {
+            let reason = "the bulb is neither in the socket nor in the hand; begin with it in the socket".into();
+            return Err(PolicyError::Unfit { policy: "hands", reason });
+        }
+        // At the start the hand may be near the glass as well; the robot then neither leans nor holds anything.
+        if seen.seated[0] && !leans(&command) && closed < CLOSES {
+            return Ok(None);
+        }
+        if off > NEAR_M {
+            arm.rest_where_it_is();
+            self.taking.stays(command);
+            return Ok(Some(command));
+        }
+        arm.rest_where_it_is();
+        self.taking.stays(command);
+        self.glass_from_hand = glass(seen).inv_mul(&hand);
+        let torque = Some(self.params.close.torque);
+        self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| *finger = Finger { share, torque: None });
+        let phase = match (seen.seated[0], off < AROUND_M) {
+            (false, _) => {
+                self.fingers = [Finger { share: 1.0, torque }; FINGERS.len()];
+                let plug = Plug::measure(&seen.socket, &seen.old_bulb);
+                if plug.gap > self.params.pull.out { Phase::Hold } else { Phase::Pull }
+            }
+            (true, true) => Phase::Close,
+            (true, false) if closed > CLOSES => Phase::Open,
+            (true, false) => Phase::Retreat,
+        };
+        self.phases = Phases::new(phase, seen.time);
+        Ok(Some(command))
     }
 
     fn rest(&self) -> ArmAngles {

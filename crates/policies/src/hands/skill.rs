@@ -98,6 +98,15 @@ pub(super) trait Expert: Skill + Send {
     /// The arm's kinematics fail.
     fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError>;
 
+    /// Finds from the first observation where in its task a robot is that is already at it, and goes on from there. Returns the command
+    /// by which the robot stands then; `None` where it begins at the start.
+    ///
+    /// # Errors
+    /// The task cannot be played from there, or the arm's kinematics fail.
+    fn take_up(&mut self, _seen: &Seen, _arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+        Ok(None)
+    }
+
     /// Where the arm's joints rest, from the shoulder down, where the hand's pose leaves them free, rad.
     fn rest(&self) -> [f64; ARMS / 2];
 }

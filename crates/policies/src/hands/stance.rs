@@ -96,6 +96,14 @@ enum Stage {
     Reach,
 }
 
+/// Height of the pelvis below which a robot leans, m, and turn of the torso from which on, rad.
+const LEANS: (f64, f64) = (0.70, 0.12);
+
+/// The robot leans already by a command.
+pub(super) fn leans(command: &BodyCommand) -> bool {
+    command.height < LEANS.0 || command.torso.iter().any(|angle| angle.abs() > LEANS.1)
+}
+
 /// On its way to a stance.
 pub(super) struct Taking {
     lean: Lean,
@@ -105,6 +113,8 @@ pub(super) struct Taking {
     stance: Option<Stance>,
     /// The command from which the robot goes on to lean.
     before: BodyCommand,
+    /// The robot leant already when this began.
+    leans: bool,
     /// Number of times that the whole search was made.
     searches: u32,
     /// Corners of the way that are left, the last first.
@@ -365,6 +375,7 @@ impl Taking {
             upright: BodyCommand::default(),
             stance: None,
             before: BodyCommand::default(),
+            leans: false,
             searches: 0,
             way: Vec::new(),
             reaches_from: REST,
@@ -378,6 +389,11 @@ impl Taking {
             holds,
             search: None,
         }
+    }
+
+    /// The robot stays as it leans, and has not chosen a stance.
+    pub fn stays(&mut self, command: BodyCommand) {
+        (self.before, self.leans) = (command, true);
     }
 
     /// The command in force.
@@ -419,6 +435,9 @@ impl Taking {
             return Ok(false);
         }
         match self.stage {
+            Stage::Clear if self.stance.is_none() && self.leans => {
+                self.ask(Question::Stance(self.before), arm, judge());
+            }
             Stage::Clear if self.stance.is_none() => {
                 self.upright.height = seen.pelvis.translation.z - arm.floor;
                 self.ask(Question::Stance(self.upright), arm, judge());
