@@ -17,7 +17,7 @@ from .client import Client
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
-from .expert import Expert, Experts, Label, Labels
+from .expert import Expert, Experts, Label, Labels, label
 from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
@@ -67,6 +67,7 @@ __all__ = [
     "cameras",
     "evaluate",
     "export_lerobot",
+    "label",
     "load_policy",
     "segments",
     "submit",

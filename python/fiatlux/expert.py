@@ -1,5 +1,6 @@
 """Asks the benchmark's scripted expert what it would do, in any state of an environment, for learning from it."""
 
+from os import PathLike
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import whole
+from .bag import Bag
 from .env import Env
 from .spaces import joint_groups
 from .vector import VectorEnv
@@ -184,3 +186,38 @@ class Experts:
             can_label=flags[:, 1].copy(),
             reason=list(reasons),
         )
+
+
+def label(bag: Bag | str | PathLike[str]) -> Labels:
+    """What the expert would have done in each row of a recorded episode but the last; the first axis is that of the steps.
+
+    The episode is played again by its actions while the expert follows it, whoever acted then.
+
+    Args:
+        bag: A bag or its path, of an episode in a room of the benchmark with the published thresholds and ends.
+
+    Raises:
+        ValueError: The episode, played again, is another one: it was recorded with other settings or by another version.
+    """
+    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    header, states = bag.header, bag["/state"]
+    settings = {"robot": header["robot"], "gains": header["gains"], "protocol": header["episode_protocol"]}
+    env = Env(header["task"], sensors=["last_action"], **settings)
+    env.reset(seed=header["seed"], options={"episode": header["episode"]})
+    expert, labels, is_over = Expert(env), [], False
+    for number, action in enumerate(states["action"][1:]):
+        labels.append(expert.label())
+        if not is_over:
+            _, _, terminated, truncated, _ = env.step(action)
+            is_over = terminated or truncated
+        if is_over != (number + 2 == len(states["action"])):
+            break
+    row = bag.row(len(states["action"]) - 1)
+    if not is_over or any(not np.array_equal(row[name], env.row()[name]) for name in ("joint_position", "robot_pose")):
+        name = f"{header['task']}, seed {header['seed']}, episode {header['episode']}"
+        raise ValueError(
+            f"bag: {name} played again is another episode; it was recorded with other settings or another version"
+        )
+    parts: Any = {name: [getattr(one, name) for one in labels] for name in Labels._fields}
+    arrays: Any = {name: part if name == "reason" else np.array(part) for name, part in parts.items()}
+    return Labels(**arrays)

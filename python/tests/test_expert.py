@@ -1,5 +1,8 @@
 """Tests that the scripted expert answers a learner as it plays by itself."""
 
+import os
+import subprocess
+
 import fiatlux
 import numpy as np
 import pytest
@@ -106,3 +109,71 @@ def test_wrong_arguments_are_refused_by_name():
         fiatlux.Experts(many).reset([True])
     with pytest.raises(ValueError, match="num_threads"):
         fiatlux.Experts(many, num_threads=0)
+
+
+def test_a_recorded_episode_is_labelled_afterwards_row_by_row(tmp_path):
+    class Stays:
+        def __call__(self, observation):
+            return np.zeros(53, np.float32)
+
+    fiatlux.evaluate(Stays(), ["S05"], [1000], out=tmp_path)
+    bag = fiatlux.Bag(next(tmp_path.rglob("*.mcap")))
+    labels = fiatlux.label(bag)
+    env = fiatlux.Env("S05")
+    env.reset(seed=1000)
+    expert = fiatlux.Expert(env)
+    for step in range(20):
+        np.testing.assert_array_equal(labels.joint_target[step], expert.label().joint_target)
+        env.step(np.zeros(53))
+    assert len(labels.phase) == len(bag["/state"]["step"]) - 1
+    bag.header["seed"] = 1001
+    with pytest.raises(ValueError, match="other settings"):
+        fiatlux.label(bag)
+
+
+@pytest.mark.skipif("FIATLUX_TEST_PROGRAM" not in os.environ, reason="needs the program fiatlux: FIATLUX_TEST_PROGRAM")
+def test_labels_of_the_experts_own_episode_are_what_it_did(tmp_path):
+    command = [
+        os.environ["FIATLUX_TEST_PROGRAM"],
+        "evaluate",
+        "--policy",
+        "expert",
+        "--tasks",
+        "S08",
+        "--seeds",
+        "1000",
+    ]
+    subprocess.run([*command, "--out", tmp_path], check=True, capture_output=True)
+    bag = fiatlux.Bag(next((tmp_path / "bags").glob("*.mcap")))
+    np.testing.assert_array_equal(fiatlux.label(bag).action, bag["/state"]["action"][1:])
+
+
+@pytest.mark.parametrize(("task", "step"), [("S06", 380), ("S08", 520), ("S12", 1500)])
+def test_it_takes_over_in_the_midst_of_a_task(task, step):
+    env = fiatlux.Env(task, action_form="joint_target", sensors=["last_action"])
+    env.reset(seed=1000)
+    labelled(env, fiatlux.Expert(env), step)
+    fresh = fiatlux.Expert(env)
+    is_over = False
+    while not is_over:
+        label = fresh.label()
+        assert label.can_label
+        _, _, terminated, truncated, info = env.step(label.action)
+        is_over = terminated or truncated
+    assert info["success"]
+
+
+def test_it_says_where_it_cannot_go_on():
+    env = fiatlux.VectorEnv("S12", 1, seeds=[1000], sensors=["last_action"], action_form="joint_target")
+    env.reset(seed=0)
+    experts = fiatlux.Experts(env)
+    for _ in range(2600):
+        env.step(experts.label().action)
+    assert experts.label().can_label.all()
+    row = env.row(0)
+    bent = row["joint_position"].copy()
+    bent[[0, 6]] -= 0.8
+    env.reset_worlds(np.array([True]), {"joint_position": bent})
+    label = experts.label()
+    assert not label.can_label[0] and "no posture of the plan" in label.reason[0]
+    assert np.isnan(label.joint_target).all() and np.isnan(label.action).all()

@@ -31,6 +31,10 @@ const PATIENCE: u64 = 9_000;
 /// Control steps for which a hand counts as touching after it felt a bulb.
 const TOUCHED: u64 = 25;
 
+/// Cosine of the pelvis's tilt from which a robot has fallen, and height of a bulb's origin that lies on the floor, m.
+const FALLEN: f64 = 0.3;
+const DROPPED_M: f64 = 0.1;
+
 /// Plays each task by the skill that plays it, and the errand by all of them.
 pub struct Expert {
     skills: Vec<Box<dyn Part>>,
@@ -130,6 +134,10 @@ impl Expert {
     /// # Errors
     /// As of [`Policy::act`].
     pub fn label(&mut self, observation: &Observation) -> Result<Label, PolicyError> {
+        let task = self.episode.as_ref().and_then(|episode| episode.task);
+        if let Some(reason) = spoilt(task, observation) {
+            return Err(PolicyError::Unfit { policy: "expert", reason: reason.into() });
+        }
         let Command::JointTarget(joint_target) = self.act(observation)? else {
             let reason = "a skill answered with another kind of command than joint targets".into();
             return Err(PolicyError::Unfit { policy: "expert", reason });
@@ -181,6 +189,23 @@ fn is_up(observation: &Observation) -> bool {
     let robot = observation.privileged.as_ref().and_then(|seen| seen.robot.as_ref());
     let height = robot.and_then(|pose| pose.position.get(2)).copied().unwrap_or_default();
     height > Thresholds::default().working_height_m
+}
+
+/// Why nobody could play a task on from here, if so.
+fn spoilt(task: Option<Task>, observation: &Observation) -> Option<&'static str> {
+    let seen = observation.privileged.as_ref()?;
+    if let Some(&[_, x, y, _]) = seen.robot.as_ref().map(|pose| pose.quaternion.as_slice())
+        && 1.0 - 2.0 * (x * x + y * y) < FALLEN
+    {
+        return Some("the robot has fallen; begin another episode");
+    }
+    let bulb = match task? {
+        Task::S03 | Task::S04 | Task::S05 => seen.old_bulb.as_ref(),
+        Task::S09 | Task::S10 | Task::S11 => seen.fresh_bulb.as_ref(),
+        _ => None,
+    };
+    let height = bulb.and_then(|pose| pose.position.get(2)).copied();
+    height.filter(|height| *height < DROPPED_M).map(|_| "the bulb has been dropped; begin another episode")
 }
 
 /// A bulb presses on a body of a hand.

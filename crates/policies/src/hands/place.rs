@@ -231,9 +231,15 @@ impl Place {
         arm: &mut RightArm,
     ) -> Result<bool, PolicyError> {
         let (world_from_stance, looks) = self.stance(seen);
-        let (mut near, mut at_end) = (None, None);
-        self.postures.clear();
-        for waypoint in self.params.way.iter().rev() {
+        let last = self.params.way.len().saturating_sub(1);
+        // From the end up; or, on the way, from where the arm is to either end.
+        let ahead = if self.share > 0.0 { libm::ceil(self.share * last as f64) as usize } else { last + 1 };
+        let now = (self.share > 0.0).then(|| arm.angles());
+        let mut near = now;
+        let mut at_end = None;
+        self.postures = vec![[0.0; ARMS / 2]; self.params.way.len()];
+        for index in (ahead..=last).chain((0..ahead.min(last + 1)).rev()) {
+            let waypoint = &self.params.way[index];
             let [roll, pitch, yaw] = waypoint.turned;
             let stance_from_pelvis = Isometry3::from_parts(
                 Translation3::from(waypoint.pelvis),
@@ -245,9 +251,9 @@ impl Place {
             let glass = world_from_stance * glass;
             let goal = Isometry3::from_parts((glass.coords - turned * hand_from_glass).into(), turned);
             let (posture, error) = at_once(arm.posture_of(&torso, &goal, near))?;
-            near = Some(posture);
-            at_end = at_end.or(Some(error));
-            self.postures.insert(0, posture);
+            near = if index == last && now.is_some() { now } else { Some(posture) };
+            at_end = at_end.or((index == last).then_some(error));
+            self.postures[index] = posture;
         }
         Ok(at_end.is_some_and(|error| error < REACHED))
     }
