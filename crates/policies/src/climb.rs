@@ -83,6 +83,8 @@ pub struct Climb {
     name: String,
     network: Arc<Network>,
     climber: Option<Arc<fiatlux_climb::Network>>,
+    /// It does not look where in its task the robot is.
+    pub(crate) at_start: bool,
     episode: Option<Episode>,
 }
 
@@ -119,7 +121,7 @@ impl Climb {
     /// Its weights cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
         let (name, network) = body::network("climb", "", "")?;
-        Ok(Self { name, network, climber: None, episode: None })
+        Ok(Self { name, network, climber: None, at_start: false, episode: None })
     }
 
     /// The same, but a network follows the plan from its first posture on.
@@ -228,11 +230,10 @@ impl Policy for Climb {
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
         let (world_from_plan, pelvis) = placed(first)?;
         let is_at =
-            |here: &Keyframe| (here.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
-        let taken_up = match &self.climber {
-            None => nearest(&plan, &(world_from_plan.inverse() * pelvis), &angles(first, &q0)?),
-            Some(_) => None,
-        };
+            |start: &Keyframe| (start.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
+        let looks = self.climber.is_none() && !self.at_start;
+        let here = world_from_plan.inverse() * pelvis;
+        let taken_up = if looks { nearest(&plan, &here, &angles(first, &q0)?) } else { None };
         let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
         if let Some(time) = taken_up {
             let rest = rest_of(&plan, time);
@@ -240,7 +241,7 @@ impl Policy for Climb {
             let taken = robot.take().map(|robot| Player::new(robot, rest, world_from_plan)).transpose();
             player = taken.map_err(PolicyError::of("climb"))?;
             player.iter_mut().for_each(|player| player.rate = RATES[usize::from(goes_down)]);
-        } else if plan.keyframes.first().is_some_and(|start| is_at(start) > LEVEL_M) && self.climber.is_none() {
+        } else if plan.keyframes.first().is_some_and(|start| is_at(start) > LEVEL_M) && looks {
             return Err(unfit("the robot is on the ladder, in no posture of the plan; begin on the level".into()));
         }
         self.episode = Some(Episode {

@@ -59,17 +59,33 @@ pub struct Label {
 
 /// A skill, as a part of the errand.
 trait Part: Policy + Skill {
+    /// Whether its next task begins at the start, whatever the state looks like: a skill of the errand goes on from where the one before
+    /// it came to rest.
+    fn begin_at_start(&mut self, _at_start: bool) {}
+
     /// Hears after its reset that another one has played the task so far.
     fn takes_over(&mut self, _first: &Observation) {}
 }
 
 impl Part for Walk {}
 
-impl Part for Ladder {}
+impl Part for Ladder {
+    fn begin_at_start(&mut self, at_start: bool) {
+        self.at_start = at_start;
+    }
+}
 
-impl Part for Climb {}
+impl Part for Climb {
+    fn begin_at_start(&mut self, at_start: bool) {
+        self.at_start = at_start;
+    }
+}
 
 impl Part for Hands {
+    fn begin_at_start(&mut self, at_start: bool) {
+        self.at_start = at_start;
+    }
+
     fn takes_over(&mut self, first: &Observation) {
         self.rest_arms(first);
     }
@@ -165,7 +181,13 @@ impl Expert {
     }
 
     /// Begins a task from what an observation shows: the first one of an episode, or one in the midst of it.
-    fn begin(&mut self, info: &SessionInfo, task: Option<Task>, first: &Observation) -> Result<Plays, PolicyError> {
+    fn begin(
+        &mut self,
+        info: &SessionInfo,
+        task: Option<Task>,
+        is_errand: bool,
+        first: &Observation,
+    ) -> Result<Plays, PolicyError> {
         let plays = |skill: &dyn Part| task.is_some_and(|task| skill.tasks().contains(&task));
         let Some(index) = self.skills.iter().position(|skill| plays(skill.as_ref())) else {
             let stands = WholeBody::own("expert", Arc::clone(&self.network), info, first)?;
@@ -175,6 +197,7 @@ impl Expert {
         if let (Some(of_skill), Some(task)) = (&mut info.task, task) {
             of_skill.task = task.short_id().into();
         }
+        self.skills[index].begin_at_start(is_errand);
         self.skills[index].reset(&info, &since(first, first.step))?;
         Ok(Plays::Skill(index))
     }
@@ -237,7 +260,7 @@ impl Policy for Expert {
         let is_errand = known == Some(Task::Replace);
         let touched = touches(first).then_some(first.step);
         let task = if is_errand { Facts::of(first, touched.is_some())?.due() } else { known };
-        let plays = self.begin(info, task, first)?;
+        let plays = self.begin(info, task, is_errand, first)?;
         if let (Plays::Skill(index), true) = (&plays, first.step > 0 && !is_errand) {
             self.skills[*index].takes_over(first);
         }
@@ -292,7 +315,7 @@ impl Expert {
             return Ok(());
         }
         let info = std::mem::take(&mut episode.info);
-        let plays = self.begin(&info, due, observation);
+        let plays = self.begin(&info, due, true, observation);
         episode.info = info;
         (episode.plays, episode.task, episode.since) = (plays?, due, step);
         Ok(())

@@ -46,6 +46,8 @@ pub(crate) const ENTRY: Entry = Entry {
 pub struct Hands {
     network: Arc<Network>,
     parameters: Option<String>,
+    /// It does not look where in its task the robot is.
+    pub(crate) at_start: bool,
     episode: Option<Played>,
 }
 
@@ -64,7 +66,7 @@ impl Hands {
     /// Its weights cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
         let (_, network) = body::network("hands", "", "")?;
-        Ok(Self { network, parameters: None, episode: None })
+        Ok(Self { network, parameters: None, at_start: false, episode: None })
     }
 
     /// With other parameters, of the form of the task's file, for a search.
@@ -142,12 +144,14 @@ impl Policy for Hands {
             _ => Surroundings::default(),
         };
         let mut arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
-        // A look changes nothing where the task begins at its start.
-        let mut looking = arm.clone();
-        looking.sense(&seen.pelvis, joints(first));
-        if let Some(command) = skill.take_up(&seen, &mut looking)? {
-            body.stand_by(command);
-            arm = looking;
+        if !self.at_start {
+            // A look changes nothing where the task begins at its start.
+            let mut looking = arm.clone();
+            looking.sense(&seen.pelvis, joints(first));
+            if let Some(command) = skill.take_up(&seen, &mut looking)? {
+                body.stand_by(command);
+                arm = looking;
+            }
         }
         self.episode = Some(Played { body, arm, skill, bodies });
         Ok(())

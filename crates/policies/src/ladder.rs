@@ -152,6 +152,8 @@ enum Phase {
 pub struct Ladder {
     name: String,
     network: Arc<Network>,
+    /// It does not look where in its task the robot is.
+    pub(crate) at_start: bool,
     episode: Option<Episode>,
 }
 
@@ -188,7 +190,7 @@ impl Ladder {
     /// A file that cannot be read or does not fit.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
         let (name, network) = body::network("ladder", file, file)?;
-        Ok(Self { name, network, episode: None })
+        Ok(Self { name, network, at_start: false, episode: None })
     }
 
     /// Control step at which an episode first came into a phase of this name; `None` where it has not.
@@ -259,7 +261,9 @@ impl Policy for Ladder {
             up: [0.0; 2],
             tilt: 0.0,
         };
-        episode.take_up(first)?;
+        if !self.at_start {
+            episode.take_up(first)?;
+        }
         self.episode = Some(episode);
         Ok(())
     }
