@@ -5,6 +5,9 @@ use std::time::Duration;
 /// Largest request or action that a server reads, bytes. An action takes about 450.
 pub const MAX_CLIENT_MESSAGE: usize = 16 * 1024;
 
+/// Largest request to a run, bytes: it may list 10,000 seeds of 64 bits.
+pub const MAX_RUN_REQUEST: usize = 128 * 1024;
+
 /// Numbers of a model's chunk in an action; a larger chunk is recorded without them.
 pub const MAX_CHUNK_NUMBERS: usize = 3_300;
 

@@ -5,7 +5,6 @@ python bc.py demos/s07/bags 1100 1116
 """
 
 import sys
-from pathlib import Path
 
 import fiatlux
 import numpy as np
@@ -74,11 +73,9 @@ class Clone:
 
     def __call__(self, seen):
         command = np.clip(self.network(features(seen, self.ends))[0], self.low, self.high)
-        targets = self.body.targets(seen)
-        targets[:15] = self.body(seen, **dict(zip(COMMAND, command)))
-        return targets
+        return self.body.joint_targets(seen, **dict(zip(COMMAND, command)))
 
 
 if __name__ == "__main__":
-    policy = Clone([fiatlux.Bag(path) for path in sorted(Path(sys.argv[1]).glob("*.mcap"))])
+    policy = Clone(fiatlux.Bag.below(sys.argv[1]))
     print(fiatlux.evaluate(policy, ["S07"], range(*map(int, sys.argv[2:4]))).table())

@@ -18,6 +18,7 @@ from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
 from .expert import Expert, Experts, Label, Labels, label
+from .grip import Grip
 from .hand import HandActions, HandPolicy, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
@@ -47,6 +48,7 @@ __all__ = [
     "Expert",
     "Experts",
     "FiatluxError",
+    "Grip",
     "HandActions",
     "HandPolicy",
     "Kinematics",

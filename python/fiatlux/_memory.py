@@ -3,6 +3,7 @@
 The kernel grants memory beyond such a limit and ends the process when it is used, so that nothing can be caught then.
 """
 
+import mmap
 from pathlib import Path
 
 
@@ -13,7 +14,7 @@ def available(root: Path = Path("/")) -> tuple[int, str] | None:
         root: Where ``proc`` and ``sys`` are.
     """
     found = [_of_group(folder, *names) for folder, names in _groups(root)]
-    found.append(_of_machine(root))
+    found += [_of_machine(root), _of_process(root)]
     return min((left for left in found if left is not None), default=None)
 
 
@@ -59,3 +60,29 @@ def _of_machine(root: Path) -> tuple[int, str] | None:
     fields = {name: rest.split() for name, _, rest in (line.partition(":") for line in lines)}
     sizes = [int(fields[name][0]) << 10 for name in ("MemAvailable", "SwapFree") if fields.get(name)]
     return (sum(sizes), "/proc/meminfo") if fields.get("MemAvailable") else None
+
+
+def _of_process(root: Path) -> tuple[int, str] | None:
+    """What ``ulimit -v`` leaves, which batch systems set."""
+    try:
+        [limit] = [
+            line.split() for line in (root / "proc/self/limits").read_text().splitlines() if "address space" in line
+        ]
+        pages = int((root / "proc/self/statm").read_text().split()[0])
+        return None if limit[3] == "unlimited" else (int(limit[3]) - pages * mmap.PAGESIZE, "ulimit -v")
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+_SMALL = 64 << 20
+"""Bytes for which nobody is asked."""
+
+
+def check_memory(needed: int, refusal: str) -> None:
+    """Raises MemoryError, with a refusal that names the argument, where so many bytes are sure to end the process."""
+    left = available() if needed > _SMALL else None
+    if left is not None and needed > left[0]:
+        raise MemoryError(
+            f"{refusal}: they take more than {needed / 2**30:.1f} GiB, and {left[0] / 2**30:.1f} GiB are left by {left[1]}; use fewer, "
+            "or raise the limit"
+        )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
 
@@ -15,6 +16,18 @@ MAX_SEED = 2**64 - 1
 
 MAX_SIDE = 4096
 """Most pixels along a side of a picture."""
+
+
+def real(value: Any) -> NDArray[np.float64]:
+    """An array of real numbers. Raises ValueError for what NumPy would make numbers of: text, dates, ``None``, complex numbers."""
+    array: NDArray[Any] = np.asarray(value)
+    if array.dtype.kind == "O":
+        strange = next((item for item in array.flat if item is None or isinstance(item, (str, complex))), array)
+        if strange is not array:
+            raise ValueError(f"{strange!r} is not a real number")
+    elif array.dtype.kind not in "biuf":
+        raise ValueError(f"numbers of the type {array.dtype} are not real")
+    return np.asarray(array, np.float64)
 
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
@@ -43,6 +56,8 @@ def seeds_of(values: Iterable[Any], worlds: int | None = None, record: Path | No
     """
     if isinstance(values, str) and worlds is None:
         return _native.parse_seeds(values, record)
+    if isinstance(values, str):
+        raise ValueError(f"seeds is {values!r}; give a list of whole numbers, such as range(1000, 1016)")
     try:
         seeds = [seed_of(value, "seeds") for value in itertools.islice(values, None if worlds is None else worlds + 1)]
     except TypeError as error:

@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,15 @@ ROWS_PER_SECOND = 50
 """Control steps in a second."""
 
 _PICTURES = ("camera", "chest_camera", "left_wrist_camera", "right_wrist_camera")
+
+
+def files_below(folder: Path, pattern: str = "*.mcap") -> list[Path]:
+    """The files in a folder and the folders in it, without those that file systems leave behind, such as ``._NAME`` of macOS and recycle bins."""
+
+    def is_meant(path: Path) -> bool:
+        return not any(_native.is_leftover(name) for name in path.relative_to(folder).parts)
+
+    return [path for path in sorted(folder.rglob(pattern)) if is_meant(path)]
 
 
 class Columns(dict[str, Any]):
@@ -43,6 +53,17 @@ class Bag(Mapping[str, dict[str, Any]]):
     def __init__(self, path: str | PathLike[str]) -> None:
         self._bag = _native.Bag(path)
         self._read: dict[str, dict[str, Any]] = {}
+
+    @classmethod
+    def below(cls, folder: str | PathLike[str]) -> "list[Bag]":
+        """The bags in a folder and in the folders in it, by path.
+
+        Raises:
+            FileNotFoundError: There is none.
+        """
+        if not (paths := files_below(Path(folder))):
+            raise FileNotFoundError(f"no bag in '{folder}'")
+        return [cls(path) for path in paths]
 
     @cached_property
     def header(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._progress import Line, duration
-from .bag import ROWS_PER_SECOND, Bag, commands_of
+from .bag import ROWS_PER_SECOND, Bag, commands_of, files_below
 
 _CHOSEN = {
     "policy": "policy",
@@ -203,7 +203,7 @@ def _emptied(folder: Path) -> Path:
 def _paths(bags: str | PathLike[str] | Sequence[str | PathLike[str]]) -> list[Path]:
     if isinstance(bags, (str, PathLike)):
         folder = Path(bags)
-        paths = sorted(folder.rglob("*.mcap")) if folder.is_dir() else [folder]
+        paths = files_below(folder) if folder.is_dir() else [folder]
     else:
         paths = [Path(bag) for bag in bags]
     if not paths:

@@ -1,6 +1,7 @@
 """Kinematics and dynamics of many states at once, by the code that steps the worlds."""
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._numbers import seed_of
+from ._memory import check_memory
+from ._numbers import real, seed_of
 from .poses import rotate
 from .settings import ROBOTS, Gains
+from .spaces import joint_groups
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,10 @@ class Solution:
     """Largest error of a rotation, rad."""
     clearance_error: Array
     """Most that two shapes are nearer than their margin, m."""
+    limit_distance: Array
+    """Least distance of a joint that may move from the ends of its range, rad."""
+    angles: Array
+    """Of the joints that may move, rad, shape (..., joints)."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +138,8 @@ class Kinematics:
         """Length of ``qvel``."""
         self.joints: list[str] = [name for name, _, _ in layout["joints"]]
         """Names of the robot's joints, in the order of actions."""
+        self.joint_groups: dict[str, NDArray[np.int64]] = joint_groups(self.joints)
+        """Where the joints of legs, waist, arms and hands are in :attr:`joints`, as of :attr:`fiatlux.Env.joint_groups`."""
         self.joint_qpos: NDArray[np.int64] = np.array([at for _, at, _ in layout["joints"]])
         """Where their angles are in ``qpos``."""
         self.joint_dof: NDArray[np.int64] = np.array([at for _, _, at in layout["joints"]])
@@ -377,7 +386,7 @@ class Kinematics:
         qpos: ArrayLike,
         goals: Mapping[str, ArrayLike],
         *,
-        joints: Sequence[str] | None = None,
+        joints: Sequence[str] | NDArray[np.integer[Any]] | None = None,
         floating: bool = False,
         center_of_mass: ArrayLike | None = None,
         clearances: Mapping[tuple[str, str], float] | None = None,
@@ -395,7 +404,7 @@ class Kinematics:
         Args:
             qpos: Where the search begins.
             goals: For each site a pose (7 numbers) or a position (3), with or without the leading axes of ``qpos``.
-            joints: Joints that may move; all of them if left out.
+            joints: Joints that may move, by name, or by place as in :attr:`joint_groups`; all of them if left out.
             floating: Whether the pelvis may move, too.
             center_of_mass: Where it is wanted: x and y, or all three, m.
             clearances: Pairs of shapes, each with the smallest gap, m.
@@ -412,6 +421,8 @@ class Kinematics:
             ValueError: A name is unknown, an array has another shape, or a number is not finite.
         """
         states, lead = self._rows("qpos", qpos)
+        given = self.joints if joints is None else joints
+        names = [joint if isinstance(joint, str) else self.joints[joint] for joint in given]
         wanted: list[tuple[str | None, Array, list[float], list[float]]] = []
         for site, goal in goals.items():
             goal = np.asarray(goal, np.float64)
@@ -422,7 +433,7 @@ class Kinematics:
             weights = [1.0, 1.0, float(goal.shape[-1:] == (3,))]
             wanted.append((None, self._goal(goal, lead, "center_of_mass"), weights, [0.0] * 3))
         search = {
-            "joints": self.joints if joints is None else list(joints),
+            "joints": names,
             "floating": floating,
             "clearances": [(a, b, margin) for (a, b), margin in (clearances or {}).items()],
             "rest": None if rest is None else np.asarray(rest, np.float64).tolist(),
@@ -436,7 +447,11 @@ class Kinematics:
         }
         found, errors = self._native.inverse(states, wanted, search)
         reached, position, rotation, clearance = np.moveaxis(errors.reshape(*lead, 4), -1, 0)
-        return Solution(found.reshape(*lead, self.nq), reached > 0.5, position, rotation, clearance)
+        moved = np.array([self.joints.index(name) for name in names], np.int64)
+        angles = found.reshape(-1, self.nq)[:, self.joint_qpos[moved]]
+        ends = np.abs(angles[..., None] - self.joint_limits[moved])
+        least, angles = ends.min(axis=(1, 2), initial=np.inf).reshape(lead), angles.reshape(*lead, len(moved))
+        return Solution(found.reshape(*lead, self.nq), reached > 0.5, position, rotation, clearance, least, angles)
 
     def sole_supports(self, sole: str, friction: float = 1.0, most: float = float("inf")) -> list[Support]:
         """The corners of a sole as supports on level ground."""
@@ -479,7 +494,10 @@ class Kinematics:
     def _rows(self, name: str, array: ArrayLike) -> tuple[Array, tuple[int, ...]]:
         """An array with a row for each state, and the leading axes."""
         width = self.nq if name == "qpos" else self.nv
-        given = np.asarray(array, np.float64)
+        try:
+            given = real(array)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{name}: cannot be read as numbers ({error})") from error
         if given.shape[-1:] != (width,):
             raise ValueError(f"{name}: shape {given.shape} does not end with {width}, the length of a state's {name}")
         return np.ascontiguousarray(given.reshape(-1, width)), given.shape[:-1]
@@ -490,6 +508,8 @@ class Kinematics:
         for name, (_, lead) in zip(names, rows, strict=False):
             if lead != rows[0][1]:
                 raise ValueError(f"{name}: leading axes {lead} are not those of qpos, {rows[0][1]}")
+        numbers = math.prod((*rows[0][1], *shape))
+        check_memory(8 * numbers, f"qpos: no memory for a result of {numbers} numbers")
         made: Array = getattr(self._native, method)(*(row for row, _ in rows), *arguments)
         return made.reshape(*rows[0][1], *shape)
 

@@ -63,6 +63,15 @@ def heading(quaternion: ArrayLike) -> Array:
     return turned
 
 
+def upright(pose: ArrayLike) -> Array:
+    """Poses at the same places that only turn about the vertical, by their :func:`heading`: with ``transform(inverse(upright(robot)), point)`` a
+    point is so far ahead of the robot, to its left and above it."""
+    given = _poses("pose", np.asarray(pose, np.float64))
+    half = heading(given[..., 3:]) / 2
+    zero = np.zeros_like(half)
+    return np.concatenate((given[..., :3], np.stack((np.cos(half), zero, zero, np.sin(half)), -1)), -1)
+
+
 def of(observation: Mapping[str, Any], thing: str) -> Array:
     """World pose of a thing in an observation of the form ``"dict"`` with the sensor ``privileged``, such as ``robot`` or ``fresh_bulb``."""
     names = [f"privileged.{thing}_{part}" for part in ("position", "quaternion")]

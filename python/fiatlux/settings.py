@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any, Literal, NoReturn, TypedDict, TypeVar
 
 import numpy as np
@@ -207,6 +208,8 @@ def complete(
     settings["action_delay"] = whole("action_delay", settings["action_delay"], 0, 100)
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
+        if not Path(settings["weights"]).is_file():
+            raise ValueError(f"weights is {settings['weights']!r}; there is no such file")
     return settings
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ._numbers import real
+
 ObservationForm = Literal["dict", "flat", "published"]
 """``"dict"``: the observation's fields by name; pictures are ``uint8``. ``"flat"``: all of them in one ``float32`` vector. ``"published"``: the vector of the
 published benchmark, 6,543 numbers (6,453 in ``climb``), with the features of the camera's image."""
@@ -81,7 +83,7 @@ class Layout:
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Actions in the form that the simulator takes, for one world or many; refuses a wrong shape."""
     try:
-        array: NDArray[Any] = np.ascontiguousarray(actions, dtype=np.float64)
+        array: NDArray[Any] = np.ascontiguousarray(real(actions))
     except (TypeError, ValueError) as error:
         raise ValueError(f"action: cannot be read as numbers ({error}); give an array of shape {shape}") from error
     if array.shape != shape:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from . import dataset
-from .bag import Bag
+from .bag import Bag, files_below
 
 STATE = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height", "joint_position")
 STRIDE = 5
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=Path, help="checkpoint to go on from")
     parser.add_argument("--workers", type=int, default=2, help="processes that read bags [default: 2]")
     given = parser.parse_args(arguments)
-    bags = sorted(given.bags.rglob("*.mcap"))
+    bags = files_below(given.bags)
     if not bags:
         parser.error(f"there is no bag in {given.bags}")
     if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:

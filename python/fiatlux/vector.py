@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _native
-from ._memory import available
-from ._numbers import MAX_SEED, seed_of, seeds_of, size_of, whole
+from ._memory import check_memory
+from ._numbers import MAX_SEED, real, seed_of, seeds_of, size_of, whole
 from .env import check_camera
 from .kinematics import Contacts
 from .settings import EpisodeSettings, Gains, by_preset, complete, names_of, refuse_argument, spelt_out
@@ -126,17 +126,9 @@ _WORLD_BYTES = 36_000
 
 def _check_memory(worlds: int, numbers: int | None = None) -> None:
     """Raises MemoryError where a limit is sure to end the process; with a number of observations, for these alone."""
-    needed = worlds * (_WORLD_BYTES if numbers is None else 4 * numbers)
-    left = available() if needed > _SMALL else None
-    if left is not None and needed > left[0]:
-        raise MemoryError(
-            f"num_envs: no memory for {worlds} worlds: they take more than {needed / 2**30:.1f} GiB, and {left[0] / 2**30:.1f} GiB are "
-            f"left by {left[1]}; use fewer, or raise the limit"
-        )
-
-
-_SMALL = 64 << 20
-"""Bytes for which nobody is asked."""
+    check_memory(
+        worlds * (_WORLD_BYTES if numbers is None else 4 * numbers), f"num_envs: no memory for {worlds} worlds"
+    )
 
 
 def _native_settings(num_envs: int, shared: Mapping[str, Any]) -> dict[str, Any]:
@@ -197,6 +189,8 @@ def _expanded(task: str, rooms: Sequence[int], episodes: int, starts: Sequence[S
         raise ValueError("starts is empty; leave it out for the task's own starts")
     expanded: list[Any] = []
     for start in starts:
+        if not isinstance(start, Start):
+            raise ValueError(f"starts has {start!r}; give a list of fiatlux.Start")
         if start.seed is not None and start.seed not in rooms:
             raise ValueError(f"starts: seed is {start.seed}, but the rooms are {', '.join(map(str, rooms))}")
         if start.rows is not None and not len(start.rows):
@@ -245,6 +239,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         native = _native_settings(num_envs, shared)
         _check_memory(native["worlds"])
         self._batch = batch = _native.Batch(kind, (*arguments, native))
+        if judge is not None and not callable(judge):
+            raise ValueError(f"judge is {judge!r}; give a function from observation and info to what it judges")
         self._judge: Judgement | None = judge
         self._has_contacts = bool(shared["contacts"])
         self.autoreset_mode = _autoreset(shared["autoreset_mode"])
@@ -362,7 +358,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     def _part(self, name: str, numbers: Any) -> NDArray[np.float64]:
         """A part of a row as an array with an axis of worlds."""
         try:
-            array = np.asarray(numbers, np.float64)
+            array = real(numbers)
         except (TypeError, ValueError) as error:
             raise ValueError(f"like: {name} cannot be read as numbers ({error})") from error
         if array.ndim == 1:

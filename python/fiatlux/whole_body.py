@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from ._memory import check_memory
 from ._numbers import whole
 
 
@@ -206,6 +207,25 @@ class WholeBody:
         self._note("legs and waist", slice(0, LEGS_AND_WAIST), targets)
         return targets
 
+    def joint_targets(
+        self, observation: Mapping[str, Any], *, arms: ArrayLike | None = None, **command: float
+    ) -> NDArray[np.float64]:
+        """Returns targets of all joints, rad: legs and waist follow a command; call it once for each observation.
+
+        Args:
+            observation: Fields by name; those of proprioception and ``last_action`` are read.
+            arms: Angles at which both arms are held, as of :meth:`hold_arms`; without them their targets stay, as those of the hands do.
+            command: ``vx`` to ``yaw``, as of a call of the controller itself.
+
+        Raises:
+            ValueError: As of :meth:`targets`, :meth:`hold_arms` and a call.
+        """
+        targets = self.targets(observation)
+        targets[:LEGS_AND_WAIST] = self(observation, **command)
+        if arms is not None:
+            targets[LEGS_AND_WAIST : LEGS_AND_WAIST + ARMS] = self.hold_arms(observation, arms)
+        return targets
+
     def _note(self, method: str, place: slice, targets: NDArray[np.float64]) -> None:
         """Keeps what a method returned, for the check of the next step."""
         noted = np.full(len(self.q0), np.nan)
@@ -257,6 +277,10 @@ def _read(observation: Mapping[str, Any], names: Iterable[str]) -> list[list[flo
         ) from error
 
 
+_BODY_BYTES = 200_000
+"""A controller takes somewhat more."""
+
+
 class WholeBodies:
     """:class:`WholeBody` for many worlds: legs and waist follow commands, hands go to poses, arms are borne.
 
@@ -282,6 +306,7 @@ class WholeBodies:
     ) -> None:
         self.num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
         threads = whole("num_threads", num_threads, 1, _native.MAX_THREADS)
+        check_memory(num_envs * _BODY_BYTES, f"num_envs: no memory for the controllers of {num_envs} worlds")
         file, stance = None if weights is None else fspath(weights), [bool(bends_low), not steps]
         self._native = _native.WholeBodies(self.num_envs, threads, file, stance)
 

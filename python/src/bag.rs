@@ -444,3 +444,9 @@ fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
         }
     })
 }
+
+/// True for a file or folder that file systems and file managers leave behind.
+#[pyfunction]
+pub(crate) fn is_leftover(path: std::path::PathBuf) -> bool {
+    fiatlux_bag::is_leftover(&path)
+}

@@ -63,3 +63,23 @@ def test_a_file_that_is_not_a_bag_is_refused(tmp_path):
     text.write_text("not a bag")
     with pytest.raises(fiatlux.FiatluxError, match="text.mcap"):
         fiatlux.Bag(text)
+
+
+@pytest.mark.skipif(RUN is None, reason="FIATLUX_TEST_RUN is not set")
+def test_the_bags_of_a_folder_are_those_that_somebody_put_there(tmp_path):
+    (path,) = pathlib.Path(RUN).rglob("*.mcap")
+    for name in (
+        "b/two.mcap",
+        "one.mcap",
+        "._one.mcap",
+        "#recycle/one.mcap",
+        "@eaDir/one.mcap",
+        "~$one.mcap",
+        "lost+found/x.mcap",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(path.read_bytes())
+    bags = fiatlux.Bag.below(tmp_path)
+    assert [bag.header["task"] for bag in bags] == ["S05", "S05"]
+    with pytest.raises(FileNotFoundError, match="no bag in"):
+        fiatlux.Bag.below(tmp_path / "#recycle" / "nothing")

@@ -22,7 +22,7 @@ def imported(name):
 def test_they_are_short():
     for path in EXAMPLES.glob("*.py"):
         lines = [line for line in path.read_text().splitlines() if line.strip()]
-        assert len(lines) <= 72, path.name
+        assert len(lines) <= 60, path.name
 
 
 def test_mppi_stands():

@@ -134,3 +134,19 @@ def test_wrong_arguments_are_refused_by_name(room):
         kinematics.supports(qpos, qvel, [Support("left_sole", friction=0.0)])
     with pytest.raises(ValueError, match="left_palm: shape"):
         kinematics.inverse(qpos, {"left_palm": [0.0, 1.0]})
+
+
+def test_a_solution_says_how_far_its_joints_are_from_their_ends(room):
+    kinematics, qpos, *_ = room
+    arm = kinematics.joint_groups["right_arm"]
+    names = [kinematics.joints[joint] for joint in arm]
+    assert len(arm) == 7 and all(name.startswith("right_") for name in names)
+    goal = kinematics.poses(qpos, ["right_palm"])[0] + [0.05, 0, 0.05, 0, 0, 0, 0]
+    by_name, by_place = (kinematics.inverse(qpos, {"right_palm": goal}, joints=joints) for joints in (names, arm))
+    np.testing.assert_array_equal(by_name.qpos, by_place.qpos)
+    np.testing.assert_array_equal(by_place.angles, by_place.qpos[kinematics.joint_qpos[arm]])
+    low, high = kinematics.joint_limits[arm].T
+    assert by_place.limit_distance == min((by_place.angles - low).min(), (high - by_place.angles).min()) >= 0
+    both = kinematics.inverse(np.stack([qpos, qpos]), {"right_palm": goal}, joints=arm)
+    assert both.angles.shape == (2, 7) and both.limit_distance.shape == (2,)
+    np.testing.assert_array_equal(both.angles[1], by_place.angles)

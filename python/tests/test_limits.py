@@ -57,7 +57,7 @@ def test_a_system_without_these_files_has_no_limit(tmp_path):
 
 
 def test_worlds_beyond_the_limit_are_refused_and_others_made(monkeypatch):
-    monkeypatch.setattr(fiatlux.vector, "available", lambda: (100 << 20, "/sys/fs/cgroup/memory.max"))
+    monkeypatch.setattr(fiatlux._memory, "available", lambda: (100 << 20, "/sys/fs/cgroup/memory.max"))
     with pytest.raises(
         MemoryError, match="no memory for 200000 worlds: .* 0.1 GiB are left by /sys/fs/cgroup/memory.max"
     ):

@@ -96,3 +96,15 @@ def test_drives_and_bodies_are_named_in_the_order_of_actions_and_sensors():
     left = hand.stiffness[elbow] * (target - env.row()["joint_position"][elbow])
     damped = hand.damping[elbow] * env.row()["joint_velocity"][elbow]
     assert effort == pytest.approx(left - damped, abs=0.2)
+
+
+def test_upright_poses_keep_place_and_heading():
+    tilted = poses.multiply(poses.of_vector([0, 0, 2.0]), poses.of_vector([0.0, 0.4, 0.0]))
+    pose = np.stack([[1.0, 2.0, 0.7, *tilted], [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    made = poses.upright(pose)
+    np.testing.assert_array_equal(made[:, :3], pose[:, :3])
+    np.testing.assert_allclose(made[0, 3:], poses.of_vector([0, 0, poses.heading(tilted)]), atol=1e-15)
+    # A point 1 m ahead of the robot, half a metre to its left and level with it.
+    point = pose[0, :3] + [np.cos(2.0) - 0.5 * np.sin(2.0), np.sin(2.0) + 0.5 * np.cos(2.0), 0.0]
+    seen = poses.transform(poses.inverse(made[0]), point)
+    np.testing.assert_allclose(seen, [1.0, 0.5, 0.0], atol=1e-12)

@@ -114,6 +114,12 @@ try:
 except MemoryError as error:
     print("refused:", error)
 """
+    bodies = script.replace(
+        'VectorEnv("S07", int(sys.argv[2]), seeds=[1000], episodes=1, num_threads=2).reset(seed=0)',
+        "WholeBodies(100_000)",
+    )
+    run = subprocess.run([sys.executable, "-c", bodies, "1500", "0"], capture_output=True, text=True)
+    assert run.stdout.startswith("refused: num_envs: no memory for the controllers of 100000 worlds"), run.stderr[-500:]
     for megabytes, worlds, expected in ((1500, 200_000, "refused: num_envs: no memory for 200000"), (1500, 64, "made")):
         run = subprocess.run(
             [sys.executable, "-c", script, str(megabytes), str(worlds)], capture_output=True, text=True
@@ -208,6 +214,14 @@ def test_reprs_say_what_it_is():
         (lambda: fiatlux.evaluate(type("M", (), {})), r"M has no method __call__"),
         (lambda: fiatlux.evaluate(print, "S07"), r"tasks is 'S07'; give a list"),
         (lambda: gymnasium.make("Fiatlux-Walking-v1"), "use gymnasium.make_vec"),
+        (lambda: VECTOR("S07", 1, starts=[1]), "starts has 1; give a list of fiatlux.Start"),
+        (lambda: VECTOR("S07", 1, judge=3), "judge is 3; give a function"),
+        (lambda: VECTOR("S07", 2, seeds="0..1"), "seeds is '0..1'; give a list"),
+        (lambda: fiatlux.Env("S07", weights="/nowhere"), "weights is '/nowhere'; there is no such file"),
+        (lambda: fiatlux.evaluate(lambda seen: None, ["S07"], [1000]), "None is not a real number"),
+        (lambda: fiatlux.evaluate(lambda seen: np.zeros(53, complex), ["S07"], [1000]), "complex128 are not real"),
+        (lambda: fiatlux.evaluate(lambda seen: ["0"] * 53, ["S07"], [1000]), "are not real"),
+        (lambda: fiatlux.Kinematics().poses(np.zeros(60, complex), ["left_palm"]), "qpos: .* are not real"),
     ],
 )
 def test_messages_name_the_argument_and_the_remedy(call, says):
@@ -232,6 +246,9 @@ def test_more_messages():
     with pytest.raises(ValueError, match=r"judge: reward has shape \(3,\); give one for each of 4 worlds"):
         wrong.step(np.zeros((4, 53)))
     assert fiatlux.FiatluxError.__module__ == "fiatlux"
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="like: joint_position cannot be read as numbers .*not real"):
+        env.reset_worlds(np.arange(4) == 1, like={"joint_position": np.zeros(53, complex)})
 
 
 def test_reach_says_what_remains():

@@ -160,3 +160,20 @@ def test_hands_reach_while_it_stands():
         body.reach(observation, left=goal[:3])
     with pytest.raises(ValueError, match="right hand"):
         body.reach(observation, right=np.full(7, np.nan))
+
+
+def test_joint_targets_are_what_the_parts_return():
+    env = fiatlux.Env("S08", action_form="joint_target", observation="dict")
+    seen, _ = env.reset(seed=1000)
+    whole, parts = fiatlux.WholeBody(), fiatlux.WholeBody()
+    arms = parts.q0[15:29]
+    for step in range(20):
+        expected = parts.targets(seen)
+        expected[:15] = parts(seen, vx=0.2, height=0.74)
+        if step >= 10:
+            expected[15:29] = parts.hold_arms(seen, arms)
+        made = whole.joint_targets(seen, arms=arms if step >= 10 else None, vx=0.2, height=0.74)
+        np.testing.assert_array_equal(made, expected)
+        seen, *_ = env.step(made)
+    with pytest.raises(TypeError, match="speed"):
+        whole.joint_targets(seen, speed=1.0)

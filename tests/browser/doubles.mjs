@@ -96,6 +96,10 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   check(held().length === 0, "a keyboard without codes drives nothing", held());
   key("keydown", "Enter", { target: { closest: () => ({}) } });
   check(held().length === 0, "a button keeps its own keys", held());
+  key("keydown", "KeyW", { target: { closest: (selector) => (selector.includes("textarea") ? {} : null) } });
+  check(held().length === 0, "a field keeps what is typed into it", held());
+  key("keydown", "KeyW", { key: "Process", isComposing: true });
+  check(held().length === 0, "text that is composed drives nothing", held());
   key("keydown", "KeyW", { target: {} });
   check(same(held(), ["KeyW"]), "a target without `closest`", held());
   keyboard.held.clear();

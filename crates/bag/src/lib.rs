@@ -50,6 +50,7 @@ mod writer;
 pub use bag::{Bag, Completeness};
 pub use error::BagError;
 pub use find::{BagFiles, FindError};
+pub use leftover::is_leftover;
 pub use lock::lock_folder;
 pub use patience::Patience;
 pub use resume::Resumed;

@@ -10,9 +10,10 @@ mod grade;
 mod runs;
 mod verify;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use fiatlux_cli::in_full;
 use fiatlux_client::Access;
@@ -20,7 +21,7 @@ use fiatlux_link::LinkArgs;
 use tokio::task::JoinHandle;
 
 use crate::store::now_ms;
-use crate::{Service, StoreError};
+use crate::{Service, StoreError, SubmissionId};
 use verify::Verifiers;
 
 /// Time between two looks for work of the grader without a notification.
@@ -117,8 +118,9 @@ async fn draw_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
 }
 
 async fn sweep(service: Arc<Service>) {
+    let mut stale = Stale::default();
     loop {
-        match sweep_once(&service).await {
+        match sweep_once(&service, &mut stale).await {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "removed uploads that were never finished"),
             Err(error) => tracing::error!(error = in_full(&error), "cannot remove uploads that were never finished"),
@@ -127,10 +129,47 @@ async fn sweep(service: Arc<Service>) {
     }
 }
 
-async fn sweep_once(service: &Service) -> Result<usize, StoreError> {
-    let stale = service.store.stale(now_ms() - STALE_MS).await?;
-    for id in &stale {
+async fn sweep_once(service: &Service, stale: &mut Stale) -> Result<usize, StoreError> {
+    let found = service.store.stale(now_ms() - STALE_MS).await?;
+    let due = stale.due(&found, Instant::now());
+    for id in &due {
         service.store.remove(*id, "service").await?;
     }
-    Ok(stale.len())
+    Ok(due.len())
+}
+
+/// Incomplete uploads that are old by the clock, and since when they have been. Where the clock is set forward, as at the start of a
+/// machine without one of its own, an upload that was begun a minute ago is old by it at once.
+#[derive(Debug, Default)]
+struct Stale(BTreeMap<SubmissionId, Instant>);
+
+impl Stale {
+    /// Time that an upload keeps after it was first seen to be old.
+    const KEPT: Duration = Duration::from_secs(6 * 3600);
+
+    /// Those of `found` that have been old for long enough to be removed.
+    fn due(&mut self, found: &[SubmissionId], now: Instant) -> Vec<SubmissionId> {
+        self.0.retain(|id, _| found.contains(id));
+        let is_due = |id: &&SubmissionId| now.duration_since(*self.0.entry(**id).or_insert(now)) >= Self::KEPT;
+        found.iter().filter(is_due).copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards an upload under way against a clock that is set forward by years, and then back.
+    #[test]
+    fn an_upload_that_a_clock_makes_old_has_time_to_arrive() {
+        let (young, old) = (SubmissionId(1), SubmissionId(2));
+        let (mut stale, start) = (Stale::default(), Instant::now());
+        let later = |hours: u64| start + Duration::from_secs(hours * 3600);
+        assert_eq!(stale.due(&[young, old], later(0)), []);
+        assert_eq!(stale.due(&[young, old], later(5)), []);
+        // The clock is set back for one of them.
+        assert_eq!(stale.due(&[old], later(6)), [old]);
+        assert_eq!(stale.due(&[young], later(7)), [], "it is old anew");
+        assert_eq!(stale.due(&[young], later(13)), [young]);
+    }
 }

@@ -21,6 +21,8 @@ export class Keyboard {
         return;
       }
       if (!OURS.has(event.code)) return;
+      // Text that is being written, which belongs to its field and to the system's editor of it.
+      if (event.isComposing || event.target.closest?.("input, textarea, select, [contenteditable]")) return;
       // A button with the focus has its own keys.
       if (event.target.closest?.("button, a, summary") && ["Space", "Enter"].includes(event.code)) return;
       event.preventDefault();

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from ..bag import Bag
+from ..bag import Bag, files_below
 from ..hand import ACTIONS, REPEAT, SENSORS, HandActions
 from ..vector import Start, VectorEnv
 from ..whole_body import ARMS, LEGS_AND_WAIST
@@ -84,7 +84,7 @@ def grasp(demonstrations: Sequence[tuple[int, Sequence[Mapping[str, Any]]]]) -> 
 def demonstrated(folder: str, rooms: Sequence[int], last_s: float, every: int = 10) -> list[tuple[int, list[Any]]]:
     """Rooms and rows of the bags in a folder, from their last seconds."""
     found = []
-    for file in sorted(Path(folder).rglob("*.mcap")):
+    for file in files_below(Path(folder)):
         bag = Bag(file)
         seed = int(bag.header["seed"])
         if seed not in rooms:

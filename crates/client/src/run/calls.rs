@@ -213,18 +213,16 @@ impl Calls<'_> {
 /// Runs with more seeds than this name them in ranges, which servers before 3.11 refuse.
 const MAX_LISTED: usize = 1000;
 
-/// The same spec with many seeds in ranges.
+/// The same spec with many seeds in ranges, where that is shorter: seeds that were drawn have no neighbours.
 fn in_ranges(spec: &RunSpec) -> RunSpec {
-    let mut spec = spec.clone();
-    if spec.seeds.len() > MAX_LISTED {
-        for seed in std::mem::take(&mut spec.seeds) {
-            match spec.seed_ranges.last_mut() {
-                Some(range) if range.last.checked_add(1) == Some(seed) => range.last = seed,
-                _ => spec.seed_ranges.push(SeedRange { first: seed, last: seed }),
-            }
+    let mut ranged = spec.clone();
+    for seed in std::mem::take(&mut ranged.seeds) {
+        match ranged.seed_ranges.last_mut() {
+            Some(range) if range.last.checked_add(1) == Some(seed) => range.last = seed,
+            _ => ranged.seed_ranges.push(SeedRange { first: seed, last: seed }),
         }
     }
-    spec
+    if spec.seeds.len() > MAX_LISTED && ranged.encoded_len() < spec.encoded_len() { ranged } else { spec.clone() }
 }
 
 type Read = (run_reply::Reply, Option<fiatlux_proto::v3::Welcome>);
@@ -254,10 +252,12 @@ fn unknown_link(server: &str) -> ClientError {
 
 #[cfg(test)]
 mod tests {
+    use fiatlux_proto::limits::MAX_RUN_REQUEST;
+
     use super::*;
 
-    /// Guards the documented limit of a run, 10,000 episodes of consecutive seeds, against the limit of a message; the order in
-    /// which seeds were named stays.
+    /// Guards the documented limit of a run, 10,000 episodes, against the limit of a message, whatever the seeds; the order in which
+    /// they were named stays.
     #[test]
     fn ten_thousand_seeds_fit_into_a_request() {
         let spec = |seeds: Vec<u64>| RunSpec { policy: "walk".into(), seeds, ..RunSpec::default() };
@@ -268,6 +268,15 @@ mod tests {
         let ranges = in_ranges(&spec(named.clone())).seed_ranges;
         assert_eq!(ranges.iter().flat_map(|range| range.first..=range.last).collect::<Vec<_>>(), named);
         assert_eq!(ranges.len(), 4);
+        for scattered in
+            [1000, 1 << 31, u64::MAX / 20_001].map(|apart| (1..=10_000).map(|n| n * apart).collect::<Vec<_>>())
+        {
+            let listed = in_ranges(&spec(scattered.clone()));
+            assert_eq!((&listed.seeds, listed.seed_ranges.len()), (&scattered, 0));
+            let text = |length: usize| "x".repeat(length);
+            let long = RunSpec { policy: text(128), policy_version: text(128), ..listed };
+            assert!(long.encoded_len() + 2048 < MAX_RUN_REQUEST, "with its link and its proof");
+        }
         let few = spec(vec![3, 4, 5]);
         assert_eq!(in_ranges(&few), few, "older servers read them");
     }

@@ -146,13 +146,15 @@ impl Store {
         let mut tx = self.write().await?;
         let row = sqlx::query(
             "SELECT (SELECT COUNT(*) FROM submissions WHERE id = $1) AS known, \
-             (SELECT COUNT(*) FROM submissions WHERE account = $2 AND begun > $3) AS today, \
+             (SELECT COUNT(*) FROM submissions WHERE account = $2 AND begun > $3 AND begun <= $4) AS today, \
              (SELECT COUNT(*) FROM submissions WHERE account = $2 AND state = 'uploading') AS open, \
              (SELECT COALESCE(SUM(bytes), 0) FROM submissions WHERE account = $2) AS bytes",
         )
         .bind(&id)
         .bind(&account.name)
         .bind(now - DAY_MS)
+        // What a clock that ran ahead has dated later than now belongs to no day.
+        .bind(now)
         .fetch_one(&mut *tx)
         .await
         .map_err(failed)?;

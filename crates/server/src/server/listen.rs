@@ -41,10 +41,12 @@ impl Server {
         let jobs = |shared: &ServerState| {
             shared.queues.jobs.fold(0, |count, job| count + usize::from(!matches!(job, Job::Run(_))))
         };
-        self.serve(describe, jobs, |shared, query| shared.queues.jobs.push(Job::Describe(query)))?;
-        self.serve(open, jobs, take_open)?;
+        self.serve(describe, limits::MAX_CLIENT_MESSAGE, jobs, |shared, query| {
+            shared.queues.jobs.push(Job::Describe(query));
+        })?;
+        self.serve(open, limits::MAX_CLIENT_MESSAGE, jobs, take_open)?;
         let requests = |shared: &ServerState| shared.queues.runs.fold(0, |count, _| count + 1);
-        self.serve(run, requests, take_run)?;
+        self.serve(run, limits::MAX_RUN_REQUEST, requests, take_run)?;
         self.subscribe(any.action(), Reach::Everywhere, take_action)?;
         self.subscribe(any.truth_ack(), acks_from, take_ack)?;
         self.serve_session(any.reset(), "reset", Input::Reset)?;
@@ -102,7 +104,7 @@ impl Server {
                 QueryCheck::New(number) => {
                     see(&shared, &actor);
                     if bytes.len() > limits::MAX_CLIENT_MESSAGE {
-                        let refusal = Refusal::new(Code::Malformed, "", too_large());
+                        let refusal = Refusal::new(Code::Malformed, "", too_large(limits::MAX_CLIENT_MESSAGE));
                         return answer_refusal(&shared, &actor.gate, label, number, refusal);
                     }
                     shared.send(&actor, Side::Client, input(bytes, ReplyTo::Client(label, number)));
@@ -124,7 +126,7 @@ impl Server {
                     return reject(&query, Code::Closed, "", "there is no such session; open one");
                 };
                 if query.payload.len() > limits::MAX_CLIENT_MESSAGE {
-                    return reject(&query, Code::Malformed, "", &too_large());
+                    return reject(&query, Code::Malformed, "", &too_large(limits::MAX_CLIENT_MESSAGE));
                 }
                 let bytes = query.payload.clone();
                 let may = match &actor.rows {
@@ -143,17 +145,18 @@ impl Server {
         Ok(())
     }
 
-    /// Answers queries to the server: `waiting` counts those already queued, `push` queues another one.
+    /// Answers queries to the server of at most `largest` bytes: `waiting` counts those already queued, `push` queues another one.
     fn serve(
         &mut self,
         key: String,
+        largest: usize,
         waiting: fn(&ServerState) -> usize,
         push: fn(&ServerState, Query),
     ) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let callback = move |query: Query| {
-            if query.payload.len() > limits::MAX_CLIENT_MESSAGE {
-                reject(&query, Code::Malformed, "", &too_large());
+            if query.payload.len() > largest {
+                reject(&query, Code::Malformed, "", &too_large(largest));
             } else if waiting(&shared) >= MAX_REQUESTS {
                 reject(&query, Code::Busy, "", "too many requests wait; try again later");
             } else {
@@ -210,9 +213,8 @@ fn take_open(shared: &ServerState, query: Query) {
 fn take_run(shared: &ServerState, query: Query) {
     let key = shared.keys.run();
     let (payload, attachment) = parts(&query);
-    let request = names_one_server(&query, &key).and_then(|()| {
-        decode::<RunRequest>(&payload, limits::MAX_CLIENT_MESSAGE).map_err(|error| Refusal::from(&error))
-    });
+    let request = names_one_server(&query, &key)
+        .and_then(|()| decode::<RunRequest>(&payload, limits::MAX_RUN_REQUEST).map_err(|error| Refusal::from(&error)));
     let request = match request {
         Ok(request) => Box::new(request),
         Err(refusal) => return reject_on(shared, key, query, "run", refusal),
@@ -338,11 +340,10 @@ fn reject_with(query: &Query, refusal: Refusal) {
     }
 }
 
-fn too_large() -> String {
+fn too_large(largest: usize) -> String {
     format!(
-        "the request is larger than {} bytes; name consecutive seeds as ranges and leave out what is not needed, or make \
-         several runs, each with its own part of the seeds",
-        limits::MAX_CLIENT_MESSAGE
+        "the request is larger than {largest} bytes; name consecutive seeds as ranges and leave out what is not needed, or make \
+         several runs, each with its own part of the seeds"
     )
 }
 

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::actor::Actor;
 use super::gate::Gate;
@@ -26,14 +25,14 @@ pub(super) struct Sessions {
 
 impl Sessions {
     pub fn new(capacity: usize) -> Self {
-        // Milliseconds since 1970, which no earlier server of this name can have used.
-        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self {
             capacity,
             open: RwLock::default(),
             former: Mutex::default(),
             places: Places::new(capacity),
-            id_prefix: format!("{:x}", since_epoch.as_millis()),
+            // Drawn, not the time: a machine's clock may be set back to when an earlier server of this name ran. A system without
+            // random numbers fails at the first handshake, which says so.
+            id_prefix: format!("{:012x}", getrandom::u64().unwrap_or_default() >> 16),
             next_id: AtomicU64::new(1),
         }
     }
