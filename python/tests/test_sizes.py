@@ -56,7 +56,7 @@ def test_tasks():
         ({"seeds": range(HUGE)}, "seeds names more rooms than num_envs, which is 1"),
         ({"seeds": []}, "seeds is 0; give at least one"),
         ({"seeds": [True]}, "seeds is True"),
-        ({"seeds": "1000"}, "seeds is '1'"),
+        ({"seeds": "1000"}, "seeds is '1000'; give a list"),
         ({"seeds": 1000}, "seeds is 1000; give a list"),
         ({"episodes": HUGE}, "episodes is 1000000000000; give 1 to 100000"),
         (
