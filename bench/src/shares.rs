@@ -167,7 +167,8 @@ fn play(options: &ShareOptions, folder: &Path) -> Result<Clock, BenchError> {
         clock.time("reward", || rewards.advance(judges.in_force(), row));
         clock.time("digest", || digest.push(row));
         let judge = judges.in_force();
-        let view = View { scene: &built, episode: 0, row, task, judge, reward: rewards.reward() };
+        let view =
+            View { scene: &built, episode: 0, row, start: episode.start_pose(), task, judge, reward: rewards.reward() };
         observation = clock.time("observation", || suite.observe(&view, body)).map_err(scene)?;
         let message = clock.time("messages of action and observation", || encode(&observation));
         clock
