@@ -16,7 +16,7 @@ mod stats;
 pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server};
 pub use fiatlux_session::{Command, SessionFailure};
 pub use lists::{SeedList, TaskList, fresh_seeds, is_fresh, parse_seed, parse_seeds, parse_tasks};
-pub use policy::{Policy, PolicyError, check_tasks, source_of};
+pub use policy::{Policy, PolicyError, check_tasks, request_of};
 pub use replay::Replay;
 pub use run::{
     Attempt, AttemptEnd, EpisodeFate, EpisodeOutcome, Playing, RunError, RunFile, RunFileError, RunOptions, RunOutcome,

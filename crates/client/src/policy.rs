@@ -1,6 +1,6 @@
 //! The trait that policies implement, and their errors.
 
-use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo, Source};
+use fiatlux_proto::v3::{Chunk, Observation, OpenRequest, Sensor, SessionInfo, Source};
 use fiatlux_rules::Task;
 use fiatlux_session::Command;
 use thiserror::Error;
@@ -104,9 +104,12 @@ pub enum PolicyError {
     Command { policy: String, field: &'static str, problem: String, step: u64 },
 }
 
-/// Where a policy's actions come from, for the request of its session.
-pub fn source_of(policy: &dyn Policy) -> i32 {
-    if policy.is_person() { Source::Person } else { Source::Unspecified }.into()
+/// The request of a session for a policy: its name, sensors and size of pictures, and where its actions come from.
+pub fn request_of(policy: &dyn Policy) -> OpenRequest {
+    let [image_width, image_height] = policy.image_size().unwrap_or_default();
+    let source = if policy.is_person() { Source::Person } else { Source::Unspecified }.into();
+    let (name, sensors) = (policy.name(), policy.sensors());
+    OpenRequest { policy: name, sensors, image_width, image_height, source, ..OpenRequest::default() }
 }
 
 /// Refuses tasks that a policy does not play.

@@ -1,5 +1,7 @@
 //! A convolution with its batch norm folded in.
 
+use fiatlux_nets::Convolution;
+
 use crate::weights::LayerWeights;
 
 /// Added to the variance by batch norm; torchvision's default.
@@ -36,5 +38,11 @@ impl Folded {
     /// The weight of an input channel's pixel (`y`, `x`) of the window.
     pub fn weight(&self, output: usize, input: usize, y: usize, x: usize) -> f32 {
         self.weights[((output * self.inputs + input) * self.kernel + y) * self.kernel + x]
+    }
+
+    /// For the first layer, those of stride 2 and those of 1 x 1.
+    pub fn direct(&self) -> Convolution {
+        let weight = |output, input, y, x| self.weight(output, input, y, x);
+        Convolution::new(self.inputs, self.kernel, self.stride, weight, self.bias.clone())
     }
 }

@@ -26,12 +26,10 @@
 //! # Ok::<(), FeatureError>(())
 //! ```
 #![allow(missing_docs)] // Used in this repository alone.
-mod direct;
 mod error;
 mod folded;
 mod layers;
 mod network;
-mod plane;
 mod tiles;
 mod weights;
 mod winograd;

@@ -3,12 +3,10 @@
 use std::sync::Arc;
 
 use fearless_simd::{Level, dispatch};
-use fiatlux_nets::Finish;
+use fiatlux_nets::{Convolution, Finish, Plane};
 
-use crate::direct::Direct;
 use crate::folded::Folded;
 use crate::layers::{Block, Network, STAGES};
-use crate::plane::Plane;
 use crate::tiles::{F2, F4};
 use crate::winograd::{Scratch, Winograd};
 use crate::{FeatureError, Weights};
@@ -30,7 +28,7 @@ pub const STD: [f32; 3] = [0.229, 0.224, 0.225];
 /// A convolution in the form that is fastest for it.
 #[derive(Debug)]
 enum Conv {
-    Direct(Direct),
+    Direct(Convolution),
     /// For many channels: the weights of larger tiles would take longer to read than they save.
     Small(Winograd<F2, 4, 2>),
     Large(Winograd<F4, 6, 4>),
@@ -44,7 +42,7 @@ impl Conv {
         match (folded.kernel, folded.stride) {
             (3, 1) if folded.inputs >= SMALL_TILES => Self::Small(Winograd::new(folded)),
             (3, 1) => Self::Large(Winograd::new(folded)),
-            _ => Self::Direct(Direct::new(folded)),
+            _ => Self::Direct(folded.direct()),
         }
     }
 

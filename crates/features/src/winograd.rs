@@ -5,10 +5,9 @@ use std::marker::PhantomData;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
-use fiatlux_nets::{Finish, Gathered, Panels, Target, multiply};
+use fiatlux_nets::{Finish, Gathered, Panels, Plane, Target, multiply};
 
 use crate::folded::Folded;
-use crate::plane::Plane;
 use crate::tiles::Tile;
 
 /// Tiles that are multiplied before the next: they stay in the cache for all output channels.
@@ -178,7 +177,6 @@ mod tests {
     use fearless_simd::{Level, dispatch};
 
     use super::*;
-    use crate::direct::Direct;
     use crate::layers::Layer;
     use crate::tiles::{F2, F4};
     use crate::weights::LayerWeights;
@@ -214,7 +212,7 @@ mod tests {
         let all = |value| vec![value; CHANNELS];
         let tensors = [numbers(CHANNELS * CHANNELS * 9), all(1.0), numbers(CHANNELS), all(0.0), all(1.0)];
         let folded = Folded::new(&LayerWeights { layer, tensors });
-        let direct = Direct::new(&folded);
+        let direct = folded.direct();
         let small = Winograd::<F2, 4, 2>::new(&folded);
         let large = Winograd::<F4, 6, 4>::new(&folded);
         let mut scratch = Scratch::default();

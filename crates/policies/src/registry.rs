@@ -3,7 +3,7 @@
 use fiatlux_client::{Policy, PolicyError};
 
 use crate::entry::Entry;
-use crate::{climb, expert, foreign, hands, hold, ladder, random, replay, stand, vla, walk, wbc, zero};
+use crate::{climb, expert, foreign, hands, hold, ladder, random, replay, see, stand, vla, walk, wbc, zero};
 
 /// The policies of a program: the built-in ones, and more that it adds.
 ///
@@ -32,6 +32,7 @@ impl Default for Policies {
             ladder::ENTRY,
             climb::ENTRY,
             expert::ENTRY,
+            see::ENTRY,
             vla::ENTRY,
             foreign::GEAR,
             foreign::SONIC,

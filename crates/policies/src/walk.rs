@@ -4,17 +4,17 @@
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
-use fiatlux_rules::{Task, Thresholds};
+use fiatlux_rules::Task;
+use fiatlux_skills::GAIN;
 use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn};
 use fiatlux_skills::phases::Skill;
-use fiatlux_skills::{GAIN, Slew};
-use fiatlux_wbc::{BodyCommand, Network, Swing};
+use fiatlux_wbc::{BodyCommand, Network};
 
 use super::body;
-use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
 
 use crate::entry::Entry;
+use crate::gait::{self, Gait};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
@@ -32,10 +32,6 @@ const REPLAN: u64 = 25;
 const AHEAD_M: f64 = 0.35;
 /// Largest speed along the path, m/s, and about the vertical, rad/s.
 const FASTEST: (f64, f64) = (0.45, 0.7);
-/// Largest changes of the velocity.
-const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
-/// Control steps for which the robot stands first, while the controller takes over the staged posture.
-const SETTLES: u64 = 25;
 /// Room around the robot before it turns, m, and the control steps after which it turns all the same: its hands reach ahead, and
 /// what they hold would hit what it stands at.
 const ROOM_M: f64 = 0.65;
@@ -96,12 +92,9 @@ pub struct Walk {
     state: Option<EpisodeState>,
 }
 
-/// State of one episode: the controller, the goal, and the path to it.
+/// State of one episode: the body, the goal, and the path to it.
 struct EpisodeState {
-    body: WholeBody,
-    swing: Swing,
-    /// Hands that no bulb has touched yet, left first.
-    is_free: [bool; 2],
+    gait: Gait,
     goal: Goal,
     map: Map,
     path: Vec<Point>,
@@ -111,7 +104,6 @@ struct EpisodeState {
     any_side: bool,
     works: bool,
     has_arrived: bool,
-    velocity: [f64; 3],
 }
 
 impl Walk {
@@ -140,7 +132,7 @@ impl Skill for Walk {
     }
 
     fn body_command(&self) -> Option<BodyCommand> {
-        self.state.as_ref()?.body.commanded()
+        self.state.as_ref()?.gait.commanded()
     }
 }
 
@@ -154,7 +146,7 @@ impl Policy for Walk {
     }
 
     fn sensors(&self) -> Vec<Sensor> {
-        ["proprioception", "hand_contact", "last_action", "privileged"].map(Sensor::from).into()
+        gait::SENSORS.into_iter().chain(["privileged"]).map(Sensor::from).collect()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
@@ -164,14 +156,11 @@ impl Policy for Walk {
             return Err(PolicyError::Unfit { policy: "walk", reason });
         };
         let seen = privileged(first)?;
-        let body = WholeBody::own("walk", Arc::clone(&self.network), info, first)?;
         // The ladder has no footprint, because it can be moved.
         let ladder = ("ladder".into(), rectangle(known(seen.ladder.as_ref())?, LADDER_HALF));
         let map = Map::new(Map::outlines(info, [0.05, 1.3]).chain([ladder]), CLEAR_M);
         self.state = Some(EpisodeState {
-            swing: Swing::new(&body.targets),
-            body,
-            is_free: [true; 2],
+            gait: Gait::new("walk", Arc::clone(&self.network), info, first)?,
             goal,
             map,
             path: Vec::new(),
@@ -180,7 +169,6 @@ impl Policy for Walk {
             any_side: false,
             works: self.works,
             has_arrived: false,
-            velocity: [0.0; 3],
         });
         Ok(())
     }
@@ -188,26 +176,15 @@ impl Policy for Walk {
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let state = self.state.as_mut().ok_or_else(|| PolicyError::not_reset("walk"))?;
         let wanted = state.command(observation.step, privileged(observation)?)?;
-        let command = state.gently(wanted, observation.step);
-        let touched = touched(&observation.hand_contact_force);
-        state.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
-        state.swing.step(&command, state.body.stride(), state.is_free, &mut state.body.targets);
-        state.body.step(observation, &command)
+        state.gait.step(observation, wanted)
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.state.as_mut()?.body.record()
+        self.state.as_mut()?.gait.record()
     }
 }
 
 impl EpisodeState {
-    /// Limits the change of the velocity, except for a stop.
-    fn gently(&mut self, wanted: BodyCommand, step: u64) -> BodyCommand {
-        let goes = wanted.walks() && step >= SETTLES;
-        self.velocity = if goes { SLEW.step(self.velocity, wanted.velocity) } else { [0.0; 3] };
-        BodyCommand { velocity: self.velocity, ..wanted }
-    }
-
     fn command(&mut self, step: u64, seen: &Privileged) -> Result<BodyCommand, PolicyError> {
         let mut command = BodyCommand::default();
         let (here, heading) = known(seen.robot.as_ref())?;
@@ -277,13 +254,6 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
     observation.privileged.as_ref().ok_or(PolicyError::Sensor { policy: "walk", sensor: "privileged" })
 }
 
-/// True for each hand that a bulb touches, left first, by the sensor `hand_contact`, which has the right hand first.
-fn touched(forces: &[f32]) -> [bool; 2] {
-    let (right, left) = forces.split_at(forces.len() / 2);
-    let force = |body: &[f32; 3]| body.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
-    [left, right].map(|hand| hand.as_chunks().0.iter().any(|body| force(body) > Thresholds::default().touch_n))
-}
-
 /// Position and heading of a pose on the floor.
 fn known(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
     let reason = "the privileged observation lacks a pose".into();
@@ -292,7 +262,7 @@ fn known(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
 
 #[cfg(test)]
 mod tests {
-    use super::{GRAB, touched};
+    use super::GRAB;
 
     /// Guards that S07 ends where S08 then steps to.
     #[test]
@@ -302,17 +272,5 @@ mod tests {
             let stand = ["ahead", "left"].map(|key| parameters["stand"][key].as_float());
             assert_eq!(stand, GRAB.map(Some));
         }
-    }
-
-    #[test]
-    fn a_hand_that_a_bulb_presses_is_told_from_the_other() {
-        let mut forces = [0.0; 2 * 3 * 3];
-        assert_eq!(touched(&forces), [false, false]);
-        forces[4] = -1.2;
-        assert_eq!(touched(&forces), [false, true]);
-        forces[4] = 0.9;
-        forces[17] = 5.0;
-        assert_eq!(touched(&forces), [true, false]);
-        assert_eq!(touched(&[]), [false, false]);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, Shard, ShardRecord, source_of};
+use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, Shard, ShardRecord, request_of};
 use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
 use fiatlux_proto::PROTOCOL;
@@ -67,13 +67,10 @@ impl EvaluateOptions {
     pub(super) fn request(&self, job: Job, policy: &dyn Policy) -> OpenRequest {
         let mut request = OpenRequest {
             protocol: Some(PROTOCOL),
-            policy: policy.name(),
             task: job.task.to_string(),
             seed: job.seed,
-            sensors: policy.sensors(),
-            source: source_of(policy),
             recorded: true,
-            ..OpenRequest::default()
+            ..request_of(policy)
         };
         self.session.apply(&mut request);
         request

@@ -14,7 +14,7 @@ pub enum SafetensorsError {
     )]
     Shape { tensor: String, expected: Vec<usize>, found: Vec<u64> },
     #[error(
-        "tensor '{tensor}': expected dtype F32, found {found}; convert the state_dict() with .float() before saving"
+        "tensor '{tensor}': expected dtype F32 or F16, found {found}; convert the state_dict() with .float() before saving"
     )]
     Type { tensor: String, found: String },
     #[error(

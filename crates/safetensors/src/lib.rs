@@ -1,5 +1,5 @@
 //! The safetensors format, as far as our networks need it: 8 bytes of header length (little-endian), a JSON header that
-//! gives each tensor's type, shape and place, then the data (huggingface.co/docs/safetensors). Numbers are f32.
+//! gives each tensor's type, shape and place, then the data (huggingface.co/docs/safetensors). Numbers are f32, in files of others also f16.
 //!
 //! ```
 //! use fiatlux_safetensors::{File, SafetensorsError, write};

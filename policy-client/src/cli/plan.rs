@@ -1,7 +1,7 @@
 //! Turns the flags of `run` into a request; for a replay, the bag fills in the rest.
 
 use clap::Args;
-use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs, parse_seed, source_of};
+use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs, parse_seed, request_of};
 use fiatlux_link::LinkArgs;
 use fiatlux_policies::VlaArgs;
 use fiatlux_proto::v3::{Mode, OpenRequest};
@@ -95,17 +95,7 @@ pub fn plan(args: &RunArgs) -> Result<Plan, Failure> {
                 Some(source) => Box::new(source.policy()),
                 None => policy(name.as_deref().unwrap_or(&args.policy))?,
             };
-            let [image_width, image_height] = policy.image_size().unwrap_or_default();
-            let wanted = OpenRequest {
-                policy: policy.name(),
-                task,
-                sensors: policy.sensors(),
-                source: source_of(policy.as_ref()),
-                image_width,
-                image_height,
-                ..OpenRequest::default()
-            };
-            let request = request(args, wanted);
+            let request = request(args, OpenRequest { task, ..request_of(policy.as_ref()) });
             Ok(Plan {
                 policy,
                 request,

@@ -1,6 +1,6 @@
 //! Turns the flags into the specification of a run.
 
-use fiatlux_client::{Policy, Replay, check_tasks, source_of};
+use fiatlux_client::{Policy, Replay, check_tasks, request_of};
 use fiatlux_policies::VlaSource;
 use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
@@ -22,10 +22,8 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
             };
             let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
             check_tasks(policy.as_ref(), tasks).map_err(usage)?;
-            let [image_width, image_height] = policy.image_size().unwrap_or_default();
-            let sensors = policy.sensors();
-            let source = source_of(policy.as_ref());
-            let session = OpenRequest { sensors, image_width, image_height, source, ..OpenRequest::default() };
+            // The run names the policy.
+            let session = OpenRequest { policy: String::new(), ..request_of(policy.as_ref()) };
             let seeds = args.seeds.as_ref().map_or(&PUBLISHED_SEEDS[..], |seeds| &seeds.seeds);
             RunSpec {
                 policy: policy.name(),

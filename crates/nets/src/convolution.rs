@@ -1,16 +1,19 @@
-//! Convolutions as one matrix product over the window: the first layer, those of stride 2 and those of 1 x 1.
+//! A convolution as one matrix product over its window.
 
-use fearless_simd::Simd;
-use fiatlux_nets::{Finish, Gathered, Panels, Target, multiply};
+use fearless_simd::{Level, Simd, dispatch};
 
-use crate::folded::Folded;
 use crate::plane::Plane;
+use crate::product::{Finish, Gathered, LANES, Panels, Target, multiply};
 
 /// Output pixels that are multiplied before the next: their windows stay in the cache for all output channels.
 const CHUNK: usize = 96;
 
+/// The largest window, pixels along its side.
+pub const MAX_KERNEL: usize = 7;
+
+/// Weights and bias of a convolution, packed. The padding is half its window, rounded down.
 #[derive(Debug, Clone)]
-pub(crate) struct Direct {
+pub struct Convolution {
     panels: Panels,
     bias: Vec<f32>,
     inputs: usize,
@@ -18,13 +21,35 @@ pub(crate) struct Direct {
     stride: usize,
 }
 
-impl Direct {
-    pub fn new(folded: &Folded) -> Self {
-        let &Folded { inputs, outputs, kernel, stride, ref bias, .. } = folded;
+impl Convolution {
+    /// A square window of `kernel` pixels along each side, whose weight from input channel `i` at row `y` and column `x` to output channel
+    /// `o` is `weight(o, i, y, x)`.
+    ///
+    /// # Panics
+    /// The number of output channels is not a multiple of [`LANES`], or not that of the biases; the window is larger than [`MAX_KERNEL`].
+    pub fn new(
+        inputs: usize,
+        kernel: usize,
+        stride: usize,
+        weight: impl Fn(usize, usize, usize, usize) -> f32,
+        bias: Vec<f32>,
+    ) -> Self {
+        let outputs = bias.len();
+        assert!(outputs.is_multiple_of(LANES), "{outputs} output channels");
+        assert!((1..=MAX_KERNEL).contains(&kernel), "a window of {kernel} pixels");
         let panels = Panels::new(kernel * kernel * inputs, outputs, |k, output| {
-            folded.weight(output, k % inputs, k / inputs / kernel, k / inputs % kernel)
+            weight(output, k % inputs, k / inputs / kernel, k / inputs % kernel)
         });
-        Self { panels, bias: bias.clone(), inputs, kernel, stride }
+        Self { panels, bias, inputs, kernel, stride }
+    }
+
+    /// As [`Convolution::run`], with the widest vector instructions that the CPU has.
+    pub fn run_here(&self, input: &Plane, output: &mut Plane, finish: Finish) {
+        dispatch!(Level::new(), simd => self.run(simd, input, output, finish));
+    }
+
+    pub fn outputs(&self) -> usize {
+        self.bias.len()
     }
 
     /// Reads `input` (with a border of at least half the window) and writes `output`, whose size gives the number of
@@ -33,7 +58,7 @@ impl Direct {
     pub fn run<S: Simd>(&self, simd: S, input: &Plane, output: &mut Plane, finish: Finish) {
         // The pixels of one row of the window are adjacent in memory, so a tap is a whole row.
         let edge = input.border - self.kernel / 2;
-        let mut taps = [0; 7];
+        let mut taps = [0; MAX_KERNEL];
         for (ky, tap) in taps[..self.kernel].iter_mut().enumerate() {
             *tap = input.at_bordered(ky + edge, edge);
         }

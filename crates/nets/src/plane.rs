@@ -5,8 +5,8 @@ const TILE: usize = 4;
 
 /// An image of `channels` numbers per pixel, channels innermost, with a border of zeros: the padding of the convolution
 /// that reads it. Writers leave the border unchanged.
-#[derive(Debug)]
-pub(crate) struct Plane {
+#[derive(Debug, Clone)]
+pub struct Plane {
     pub data: Vec<f32>,
     pub height: usize,
     pub width: usize,

@@ -1,0 +1,92 @@
+//! Walks on command with the whole-body controller: velocities set in gently, free arms hang and swing, hands that hold keep the staged
+//! posture.
+
+use std::sync::Arc;
+
+use fiatlux_client::{Command, PolicyError};
+use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
+use fiatlux_rules::Thresholds;
+use fiatlux_skills::Slew;
+use fiatlux_wbc::{BodyCommand, Network, Swing};
+
+use crate::WholeBody;
+
+/// Sensors that it reads.
+pub(crate) const SENSORS: [&str; 3] = ["proprioception", "hand_contact", "last_action"];
+/// Largest changes of the velocity.
+const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
+/// Control steps for which the robot stands first, while the controller takes over the staged posture.
+const SETTLES: u64 = 25;
+
+/// A body that walks.
+pub(crate) struct Gait {
+    body: WholeBody,
+    swing: Swing,
+    /// Hands that no bulb has touched yet, left first.
+    is_free: [bool; 2],
+    velocity: [f64; 3],
+}
+
+impl Gait {
+    /// Starts an episode.
+    ///
+    /// # Errors
+    /// As [`WholeBody::own`].
+    pub fn new(
+        policy: &'static str,
+        network: Arc<Network>,
+        info: &SessionInfo,
+        first: &Observation,
+    ) -> Result<Self, PolicyError> {
+        let body = WholeBody::own(policy, network, info, first)?;
+        Ok(Self { swing: Swing::new(&body.targets), body, is_free: [true; 2], velocity: [0.0; 3] })
+    }
+
+    /// Answers an observation; the velocity comes nearer to the wanted one, but a stop is at once.
+    ///
+    /// # Errors
+    /// As [`WholeBody::step`].
+    pub fn step(&mut self, observation: &Observation, wanted: BodyCommand) -> Result<Command, PolicyError> {
+        let goes = wanted.walks() && observation.step >= SETTLES;
+        self.velocity = if goes { SLEW.step(self.velocity, wanted.velocity) } else { [0.0; 3] };
+        let command = BodyCommand { velocity: self.velocity, ..wanted };
+        let touched = touched(&observation.hand_contact_force);
+        self.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
+        self.swing.step(&command, self.body.stride(), self.is_free, &mut self.body.targets);
+        self.body.step(observation, &command)
+    }
+
+    /// As [`WholeBody::commanded`].
+    pub fn commanded(&self) -> Option<BodyCommand> {
+        self.body.commanded()
+    }
+
+    /// As [`WholeBody::record`].
+    pub fn record(&mut self) -> Option<Chunk> {
+        self.body.record()
+    }
+}
+
+/// True for each hand that a bulb touches, left first, by the sensor `hand_contact`, which has the right hand first.
+fn touched(forces: &[f32]) -> [bool; 2] {
+    let (right, left) = forces.split_at(forces.len() / 2);
+    let force = |body: &[f32; 3]| body.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
+    [left, right].map(|hand| hand.as_chunks().0.iter().any(|body| force(body) > Thresholds::default().touch_n))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::touched;
+
+    #[test]
+    fn a_hand_that_a_bulb_presses_is_told_from_the_other() {
+        let mut forces = [0.0; 2 * 3 * 3];
+        assert_eq!(touched(&forces), [false, false]);
+        forces[4] = -1.2;
+        assert_eq!(touched(&forces), [false, true]);
+        forces[4] = 0.9;
+        forces[17] = 5.0;
+        assert_eq!(touched(&forces), [true, false]);
+        assert_eq!(touched(&[]), [false, false]);
+    }
+}

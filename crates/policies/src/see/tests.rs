@@ -1,0 +1,171 @@
+//! Networks by a file made here, against sums in f64 in the order of their definition.
+
+use serde_json::{Value, json};
+
+use super::network::{Network, OUTPUTS, SeeError};
+
+const SIDE: usize = 16;
+const CHANNELS: usize = 16;
+const EMBEDDING: usize = 4;
+const AGES: usize = 2;
+const STATE: usize = 10 + 4 + 2;
+const HIDDEN: usize = 5;
+const HEAD: usize = AGES * EMBEDDING + STATE;
+
+fn numbers(count: usize, seed: usize) -> Vec<f32> {
+    (0..count).map(|i| (((i + 13) * 2_654_435_761 + seed * 977) % 1000) as f32 * 4e-4 - 0.2).collect()
+}
+
+fn contract() -> Value {
+    json!({
+        "format": "fiatlux-see/1",
+        "tasks": ["S05", "S09"],
+        "cameras": ["chest_camera"],
+        "picture": [SIDE, SIDE],
+        "every": 5,
+        "ages": [0, 50],
+        "convolutions": [[CHANNELS, 3, 2]],
+        "embedding": EMBEDDING,
+        "hidden": [HIDDEN],
+        "training": {"minutes": 1.5},
+    })
+}
+
+/// Tensors of a network, in an order that their names do not have.
+struct Made {
+    picture: Vec<f32>,
+    kernel: Vec<f32>,
+    shift: Vec<f32>,
+    embed: Vec<f32>,
+    hidden: Vec<f32>,
+    last: Vec<f32>,
+    state: Vec<f32>,
+}
+
+impl Made {
+    fn new() -> Self {
+        let side = SIDE / 2;
+        Self {
+            picture: numbers(SIDE * SIDE * 3, 1).iter().map(|number| ((number + 0.2) * 637.0).floor()).collect(),
+            kernel: numbers(CHANNELS * 3 * 9, 2),
+            shift: numbers(CHANNELS, 3),
+            embed: numbers(EMBEDDING * CHANNELS * side * side, 4),
+            hidden: numbers(HIDDEN * HEAD, 5),
+            last: numbers(OUTPUTS * HIDDEN, 6),
+            state: numbers(STATE, 7),
+        }
+    }
+
+    /// The embedding of the picture.
+    fn embedding(&self) -> Vec<f64> {
+        let pixel = |y: i64, x: i64, channel: usize| {
+            let inside = (0..SIDE as i64).contains(&y) && (0..SIDE as i64).contains(&x);
+            let at = |y: i64, x: i64| f64::from(self.picture[((y as usize * SIDE) + x as usize) * 3 + channel]);
+            if inside { (at(y, x) - 127.5) / 64.0 } else { 0.0 }
+        };
+        let mut flat = Vec::new();
+        for y in 0..SIDE / 2 {
+            for x in 0..SIDE / 2 {
+                for output in 0..CHANNELS {
+                    let mut sum = f64::from(self.shift[output]);
+                    for (index, weight) in self.kernel[output * 27..][..27].iter().enumerate() {
+                        let (channel, row, column) = (index / 9, index / 3 % 3, index % 3);
+                        let at = |step: usize, tap: usize| (2 * step + tap) as i64 - 1;
+                        sum += f64::from(*weight) * pixel(at(y, row), at(x, column), channel);
+                    }
+                    flat.push(sum.max(0.0));
+                }
+            }
+        }
+        dense(&self.embed, &flat, true)
+    }
+
+    fn output(&self) -> Vec<f64> {
+        let seen = self.embedding();
+        let state = self.state.iter().map(|number| f64::from(*number));
+        let numbers: Vec<f64> = seen.iter().chain(&seen).copied().chain(state).collect();
+        dense(&self.last, &dense(&self.hidden, &numbers, true), false)
+    }
+
+    /// The file with another contract, and other expected outputs.
+    fn file(&self, contract: &Value, output: &[f64]) -> Vec<u8> {
+        let output: Vec<f32> = output.iter().map(|number| *number as f32).collect();
+        let zeros = vec![0.0; CHANNELS.max(HIDDEN)];
+        let tensors: [(&str, Vec<usize>, &[f32]); 11] = [
+            ("chest_camera.0.weight", vec![CHANNELS, 3, 3, 3], &self.kernel),
+            ("chest_camera.0.bias", vec![CHANNELS], &self.shift),
+            ("chest_camera.embedding.weight", vec![EMBEDDING, self.embed.len() / EMBEDDING], &self.embed),
+            ("chest_camera.embedding.bias", vec![EMBEDDING], &zeros[..EMBEDDING]),
+            ("head.0.weight", vec![HIDDEN, HEAD], &self.hidden),
+            ("head.0.bias", vec![HIDDEN], &zeros[..HIDDEN]),
+            ("head.1.weight", vec![OUTPUTS, HIDDEN], &self.last),
+            ("head.1.bias", vec![OUTPUTS], &zeros[..OUTPUTS]),
+            ("check.chest_camera", vec![SIDE, SIDE, 3], &self.picture),
+            ("check.state", vec![STATE], &self.state),
+            ("check.output", vec![OUTPUTS], &output),
+        ];
+        let mut header = json!({"__metadata__": {"contract": contract.to_string()}});
+        let mut data = Vec::new();
+        for (name, shape, numbers) in tensors {
+            let begin = data.len();
+            data.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            header[name] = json!({"dtype": "F32", "shape": shape, "data_offsets": [begin, data.len()]});
+        }
+        let header = header.to_string();
+        [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &data].concat()
+    }
+}
+
+fn dense(weights: &[f32], inputs: &[f64], bends: bool) -> Vec<f64> {
+    let rows = weights.chunks_exact(inputs.len());
+    let sums = rows.map(|row| row.iter().zip(inputs).map(|(weight, input)| f64::from(*weight) * input).sum::<f64>());
+    sums.map(|sum| if bends && sum < 0.0 { libm::expm1(sum) } else { sum }).collect()
+}
+
+#[test]
+fn a_network_gives_the_sums_of_its_definition() {
+    let made = Made::new();
+    let mut network = Network::from_bytes(&made.file(&contract(), &made.output())).expect("a sound file");
+    let bytes: Vec<u8> = made.picture.iter().map(|number| *number as u8).collect();
+    let embedding = network.encode(0, &bytes);
+    for (found, expected) in embedding.iter().zip(made.embedding()) {
+        assert!((f64::from(*found) - expected).abs() < 1e-4, "{found} instead of {expected}");
+    }
+    assert!(embedding.iter().any(|number| number.abs() > 0.05), "{embedding:?}");
+}
+
+#[test]
+fn a_file_that_does_not_fit_is_refused_by_name() {
+    let made = Made::new();
+    let refused = |contract: &Value, output: &[f64]| {
+        Network::from_bytes(&made.file(contract, output)).expect_err("it does not fit").to_string()
+    };
+    let output = made.output();
+    for (field, value) in [
+        ("format", json!("fiatlux-see/0")),
+        ("tasks", json!([])),
+        ("tasks", json!(["S05", "S99"])),
+        ("cameras", json!(["lidar"])),
+        ("picture", json!([16, 100_000])),
+        ("every", json!(0)),
+        ("ages", json!([50, 0])),
+        ("ages", json!([])),
+        ("convolutions", json!([[17, 3, 2]])),
+        ("convolutions", json!([[16, 9, 2]])),
+        ("convolutions", json!([[512, 7, 1], [512, 7, 1], [512, 7, 1]])),
+        ("embedding", json!(0)),
+        ("hidden", json!([1 << 20])),
+    ] {
+        let mut changed = contract();
+        changed[field] = value;
+        let error = refused(&changed, &output);
+        assert!(error.contains(field), "{error}");
+    }
+    let mut wider = contract();
+    wider["embedding"] = json!(EMBEDDING + 1);
+    assert!(refused(&wider, &output).contains("embedding"), "the tensor's shape");
+    let other: Vec<f64> = output.iter().map(|number| number + 0.01).collect();
+    let error = Network::from_bytes(&made.file(&contract(), &other)).expect_err("other numbers");
+    assert!(matches!(error, SeeError::Check(difference) if difference > 0.005), "{error}");
+    assert!(Network::from_bytes(&[0; 7]).is_err() && Network::from_bytes(b"").is_err());
+}
