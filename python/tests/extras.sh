@@ -28,7 +28,7 @@ for extra in "${extras[@]}"; do
     "$work/$extra/bin/pip" install --quiet --upgrade pip
     "$work/$extra/bin/pip" install --quiet "fiatlux[$extra] @ file://$(cd "$(dirname "$wheel")" && pwd)/$(basename "$wheel")" "pytest>=8"
     case "$extra" in
-        train) tests=(extras/test_rsl_rl.py extras/test_stable_baselines3.py extras/test_train.py test_fingerprint.py) ;;
+        train) tests=(extras/test_rsl_rl.py extras/test_stable_baselines3.py extras/test_train.py extras/test_dagger.py test_fingerprint.py) ;;
         ray) tests=(extras/test_ray.py) ;;
         lerobot) tests=(extras/test_lerobot.py) ;;
         mujoco) tests=(test_benchmarks.py test_planning.py) ;;

@@ -1,0 +1,1 @@
+"""Trains a policy that sees by the expert's labels: ``python -m fiatlux.dagger train --tasks S05 S07 S09 --out DIR``."""

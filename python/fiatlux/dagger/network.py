@@ -1,0 +1,184 @@
+"""The network of the policy ``see``, and its file."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+FORMAT = "fiatlux-see/1"
+"""Name and version of the contract's layout, as ``crates/policies/src/see/network.rs`` reads it."""
+CENTRE, SPREAD = 127.5, 64.0
+"""A byte of a picture counts as (byte - CENTRE) / SPREAD."""
+BODY = 10
+"""Numbers of proprioception that it reads: turning, rad/s, direction of gravity, velocity, m/s, all in the pelvis frame, and height, m."""
+MOVED = 4
+"""Numbers that say where the robot was when it took an old picture."""
+SPEEDS = (0.3, 0.2, 0.4)
+"""Velocities that count as 1: ahead and to the left, m/s, and about the vertical, rad/s."""
+OUTPUTS = 4
+"""The velocity, and above 0 where it rather stands."""
+GOAL = 2.0
+"""Distance to the goal that counts as 1, m."""
+MIN_DEVIATION = 0.02
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Sizes of a network, as its contract has them."""
+
+    tasks: tuple[str, ...]
+    cameras: tuple[str, ...] = ("camera", "chest_camera")
+    picture: tuple[int, int] = (128, 128)
+    """Width and height, pixels."""
+    every: int = 5
+    """Control steps from one decision to the next."""
+    ages: tuple[int, ...] = (0, 50, 150)
+    """Ages of the pictures that it sees, control steps, multiples of :attr:`every`."""
+    convolutions: tuple[tuple[int, int, int], ...] = ((32, 5, 2), (64, 3, 2), (96, 3, 2), (128, 3, 2), (32, 1, 1))
+    """Output channels, window and stride of each."""
+    embedding: int = 128
+    hidden: tuple[int, ...] = (256, 256)
+    blind: bool = False
+    """It sees grey instead of pictures: a twin that shows what they are worth."""
+
+    @property
+    def state(self) -> int:
+        """Numbers that the head reads beside embeddings."""
+        return BODY + MOVED * (len(self.ages) - 1) + len(self.tasks)
+
+
+class Eye(nn.Module):
+    """The encoder of a camera."""
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        layers, channels, (width, height) = [], 3, shape.picture
+        for outputs, kernel, stride in shape.convolutions:
+            layers.append(nn.Conv2d(channels, outputs, kernel, stride, kernel // 2))
+            channels, width, height = outputs, -(-width // stride), -(-height // stride)
+        self.convolutions = nn.ModuleList(layers)
+        self.embedding = nn.Linear(channels * width * height, shape.embedding)
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Embeddings of pictures, which are normalised, count x 3 x height x width."""
+        for layer in self.convolutions:
+            pictures = torch.relu(layer(pictures))
+        # Channels innermost, as the policy has them.
+        return nn.functional.elu(self.embedding(pictures.permute(0, 2, 3, 1).flatten(1)))
+
+
+class Network(nn.Module):
+    """An encoder for each camera, and a head that reads what they made of a few pictures, and where the robot was then."""
+
+    mean: torch.Tensor
+    deviation: torch.Tensor
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.eyes = nn.ModuleList(Eye(shape) for _ in shape.cameras)
+        sizes = [shape.embedding * len(shape.cameras) * len(shape.ages) + shape.state, *shape.hidden]
+        self.head = nn.ModuleList(nn.Linear(*pair) for pair in zip(sizes, sizes[1:]))
+        self.last = nn.Linear(sizes[-1], OUTPUTS)
+        self.goal = nn.Linear(sizes[-1], 2)
+        self.register_buffer("mean", torch.zeros(shape.state))
+        self.register_buffer("deviation", torch.ones(shape.state))
+
+    def normalise(self, states: torch.Tensor) -> None:
+        """Takes the scales of the state from data; those of the tasks stay as they are."""
+        numbers = self.shape.state - len(self.shape.tasks)
+        self.mean[:numbers] = states[:, :numbers].mean(0)
+        self.deviation[:numbers] = states[:, :numbers].std(0).clamp(min=MIN_DEVIATION)
+
+    def encode(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Embeddings of pictures, which are normalised: count x cameras x 3 x height x width becomes count x numbers."""
+        if self.shape.blind:
+            pictures = torch.zeros_like(pictures)
+        return torch.cat([eye(pictures[:, camera]) for camera, eye in enumerate(self.eyes)], dim=1)
+
+    def decide(self, seen: torch.Tensor, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Velocities in units of :data:`SPEEDS` with whether to stand, and where the goal is, from embeddings (count x ages x numbers)
+        and state."""
+        numbers = torch.cat([seen.flatten(1), (state - self.mean) / self.deviation], dim=1)
+        for layer in self.head:
+            numbers = nn.functional.elu(layer(numbers))
+        return self.last(numbers), self.goal(numbers)
+
+    def speeds(self, output: torch.Tensor) -> torch.Tensor:
+        """Velocity, m/s and rad/s, and whether to stand, of what :meth:`decide` gave."""
+        return output * torch.tensor([*SPEEDS, 1.0], dtype=output.dtype, device=output.device)
+
+
+def normalised(pictures: torch.Tensor) -> torch.Tensor:
+    """Pictures of bytes, ... x height x width x 3, as the network reads them, ... x 3 x height x width."""
+    return ((pictures.float() - CENTRE) / SPREAD).movedim(-1, -3)
+
+
+def export(network: Network, file: Path, training: dict[str, Any], stands_from: float = 0.0) -> None:
+    """Writes the file of a network, in half precision; ``stands_from`` is the number from which it stands, which is 0 in the file."""
+    shape = network.shape
+    layers = {name: tensor.double().cpu() for name, tensor in network.state_dict().items()}
+    tensors: dict[str, torch.Tensor] = {}
+    for number, camera in enumerate(shape.cameras):
+        for index in range(len(shape.convolutions)):
+            unseen = 0.0 if shape.blind and index == 0 else 1.0
+            tensors[f"{camera}.{index}.weight"] = unseen * layers[f"eyes.{number}.convolutions.{index}.weight"]
+            tensors[f"{camera}.{index}.bias"] = layers[f"eyes.{number}.convolutions.{index}.bias"]
+        for part in ("weight", "bias"):
+            tensors[f"{camera}.embedding.{part}"] = layers[f"eyes.{number}.embedding.{part}"]
+    head = [[layers[f"head.{index}.weight"], layers[f"head.{index}.bias"]] for index in range(len(shape.hidden))]
+    head.append([layers["last.weight"], layers["last.bias"]])
+    # The scales of the state go into the first layer, those of the answer into the last one.
+    weight, bias = head[0]
+    seen = weight.shape[1] - shape.state
+    scaled = weight[:, seen:] / layers["deviation"]
+    head[0] = [torch.cat([weight[:, :seen], scaled], dim=1), bias - scaled @ layers["mean"]]
+    speeds = torch.tensor([*SPEEDS, 1.0], dtype=torch.float64)
+    weight, bias = head[-1]
+    head[-1] = [weight * speeds[:, None], bias * speeds - torch.tensor([0.0, 0.0, 0.0, stands_from])]
+    for index, (weight, bias) in enumerate(head):
+        tensors[f"head.{index}.weight"], tensors[f"head.{index}.bias"] = weight, bias
+    tensors = {name: tensor.half().contiguous() for name, tensor in tensors.items()}
+    if not all(tensor.isfinite().all() for tensor in tensors.values()):
+        raise ValueError(
+            f"{file}: the network has numbers that are not finite in half precision; take an earlier round"
+        )
+    random = torch.Generator().manual_seed(0)
+    width, height = shape.picture
+    pictures = torch.randint(0, 256, (len(shape.cameras), height, width, 3), generator=random)
+    state = layers["mean"] + layers["deviation"] * torch.randn(shape.state, generator=random, dtype=torch.float64)
+    tensors |= {f"check.{camera}": picture.float() for camera, picture in zip(shape.cameras, pictures)}
+    tensors |= {"check.state": state.float(), "check.output": _answer(shape, tensors, pictures, state).float()}
+    contract = {"format": FORMAT, **asdict(shape), "training": training}
+    part_file = file.with_suffix(".part")
+    save_file(tensors, part_file, metadata={"contract": json.dumps(contract)})
+    os.replace(part_file, file)
+
+
+def _answer(
+    shape: Shape, tensors: Mapping[str, torch.Tensor], pictures: torch.Tensor, state: torch.Tensor
+) -> torch.Tensor:
+    """What a file's network answers where each camera saw one picture at all ages."""
+
+    def layer(name: str) -> tuple[torch.Tensor, torch.Tensor]:
+        return tensors[f"{name}.weight"].double(), tensors[f"{name}.bias"].double()
+
+    seen = []
+    for camera, picture in zip(shape.cameras, normalised(pictures).double()):
+        for index, (_, kernel, stride) in enumerate(shape.convolutions):
+            weight, bias = layer(f"{camera}.{index}")
+            picture = torch.relu(nn.functional.conv2d(picture[None], weight, bias, stride, kernel // 2))[0]
+        weight, bias = layer(f"{camera}.embedding")
+        seen.append(nn.functional.elu(weight @ picture.permute(1, 2, 0).flatten() + bias))
+    numbers = torch.cat([*seen * len(shape.ages), state])
+    for index in range(len(shape.hidden) + 1):
+        weight, bias = layer(f"head.{index}")
+        numbers = weight @ numbers + bias
+        numbers = nn.functional.elu(numbers) if index < len(shape.hidden) else numbers
+    return numbers

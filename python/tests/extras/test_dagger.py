@@ -1,0 +1,143 @@
+"""A student learns from the expert's labels, and its file plays what the student would."""
+
+import dataclasses
+import json
+import os
+import subprocess
+
+import fiatlux
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+
+from fiatlux.dagger.__main__ import load, main  # noqa: E402
+from fiatlux.dagger.lessons import RANGES, SENSED, SETTLES, SLEW, Gaits, Lesson, Memory, play  # noqa: E402
+from fiatlux.dagger.network import Network, Shape, export  # noqa: E402
+from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
+
+SMALL = [
+    "--worlds",
+    "2",
+    "--steps",
+    "60",
+    "--minutes",
+    "0.01",
+    "--batch",
+    "8",
+    "--picture",
+    "32",
+    "48",
+    "--threads",
+    "2",
+]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dagger") / "run"
+    assert main(["train", "--tasks", "S05", "S09", "--out", str(folder), "--rounds", "1", *SMALL]) == 0
+    return folder
+
+
+def lesson(student=None, seed=1):
+    shape = Shape(("S05",), cameras=("chest_camera",), picture=(32, 32))
+    return play("S05", range(1000, 1002), 80, shape=shape, student=student, seed=seed, device="cpu", threads=2)[0]
+
+
+def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file()}
+    assert main(["train", "--tasks", "S05", "S09", "--out", str(run), "--rounds", "1", *SMALL]) == 0
+    assert capsys.readouterr().out == ""
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file()} == before
+    _, record = load(run / "round-1.pt", "cpu")
+    assert record["demonstrated"] == record["labelled"] == 2 * 2 * 60 // 5
+
+
+def test_lessons_repeat_to_the_bit_and_labels_are_the_teachers():
+    first, again = lesson(), lesson()
+    for name in ("pictures", "body", "place", "velocity", "goal"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    assert first.pictures.shape == (32, 1, 32, 32, 3) and first.pictures.std() > 10
+    np.testing.assert_array_equal(first.back, np.tile(np.arange(16), 2))
+    # It settles, then goes; while it stumbles, the teacher says something else than it does.
+    assert first.stands[first.back < 5].all() and not first.stands[first.back > 10].all()
+    np.testing.assert_array_equal(first.settles.astype(bool), first.back < SETTLES / 5)
+    far = np.linalg.norm(first.goal, axis=1)
+    assert ((far > 0.4) & (far < 9)).all()
+
+
+def test_a_saved_lesson_is_the_same(tmp_path):
+    first = lesson()
+    first.save(tmp_path)
+    read = Lesson.load(tmp_path)
+    for name, numbers in vars(first).items():
+        np.testing.assert_array_equal(getattr(read, name), numbers)
+
+
+def test_a_blind_student_sees_no_picture():
+    torch.manual_seed(0)
+    asks = dict(worlds=np.arange(1), body=np.zeros((1, 10), np.float32), place=np.zeros((1, 3)), back=np.zeros(1, int))
+    for blind in (True, False):
+        network = Network(Shape(("S05",), cameras=("camera",), picture=(32, 32), blind=blind))
+        memory, random = Memory(network, 1, "cpu"), np.random.default_rng(0)
+        pictures = random.integers(0, 256, (2, 1, 1, 32, 32, 3), np.uint8)
+        one, two = (memory.decide(pictures=picture, task=0, **asks) for picture in pictures)
+        assert np.array_equal(one, two) == blind
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_the_file_plays_what_the_student_would(run, tmp_path, blind):
+    program = os.environ.get("FIATLUX_TEST_PROGRAM")
+    if program is None:
+        pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
+    network, record = load(run / "round-1.pt", "cpu")
+    if blind:
+        weights = network.state_dict()
+        network = Network(dataclasses.replace(network.shape, blind=True)).eval()
+        network.load_state_dict(weights)
+    file, out = tmp_path / "walks.safetensors", tmp_path / "out"
+    export(network, file, record)
+    settings = ["--tasks", "S09", "--seeds", "1003", "--record", "camera@10,chest_camera@10", "--end-on", "time-out"]
+    played = [program, "evaluate", "--policy", f"see:{file}", "--out", str(out), *settings]
+    subprocess.run(played, check=True, capture_output=True, timeout=600)
+    (bag,) = (fiatlux.Bag(path) for path in out.rglob("*.mcap"))
+    assert "see:walks.safetensors@" in json.dumps(bag.header)
+    sensed = bag["/observation"]
+    body = np.concatenate(
+        [np.reshape(sensed[f"proprioception.{name}"], (len(sensed["step"]), -1)) for name in SENSED], 1
+    )
+    images, commands = bag.images(), bag.commands()
+    memory, place, velocity, wanted = Memory(network, 1, "cpu"), np.zeros(3), np.zeros(3), np.zeros(3)
+    for step in range(min(400, len(commands))):
+        numbers = body[step].astype(np.float64)
+        if step:
+            cos, sin = np.cos(place[2]), np.sin(place[2])
+            ahead, left = numbers[6:8]
+            place = place + 0.02 * np.array([cos * ahead - sin * left, sin * ahead + cos * left, numbers[2]])
+        if step % 5 == 0:
+            pictures = np.stack([images[camera][step] for camera in network.shape.cameras])[None]
+            answer = memory.decide(
+                np.arange(1), pictures, numbers[None].astype(np.float32), place[None], np.array([step // 5]), 1
+            )[0]
+            # Where it hardly prefers to stand or to go, rounding decides.
+            assert abs(answer[3]) > 1e-3
+            wanted = np.zeros(3) if answer[3] > 0 else np.clip(answer[:3], RANGES[:, 0], RANGES[:, 1])
+        goes = (np.abs(wanted) >= DEAD_ZONE).any() and step >= SETTLES
+        velocity = velocity + np.clip(wanted - velocity, -SLEW * 0.02, SLEW * 0.02) if goes else np.zeros(3)
+        np.testing.assert_allclose(commands[step, :3], velocity, atol=2e-3, err_msg=str(step))
+
+
+def test_gaits_set_in_gently_and_stop_at_once():
+    gaits = Gaits(1, 1)
+    sensed = np.zeros((1, 10 + 2 * 53))
+    sensed[0, 5], sensed[0, 9] = -1.0, 0.75
+    ahead, others = np.array([[0.5, 0.0, 0.0]]), np.ones((1, 53))
+    gaits.targets(sensed, ahead, np.array([SETTLES - 1]), others)
+    assert (gaits.velocity == 0).all()
+    targets = gaits.targets(sensed, ahead, np.array([SETTLES]), others)
+    np.testing.assert_allclose(gaits.velocity, [[0.012, 0.0, 0.0]])
+    assert (targets[0, 15:] == 1.0).all() and not (targets[0, :15] == 1.0).any()
+    gaits.targets(sensed, 0 * ahead, np.array([SETTLES + 1]), others)
+    assert (gaits.velocity == 0).all()
