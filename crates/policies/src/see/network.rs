@@ -113,7 +113,11 @@ impl Contract {
         }
         let [products, numbers] = self.cost();
         if products > MAX_PRODUCTS || numbers > MAX_NUMBERS {
-            return refuse("convolutions", &self.convolutions, "at most 2e9 products and 16 million numbers in a picture");
+            return refuse(
+                "convolutions",
+                &self.convolutions,
+                "at most 2e9 products and 16 million numbers in a picture",
+            );
         }
         if !(1..=1024).contains(&self.embedding) {
             return refuse("embedding", &self.embedding, "1 to 1024");
