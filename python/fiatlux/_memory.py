@@ -63,7 +63,7 @@ def _of_machine(root: Path) -> tuple[int, str] | None:
 
 
 def _of_process(root: Path) -> tuple[int, str] | None:
-    """What ``ulimit -v`` leaves, which batch systems set."""
+    """The bytes that ``ulimit -v`` leaves, which batch systems set."""
     try:
         [limit] = [
             line.split() for line in (root / "proc/self/limits").read_text().splitlines() if "address space" in line

@@ -233,7 +233,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
 
     @property
     def looks(self) -> bool:
-        """Whether a sensor is seen only when somebody looks, such as ``"camera@look"``."""
+        """True if a sensor is seen only when somebody looks, such as ``"camera@look"``."""
         return any(name.endswith("@look") for name in self._settings["sensors"] or ())
 
     @property

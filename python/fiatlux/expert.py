@@ -18,7 +18,7 @@ _COMMAND = len(_native.BODY_COMMAND)
 
 
 class Label(NamedTuple):
-    """What the expert answers in the present state of an :class:`Env`. Numbers that it does not give are NaN."""
+    """The answer of the expert in the present state of an :class:`Env`. Numbers that it does not give are NaN."""
 
     joint_target: NDArray[np.float64]
     """Targets of all joints, rad, in the order of :attr:`Env.action_names`."""
@@ -189,7 +189,7 @@ class Experts:
 
 
 def label(bag: Bag | str | PathLike[str]) -> Labels:
-    """What the expert would have done in each row of a recorded episode but the last; the first axis is that of the steps.
+    """The answers that the expert would have given in each row of a recorded episode but the last; the first axis is that of the steps.
 
     The episode is played again by its actions while the expert follows it, whoever acted then.
 

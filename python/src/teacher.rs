@@ -18,7 +18,7 @@ use crate::batch::{Batch, error};
 use crate::episode::Episode;
 use crate::fault::{failed, guarded, not_contiguous, own, own_mut};
 
-/// What experts see. A learner's own sensors do not matter.
+/// The sensors of experts. A learner's own sensors do not matter.
 const SENSORS: Sensors =
     Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
 

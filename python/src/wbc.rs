@@ -142,7 +142,7 @@ impl WholeBody {
     }
 }
 
-/// Whether it bends low, and whether it never steps.
+/// It bends low; it never steps.
 type Stance = [bool; 2];
 
 /// Angles of the arms, rad, and of each hand with a goal what remains, m and rad.

@@ -9,7 +9,7 @@ import pytest
 
 
 def labelled(env, expert, steps):
-    """What the expert answers as it plays, ``steps`` answers."""
+    """Answers of the expert as it plays, ``steps`` answers."""
     labels = []
     for _ in range(steps):
         labels.append(expert.label())

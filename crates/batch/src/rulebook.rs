@@ -199,7 +199,7 @@ impl Rulebook {
         })
     }
 
-    /// What observes a row; `None` before the first episode.
+    /// The observer of a row; `None` before the first episode.
     fn sampled<'a>(
         &'a mut self,
         scene: &'a Scene,

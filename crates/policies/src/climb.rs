@@ -70,7 +70,7 @@ const NETWORK_RATE: f64 = 1.6;
 /// Distance from a posture of the plan at which a robot that is already on its way takes the plan up there: of the pelvis, m, and of
 /// the joints of legs and waist, rad.
 const TAKES_UP: (f64, f64) = (0.1, 0.6);
-/// What a metre of the pelvis counts in the comparison, rad.
+/// A metre of the pelvis counts as this in the comparison, rad.
 const METRE: f64 = 10.0;
 /// Postures of the plan that are compared lie so far apart, s. A robot that is nearest to one of the first ones begins at the start.
 const GRID_S: f64 = 0.05;
@@ -335,7 +335,7 @@ fn nearest(plan: &Plan, pelvis: &Isometry3<f64>, angles: &[f64]) -> Option<f64> 
     (time > BEGINS_S).then_some(time)
 }
 
-/// What is left of a plan from a time on, s.
+/// The rest of a plan from a time on, s.
 fn rest_of(plan: &Plan, time: f64) -> Plan {
     let mut start = 0.0;
     let mut rest = Plan::default();

@@ -59,7 +59,7 @@ pub struct Label {
 
 /// A skill, as a part of the errand.
 trait Part: Policy + Skill {
-    /// Whether its next task begins at the start, whatever the state looks like: a skill of the errand goes on from where the one before
+    /// Its next task begins at the start, whatever the state looks like: a skill of the errand goes on from where the one before
     /// it came to rest.
     fn begin_at_start(&mut self, _at_start: bool) {}
 

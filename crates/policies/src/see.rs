@@ -47,12 +47,12 @@ struct Episode {
     place: Place,
     /// Step of the last observation.
     last: Option<u64>,
-    /// What was seen, the newest last, as far back as the network looks.
+    /// Frames that were seen, the newest last, as far back as the network looks.
     memory: VecDeque<Frame>,
     command: BodyCommand,
 }
 
-/// What the cameras saw at a step, encoded, and where the robot was.
+/// The pictures of a step, encoded, and where the robot was.
 struct Frame {
     step: u64,
     place: Place,
@@ -154,7 +154,7 @@ impl Policy for See {
     }
 }
 
-/// What the network reads of proprioception, all in the pelvis frame: turning, rad/s, direction of gravity, velocity, m/s, and height, m.
+/// The part of proprioception that the network reads, all in the pelvis frame: turning, rad/s, direction of gravity, velocity, m/s, and height, m.
 struct Sensed([f32; 10]);
 
 impl Sensed {

@@ -140,7 +140,7 @@ impl Grip {
         Self { joints: HandJoint::all(joints).filter_map(joint).collect() }
     }
 
-    /// How far each finger is closed, from 0 to 1, by the sensed angles of all joints, rad: the mean of its joints that move.
+    /// Closure of each finger, from 0 to 1, by the sensed angles of all joints, rad: the mean of its joints that move.
     pub fn closure(&self, sensed: &[f64]) -> [f64; FINGERS.len()] {
         let mut sums = [(0.0, 0.0); FINGERS.len()];
         for GripJoint { joint, finger, open, closed } in &self.joints {

@@ -6,7 +6,7 @@ use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Scene};
 
 use crate::{footprint_messages, hand_body_names, joint_messages};
 
-/// What policies read of a session, where no server describes one: task, joints, hands, what stands in the room, and the
+/// The terms of a session that policies read, where no server describes one: task, joints, hands, what stands in the room, and the
 /// meaning of actions.
 pub fn session_terms(task: Task, scene: &Scene) -> SessionInfo {
     SessionInfo {

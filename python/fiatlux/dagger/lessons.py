@@ -39,7 +39,7 @@ class Lesson:
     pictures: Array
     """Bytes, cameras x height x width x 3."""
     body: Array
-    """What is read of proprioception."""
+    """The part of proprioception that is read."""
     place: Array
     """x, y, m, and heading, rad, by the robot's own reckoning."""
     back: Array
@@ -66,7 +66,7 @@ class Lesson:
 
 
 class Memory:
-    """What a student has seen in each world, as far back as it looks."""
+    """The pictures that a student has seen in each world, as far back as it looks."""
 
     def __init__(self, network: Network, worlds: int, device: str) -> None:
         self.network, self.device = network, device
@@ -78,7 +78,7 @@ class Memory:
 
     @torch.inference_mode()
     def decide(self, worlds: Array, pictures: Array, body: Array, place: Array, back: Array, task: int) -> Array:
-        """What the network answers in these worlds: velocity, m/s and rad/s, and whether to stand."""
+        """The network's answer in these worlds: velocity, m/s and rad/s, and whether to stand."""
         network, rows = self.network, np.arange(len(worlds))
         now = back % self.room
         with torch.autocast(self.device, torch.bfloat16, enabled=self.device == "cuda"):
@@ -96,7 +96,7 @@ class Memory:
 
 
 def state_of(tasks: Sequence[str], body: Array, place: Array, old: Sequence[Array], task: Array) -> NDArray[np.float32]:
-    """What the head reads beside embeddings, count x numbers: body, where the robot was at each old picture, and the task."""
+    """The numbers that the head reads beside embeddings, count x numbers: body, where the robot was at each old picture, and the task."""
     cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
     parts = [body]
     for then in old:

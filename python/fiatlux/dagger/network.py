@@ -164,7 +164,7 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
 def _answer(
     shape: Shape, tensors: Mapping[str, torch.Tensor], pictures: torch.Tensor, state: torch.Tensor
 ) -> torch.Tensor:
-    """What a file's network answers where each camera saw one picture at all ages."""
+    """The answer of a file's network where each camera saw one picture at all ages."""
 
     def layer(name: str) -> tuple[torch.Tensor, torch.Tensor]:
         return tensors[f"{name}.weight"].double(), tensors[f"{name}.bias"].double()

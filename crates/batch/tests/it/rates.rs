@@ -49,7 +49,7 @@ fn batch(sensors: Sampler) -> Batch {
     Batch::new(BatchConfig { threads: 2, ..BatchConfig::new(banks) }, &task).unwrap()
 }
 
-/// What a row's cameras show.
+/// The pictures of a row's cameras.
 fn pictures(episode: &Episode) -> [Vec<f32>; 2] {
     let sensors = Sensors::of(&[Sensor::Camera, Sensor::ChestCamera]);
     let setup = Setup { image_size: IMAGE_SIZE, ..Setup::new(episode.scene(), TASK) };

@@ -241,7 +241,7 @@ impl RightArm {
         BodyCommand { height: pelvis.translation.z - self.floor, torso, ..BodyCommand::default() }
     }
 
-    /// How far each finger is closed, as sensed.
+    /// Closure of each finger, as sensed.
     pub fn closure(&self, grip: &Grip) -> [f64; FINGERS.len()] {
         self.sensed.as_deref().map(|sensed| grip.closure(sensed)).unwrap_or_default()
     }

@@ -53,7 +53,7 @@ pub enum SeeError {
     Check(f32),
 }
 
-/// What a file says of itself.
+/// A file, as it describes itself.
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct Contract {
     format: String,
