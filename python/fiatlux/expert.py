@@ -23,7 +23,7 @@ class Label(NamedTuple):
     joint_target: NDArray[np.float64]
     """Targets of all joints, rad, in the order of :attr:`Env.action_names`."""
     action: NDArray[np.float64]
-    """What :meth:`Env.step` takes for it, in the form that ``action_form`` names."""
+    """The action that :meth:`Env.step` takes for it, in the form that ``action_form`` names."""
     body_command: NDArray[np.float64]
     """vx, vy, wz, height, roll, pitch and yaw for :class:`WholeBody`; NaN where the expert commands the joints of legs and waist, as on
     the ladder."""
