@@ -244,11 +244,8 @@ impl Network {
     /// other) and the other numbers.
     pub fn decide(&mut self, ages: &[&[f32]], state: &[f32]) -> [f32; OUTPUTS] {
         let [from, to] = &mut self.rows;
-        let mut count = 0;
-        for number in ages.iter().copied().flatten().chain(state) {
-            from[count] = *number;
-            count += 1;
-        }
+        let numbers = ages.iter().copied().flatten().chain(state);
+        from.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number);
         let last = self.head.len() - 1;
         for (index, layer) in self.head.iter().enumerate() {
             layer.run(Rounding::Separate, [&from[..]], [&mut to[..]]);
