@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use common::flood::{fill, garbage, is_whole, play, recorded, recorder};
 use common::open_session;
-use common::victim::{connect, network_at, options, request};
+use common::victim::{connect, linked, options, request};
 use fiatlux_access::RecorderKey;
 use fiatlux_proto::keys::SessionKeys;
 use fiatlux_proto::v3::OpenRequest;
@@ -68,7 +68,7 @@ fn main() {
     }
     let key = RecorderKey::generate().unwrap();
     let records_to = RecordsTo::Recorders(key.clone());
-    let (server, link, stranger, endpoint) = network_at(ServerOptions { records_to, ..options() });
+    let (server, link, stranger, endpoint) = linked(ServerOptions { records_to, ..options() }, Some(options().name));
     let (_recorder, bags, lost) = recorder(&link, &out, &key);
     std::thread::sleep(Duration::from_secs(1));
     let begun = Instant::now();

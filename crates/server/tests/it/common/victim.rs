@@ -34,13 +34,8 @@ pub fn connect(endpoint: &str) -> Session {
     args.open(Role::Client).unwrap().session().clone()
 }
 
-/// As [`network`], with the server's endpoint; its link drops forgeries, as that of `sim-server` does.
-pub fn network_at(options: ServerOptions) -> (Server, Session, Session, String) {
-    let name = options.name.clone();
-    linked(options, Some(name))
-}
-
-fn linked(options: ServerOptions, serves: Option<String>) -> (Server, Session, Session, String) {
+/// As [`network`], with the server's endpoint; where it `serves` a name, its link drops forgeries, as that of `sim-server` does.
+pub fn linked(options: ServerOptions, serves: Option<String>) -> (Server, Session, Session, String) {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let listens = LinkArgs { listen: vec![endpoint.clone()], serves, ..LinkArgs::default() };
