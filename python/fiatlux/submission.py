@@ -10,8 +10,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from .bag import files_below
-
 _BLOCK = 1 << 20
 _TRIES = 8
 _PATIENCE_S = 90.0
@@ -77,12 +75,22 @@ def submit(
     return submission
 
 
+def is_leftover(name: str) -> bool:
+    """True for a file or folder that file systems leave behind: the rule of ``_native``, for this file works without the package."""
+    return name.startswith((".", "$", "#", "@", "~")) or name in ("lost+found", "System Volume Information", "__MACOSX")
+
+
+def _found(folder: Path, pattern: str) -> list[Path]:
+    """The files below a folder, without leftovers."""
+    return [path for path in sorted(folder.rglob(pattern)) if not any(map(is_leftover, path.relative_to(folder).parts))]
+
+
 def _files(folder: Path) -> dict[str, Path]:
     """The files by the names under which they are submitted."""
     if not folder.exists():
         raise ValueError(f"there is no folder {folder}; name the folder of a run, or of *.mcap files")
-    bags = files_below(folder, "*.mcap") if folder.is_dir() else [folder] if folder.suffix == ".mcap" else []
-    journals = files_below(folder, "*.run.jsonl") if folder.is_dir() else []
+    bags = _found(folder, "*.mcap") if folder.is_dir() else [folder] if folder.suffix == ".mcap" else []
+    journals = _found(folder, "*.run.jsonl") if folder.is_dir() else []
     runs = {journal.parent for journal in journals}
     if len(runs) > 1:
         raise ValueError(f"{folder} holds {len(runs)} runs; submit each of them separately")

@@ -6,6 +6,8 @@ import subprocess
 
 import fiatlux
 import pytest
+from fiatlux import _native
+from fiatlux.submission import is_leftover
 
 SCORER = os.environ.get("FIATLUX_TEST_SCORER", "")
 RUN = os.environ.get("FIATLUX_TEST_RUN", "")
@@ -55,3 +57,10 @@ def test_a_folder_without_bags_is_refused(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ValueError, match="not the address"):
         (tmp_path / "a.mcap").write_bytes(b"")
         fiatlux.submit(tmp_path, "127.0.0.1:1", "fiatlux_0_0", policy="zero")
+
+
+@pytest.mark.parametrize(
+    "name", ["a.mcap", "._a.mcap", "$I7.mcap", "#recycle", "@eaDir", "~$a", "lost+found", "__MACOSX", "lost"]
+)
+def test_leftovers_are_those_of_the_package(name):
+    assert is_leftover(name) == _native.is_leftover(name)

@@ -108,7 +108,8 @@ fn undisturbed() -> Vec<(String, u64, String)> {
         let options = options(&folder, "lab");
         let outcome = play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false));
         assert!(outcome.is_whole() && outcome.finished && !outcome.stopped, "{outcome:?}");
-        assert!(outcome.episodes.iter().all(|episode| episode.attempts == 1 && !episode.digest.is_empty()));
+        let is_plain = |episode: &fiatlux_client::EpisodeOutcome| episode.attempts == 1 && !episode.digest.is_empty();
+        assert!(outcome.episodes.iter().all(is_plain), "{outcome:?}");
         assert_eq!((outcome.episodes.len(), &outcome.servers[..]), (EPISODES, &["lab".to_string()][..]));
         assert_eq!(play(&link, &options, 0, &mut |_| (), &AtomicBool::new(false)), outcome, "it is over");
         server.shutdown(Duration::from_secs(10));
