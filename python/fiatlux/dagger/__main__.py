@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import os
 import platform
 import sys
 import time
@@ -18,14 +19,14 @@ from torch import nn
 from .lessons import GOALS, Lesson, play, state_of
 from .network import GOAL, SPEEDS, Network, Shape, export, normalised
 
-FIRST_ROOM, FIRST_TEST_ROOM = 1000, 5000
-"""Rooms of lessons and of tests begin here; those below 1000 are for judging."""
+FIRST_ROOM = 1000
+"""Rooms of lessons begin here; those below are for judging."""
 
 EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
   python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --minutes 5 --rounds 2
   python -m fiatlux.dagger export runs/walks/round-3.pt walks.safetensors
-  fiatlux evaluate --policy see:walks.safetensors --tasks S05,S07,S09 --seeds 64..111
+  fiatlux evaluate --policy see:walks.safetensors --tasks S05,S07,S09 --seeds fresh:48
 
 In round 0 the teacher drives; in each one that follows, the student of the round before. Then a student is trained on all lessons so
 far. Called again, it goes on after the last round that it finished."""
@@ -116,7 +117,10 @@ def train_rounds(given: argparse.Namespace) -> None:
         began = time.monotonic()
         student = fit(shape, lessons, given, device, student, number)
         record["minutes"] += (time.monotonic() - began) / 60
-        torch.save({"shape": asdict(shape), "network": student.state_dict(), "record": record}, checkpoint)
+        # Whole or not there: a run that is ended here goes on before it.
+        part_file = checkpoint.with_suffix(".part")
+        torch.save({"shape": asdict(shape), "network": student.state_dict(), "record": record}, part_file)
+        os.replace(part_file, checkpoint)
 
 
 def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
@@ -157,7 +161,7 @@ def fit(
     }
     back, place = columns["back"].astype(np.int64), columns["place"].astype(np.float64)
     rows = np.arange(len(back))
-    # Without its first decisions an episode that began before the lesson did does not occur: each begins with back 0.
+    # Each episode is in its lesson from its first decision on, so that what it looks back at is there.
     olds = [rows - np.minimum(age // shape.every, back) for age in shape.ages]
     state = state_of(shape.tasks, columns["body"], place, [place[old] for old in olds[1:]], columns["task"])
     learned = np.flatnonzero(~columns["settles"].astype(bool))

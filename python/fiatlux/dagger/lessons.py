@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from .. import poses
 from ..expert import Experts
+from ..hand import CONTROL_DT
 from ..vector import VectorEnv
 from ..whole_body import DEAD_ZONE, LEGS_AND_WAIST, WholeBodies
 from .network import Network, Shape, normalised
 
-CONTROL_DT = 0.02
 SETTLES = 25
 """Control steps for which the robot stands first, and that are not learned."""
 SLEW = np.array([0.6, 0.6, 1.2])
@@ -79,7 +79,7 @@ class Memory:
     @torch.inference_mode()
     def decide(self, worlds: Array, pictures: Array, body: Array, place: Array, back: Array, task: int) -> Array:
         """The network's answer in these worlds: velocity, m/s and rad/s, and whether to stand."""
-        network, rows = self.network, np.arange(len(worlds))
+        network = self.network
         now = back % self.room
         with torch.autocast(self.device, torch.bfloat16, enabled=self.device == "cuda"):
             given = normalised(torch.from_numpy(pictures).to(self.device))
@@ -90,7 +90,7 @@ class Memory:
         slots = [(back - np.minimum(age, back)) % self.room for age in self.ages]
         seen = torch.stack([self.seen[at, torch.from_numpy(slot).to(self.device)] for slot in slots], dim=1)
         old = [self.places[worlds, slot] for slot in slots[1:]]
-        state = torch.from_numpy(state_of(network.shape.tasks, body, place, old, np.full(len(rows), task)))
+        state = torch.from_numpy(state_of(network.shape.tasks, body, place, old, np.full(len(worlds), task)))
         output, _ = network.decide(seen, state.to(self.device))
         return network.speeds(output).cpu().numpy()
 
@@ -166,7 +166,7 @@ def play(
     gaits, experts = Gaits(worlds, env.num_threads), Experts(env, num_threads=env.num_threads)
     memory = None if student is None else Memory(student, worlds, device)
     count, place, wanted = np.zeros(worlds, np.int64), np.zeros((worlds, 3)), np.zeros((worlds, 3))
-    stumbles, began = np.zeros(worlds, np.int64), np.zeros(worlds, np.bool_)
+    stumbles = np.zeros(worlds, np.int64)
     rows: list[tuple[Array, ...]] = []
     ended = successes = 0
     seen, _ = env.reset(seed=seed)
@@ -174,10 +174,9 @@ def play(
         label = experts.label()
         body = np.concatenate([np.reshape(seen[field], (worlds, -1)) for field in SENSED], axis=1).astype(np.float64)
         turning, ahead, left = body[:, 2], body[:, 6], body[:, 7]
-        moving = began * CONTROL_DT
+        moving = (count > 0) * CONTROL_DT
         cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
         place += moving[:, None] * np.stack((cos * ahead - sin * left, sin * ahead + cos * left, turning), axis=1)
-        began[:] = True
         velocity = np.nan_to_num(label.body_command[:, :3])
         at = np.flatnonzero(count % every == 0)
         if len(at):
@@ -216,7 +215,7 @@ def play(
         count += 1
         if over.any():
             ended, successes = ended + int(over.sum()), successes + int(info["success"][over].sum())
-            count[over], place[over], wanted[over], stumbles[over], began[over] = 0, 0.0, 0.0, 0, False
+            count[over], place[over], wanted[over], stumbles[over] = 0, 0.0, 0.0, 0
             gaits.reset(over)
     env.close()
     return _lesson(rows, number), ended, successes
