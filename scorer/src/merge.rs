@@ -255,11 +255,7 @@ fn say_missing(missing: &[Missing], records: &[(PathBuf, ShardRecord)]) {
         return;
     };
     let Some(any) = record.shard() else { return };
-    let parts: BTreeSet<String> =
-        missing.iter().filter_map(|one| one.index).map(|index| any.with(index).to_string()).collect();
-    let shards = parts.iter().filter_map(|text| text.parse::<Shard>().ok());
-    let mut shards: Vec<Shard> = shards.collect();
-    shards.sort_by_key(|shard| (0..).find(|index| shard.has(*index)));
+    let shards: BTreeSet<Shard> = missing.iter().filter_map(|one| one.index).map(|index| any.with(index)).collect();
     for shard in shards {
         let own = records.iter().find(|(_, record)| record.shard() == Some(shard)).map(|(folder, _)| folder.clone());
         // By the name of its neighbour.

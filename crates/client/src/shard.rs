@@ -15,7 +15,7 @@ const COUNT: &str = "FIATLUX_SHARDS";
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 
 /// Part K of N of a list of episodes: the K-th, and every N-th after it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Shard {
     /// From 1 to `of`.
     part: usize,
