@@ -1,6 +1,7 @@
 //! The command `fiatlux demonstrate`.
 
 mod lerobot;
+mod recipe;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -26,6 +27,8 @@ pub const EXAMPLES: &str = "Examples:
   fiatlux demonstrate --task S08 --episodes 100 --out demos/s08 --lerobot --python venv/bin/python
                                                           and a LeRobot data set in demos/s08/lerobot
   fiatlux demonstrate --task S05 --policy walk --episodes 20 --out demos/s05 --record camera@25 --image 128x128
+  fiatlux demonstrate --task S08 --episodes 5 --out demos/s08 --no-pictures --recipe demonstrations.txt
+                                                          the public ones, made again and compared
   python -m fiatlux.lerobot demos/s08/bags --out set --fps 10 --action command
                                                           a data set of other columns and rates, from the same bags
 
@@ -55,6 +58,12 @@ pub struct DemonstrateArgs {
     /// Record no pictures: bags of a fraction of the size, in a fraction of the time.
     #[arg(long, conflicts_with = "record")]
     no_pictures: bool,
+    /// Compares the demonstrations with a list of rooms and digests, and fails where one is another episode.
+    #[arg(long, value_name = "FILE")]
+    recipe: Option<PathBuf>,
+    /// Writes room and digest of each demonstration into such a list, in place of those that it has of the task.
+    #[arg(long, value_name = "FILE", conflicts_with = "recipe")]
+    write_recipe: Option<PathBuf>,
     /// With --lerobot: that Python [default: python3].
     #[arg(long, value_name = "PROGRAM", requires = "lerobot")]
     python: Option<PathBuf>,
@@ -99,6 +108,7 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
         return Ok(ExitCode::from(USAGE));
     }
     // Before an hour is spent on bags.
+    let list = args.recipe.as_deref().map(recipe::read).transpose()?;
     let lerobot = args.lerobot.then(|| LeRobot::find(args.python.as_deref(), &args.out)).transpose()?;
     let session = args.session.clone();
     let mut session = if args.no_pictures { session } else { session.recording("camera") };
@@ -136,6 +146,7 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
         _ => None,
     };
     print(args, &done, data_set.as_ref())?;
+    let is_equal = follow_recipe(args, &done, list.as_deref())?;
     if !is_whole {
         let goes_on = if done.outcome.stopped {
             "stopped before the end; the same command goes on from here"
@@ -144,7 +155,33 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
         };
         fiatlux_cli::report(format!("{} of {} demonstrations; {goes_on}", done.kept.len(), options.episodes));
     }
-    Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+    Ok(match (is_equal, is_whole) {
+        (false, _) => ExitCode::FAILURE,
+        (true, true) => ExitCode::SUCCESS,
+        (true, false) => ExitCode::from(3),
+    })
+}
+
+/// Compares the demonstrations with a list, or writes one; false where an episode is another one.
+fn follow_recipe(args: &DemonstrateArgs, done: &Demonstrated, list: Option<&[recipe::Entry]>) -> anyhow::Result<bool> {
+    if list.is_none() && args.write_recipe.is_none() {
+        return Ok(true);
+    }
+    let played = recipe::entries(args.task, &args.policy, &done.kept)?;
+    if let Some(path) = &args.write_recipe {
+        recipe::write(path, &played)?;
+    }
+    let Some(list) = list else { return Ok(true) };
+    let compared = recipe::compare(&played, list);
+    let unlisted = compared.unlisted.len();
+    fiatlux_cli::report(format!("{} of {} are those of the list, {unlisted} not in it", compared.equal, played.len()));
+    if let Some(first) = compared.different.first() {
+        let count = compared.different.len();
+        fiatlux_cli::report(format!(
+            "{count} are other episodes, room {first} the first: another version made the list, or the options differ"
+        ));
+    }
+    Ok(compared.different.is_empty())
 }
 
 fn print(args: &DemonstrateArgs, done: &Demonstrated, data_set: Option<&PathBuf>) -> anyhow::Result<()> {

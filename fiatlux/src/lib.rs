@@ -8,6 +8,7 @@ mod evaluate_command;
 #[allow(missing_docs)] // Used by this program and its tests.
 pub mod keys;
 mod keys_command;
+mod label_command;
 mod lists_command;
 mod network;
 mod part;
@@ -60,6 +61,12 @@ enum Command {
     /// continues, and one with more episodes adds to what is there.
     #[command(after_help = demonstrate_command::EXAMPLES)]
     Demonstrate(Box<demonstrate_command::DemonstrateArgs>),
+    /// Says for each action of recorded episodes what the expert would have done in its place, for learning.
+    ///
+    /// Plays the episodes again on a server in this process, takes of teleoperation and other policies' bags too. Ctrl-C stops cleanly;
+    /// the same command then continues.
+    #[command(after_help = label_command::EXAMPLES)]
+    Label(label_command::LabelArgs),
     /// Makes a video, a folder of pictures or a still of recorded episodes.
     ///
     /// Needs no graphics driver. A video needs ffmpeg in PATH; without it the frames are written as PNG files. Ctrl-C
@@ -116,6 +123,7 @@ pub fn run(policies: Policies) -> ExitCode {
     let done = match fiatlux_cli::parse::<Cli>().command {
         Command::Evaluate(args) => evaluate_command::run(&args, policies),
         Command::Demonstrate(args) => demonstrate_command::run(&args, policies),
+        Command::Label(args) => label_command::run(&args),
         Command::Render(args) => render_command::run(&args),
         Command::View(args) => view_command::run(&args),
         Command::Teleop(args) => teleop_command::run(&args),

@@ -17,6 +17,9 @@ pub const MAX_CHUNK_KEYS: [usize; 2] = [32, 64];
 /// Bytes of a chunk's `problem`.
 pub const MAX_CHUNK_PROBLEM: usize = 256;
 
+/// Bytes of a chunk's `phase`.
+pub const MAX_CHUNK_PHASE: usize = 64;
+
 /// Largest message that a client or a recorder reads, bytes. A truth takes about 8,000.
 pub const MAX_SERVER_MESSAGE: usize = 4 * 1024 * 1024;
 

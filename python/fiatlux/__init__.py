@@ -14,6 +14,7 @@ from ._register import register as _register
 from .bag import Bag
 from .baseline import Baseline
 from .client import Client
+from .climber import Climber
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
@@ -41,6 +42,7 @@ __all__ = [
     "Baseline",
     "Camera",
     "Client",
+    "Climber",
     "ClimbingVectorEnv",
     "Env",
     "EpisodeSettings",

@@ -204,11 +204,8 @@ class Expert:
     def label(
         self,
         episode: Episode,
-        targets: NDArray[np.float64],
-        actions: NDArray[np.float64],
-        command: NDArray[np.float64],
-        flags: NDArray[np.bool_],
-    ) -> tuple[str, float, str | None]: ...
+        answers: NDArray[np.float64],
+    ) -> list[tuple[str, float, str | None]]: ...
 
 class Experts:
     def __init__(self, worlds: int, threads: int) -> None: ...
@@ -216,11 +213,19 @@ class Experts:
     def label(
         self,
         batch: Batch,
-        targets: NDArray[np.float64],
-        actions: NDArray[np.float64],
-        commands: NDArray[np.float64],
-        flags: NDArray[np.bool_],
+        answers: NDArray[np.float64],
     ) -> list[tuple[str, float, str | None]]: ...
+
+class Climber:
+    def __init__(self, task: str) -> None: ...
+    def restart(self) -> None: ...
+    def step(
+        self,
+        sensed: tuple[list[float], list[float], list[float], float, list[float], list[float], list[float]],
+        ladder: list[float],
+        command: tuple[float, tuple[float, float]],
+    ) -> list[float]: ...
+    def progress(self) -> tuple[str, float | None]: ...
 
 class WholeBodies:
     def __init__(self, worlds: int, threads: int, weights: str | None, stance: list[bool]) -> None: ...

@@ -120,6 +120,14 @@ class Bag(Mapping[str, dict[str, Any]]):
         )
         return layout.show(numbers.reshape(self.steps + 1, layout.length), copy=False)
 
+    def phases(self) -> tuple[list[str], NDArray[np.bool_]] | None:
+        """For each step the name of what the policy ``expert`` did, and whether nothing was left to do; ``None`` in other policies' bags."""
+        actions = self["/action"]
+        names, is_over = actions.get("action.chunk.phase"), actions.get("action.chunk.is_over")
+        if names is None or not any(names) or not isinstance(is_over, np.ndarray) or len(is_over) != self.steps:
+            return None
+        return list(names), is_over.astype(np.bool_)
+
     def actions(self, form: ActionForm = "action") -> NDArray[np.float64]:
         """The action that acted in each step, steps x joints, in action units or as joint targets, rad.
 

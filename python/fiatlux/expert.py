@@ -58,13 +58,38 @@ class Labels(NamedTuple):
     reason: list[str | None]
 
 
-def _parts(names: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where arms and hands are in an action."""
-    groups, none = joint_groups(names), np.empty(0, np.int64)
-    arms, hands = (
-        np.concatenate([groups.get(f"{side}_{part}", none) for side in ("left", "right")]) for part in ("arm", "hand")
-    )
-    return arms, hands
+class _Asking:
+    """The names of a robot's joints, and how their answers are read."""
+
+    def __init__(self, names: list[str], is_target: bool) -> None:
+        groups, none = joint_groups(names), np.empty(0, np.int64)
+        self.joints, self.is_target = len(names), is_target
+        self.arms, self.hands = (
+            np.concatenate([groups.get(f"{side}_{part}", none) for side in ("left", "right")])
+            for part in ("arm", "hand")
+        )
+
+    def answers(self, worlds: int) -> NDArray[np.float64]:
+        """Room for joint targets, actions, a command and two flags of each world."""
+        return np.empty((worlds, 2 * self.joints + _COMMAND + 2))
+
+    def labels(self, answers: NDArray[np.float64], told: list[tuple[str, float, str | None]]) -> Labels:
+        """The answers by name; ``told`` is what is not in the array."""
+        ends = [self.joints, 2 * self.joints, 2 * self.joints + _COMMAND]
+        target, action, command, flags = np.split(answers, ends, axis=1)
+        phases, parts, reasons = zip(*told)
+        return Labels(
+            joint_target=target.copy(),
+            action=(target if self.is_target else action).copy(),
+            body_command=command.copy(),
+            arms=target[:, self.arms],
+            hands=target[:, self.hands],
+            phase=np.array(phases),
+            part_done=np.array(parts),
+            is_over=flags[:, 0] == 1,
+            can_label=flags[:, 1] == 1,
+            reason=list(reasons),
+        )
 
 
 class Expert:
@@ -87,8 +112,7 @@ class Expert:
         self._env = plain
         self._native = _native.Expert()
         self._episode: _native.Episode | None = None
-        self._arms, self._hands = _parts(plain.action_names)
-        self._is_target = plain._settings["action_form"] == "joint_target"
+        self._asking = _Asking(plain.action_names, plain._settings["action_form"] == "joint_target")
 
     def __repr__(self) -> str:
         return f"<fiatlux.Expert of {self._env!r}>"
@@ -107,29 +131,17 @@ class Expert:
         if self._env._episode is not self._episode:
             self._episode = self._env._episode
             self._native.restart()
-        joints = len(self._env.action_names)
-        target, action, command = np.empty(joints), np.empty(joints), np.empty(_COMMAND)
-        flags = np.empty(2, np.bool_)
-        phase, part_done, reason = self._native.label(self._episode, target, action, command, flags)
-        return Label(
-            joint_target=target,
-            action=target.copy() if self._is_target else action,
-            body_command=command,
-            arms=target[self._arms],
-            hands=target[self._hands],
-            phase=phase,
-            part_done=part_done,
-            is_over=bool(flags[0]),
-            can_label=bool(flags[1]),
-            reason=reason,
-        )
+        answers = self._asking.answers(1)
+        one = self._asking.labels(answers, self._native.label(self._episode, answers))
+        first: Any = (part[0] if isinstance(part, list) or part.ndim > 1 else part[0].item() for part in one)
+        return Label(*first)
 
 
 class Experts:
     """:class:`Expert` for all worlds of a :class:`VectorEnv` of a task of the benchmark.
 
-    Where a world's episode ends and the next one begins, its expert begins anew. After :meth:`VectorEnv.copy_world` or
-    :meth:`VectorEnv.restore`, call :meth:`reset` with those worlds.
+    Where a world's episode ends and the next one begins, its expert begins anew, and so it does in a world that
+    :meth:`VectorEnv.copy_world` or :meth:`VectorEnv.restore` changed.
 
     Args:
         env: The worlds, or a Gymnasium wrapper around them.
@@ -146,8 +158,8 @@ class Experts:
         self.num_threads = whole("num_threads", threads, 1, _native.MAX_THREADS)
         self._native = _native.Experts(self.num_envs, self.num_threads)
         self._batch: _native.Batch | None = None
-        self._arms, self._hands = _parts(plain.action_names)
-        self._is_target = plain.action_form == "joint_target"
+        self._jumps = plain._jumps.copy()
+        self._asking = _Asking(plain.action_names, plain.action_form == "joint_target")
 
     def __repr__(self) -> str:
         return f"<fiatlux.Experts of {self._env!r}>"
@@ -169,23 +181,12 @@ class Experts:
         if self._env._batch is not self._batch:
             self._batch = self._env._batch
             self.reset()
-        worlds, joints = self.num_envs, len(self._env.action_names)
-        target, action = np.empty((worlds, joints)), np.empty((worlds, joints))
-        command, flags = np.empty((worlds, _COMMAND)), np.empty((worlds, 2), np.bool_)
-        told = self._native.label(self._batch, target, action, command, flags)
-        phases, parts, reasons = zip(*told)
-        return Labels(
-            joint_target=target,
-            action=target.copy() if self._is_target else action,
-            body_command=command,
-            arms=target[:, self._arms],
-            hands=target[:, self._hands],
-            phase=np.array(phases),
-            part_done=np.array(parts),
-            is_over=flags[:, 0].copy(),
-            can_label=flags[:, 1].copy(),
-            reason=list(reasons),
-        )
+        jumped = self._env._jumps != self._jumps
+        if jumped.any():
+            self._jumps = self._env._jumps.copy()
+            self._native.restart(jumped)
+        answers = self._asking.answers(self.num_envs)
+        return self._asking.labels(answers, self._native.label(self._batch, answers))
 
 
 def label(bag: Bag | str | PathLike[str]) -> Labels:

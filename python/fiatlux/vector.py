@@ -266,6 +266,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._was_over = np.zeros(worlds, np.bool_)
         self.reward_weights: dict[str, float] = dict(zip(layout.reward_terms, batch.spec["reward_weights"]))
         self._is_closed = False
+        # How often each world was put into another state than its own; who follows worlds looks at it.
+        self._jumps = np.zeros(worlds, np.int64)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -315,6 +317,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._check_open()
         marks = self._marks("worlds", worlds)
         self._batch.copy_world(whole("world", world, 0, self.num_envs - 1), marks, self._observation)
+        self._jumps += marks
         return self._layout.show(self._observation, self.copies)
 
     def terminate(self, mask: Any) -> Any:
@@ -534,7 +537,9 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         snapshot is of one; any other difference raises ``ValueError`` with its name.
         """
         self._check_open()
-        self._batch.restore(snapshot, self._observation, None if worlds is None else self._marks("worlds", worlds))
+        marks = None if worlds is None else self._marks("worlds", worlds)
+        self._batch.restore(snapshot, self._observation, marks)
+        self._jumps += True if marks is None else marks
         return self._layout.show(self._observation, self.copies)
 
     def row(self, world: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ mod bag;
 mod batch;
 mod build;
 mod client;
+mod climber;
 mod episode;
 mod evaluate;
 mod fault;
@@ -38,6 +39,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Batch>()?;
     module.add_class::<batch::Snapshot>()?;
     module.add_class::<client::Client>()?;
+    module.add_class::<climber::Climber>()?;
     module.add_class::<episode::Episode>()?;
     module.add_class::<kinematics::Kinematics>()?;
     module.add_class::<teacher::Expert>()?;

@@ -8,7 +8,6 @@ use fiatlux_cli::in_full;
 use fiatlux_client::Policy;
 use fiatlux_policies::{Expert as Asked, Label};
 use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors, View};
-use fiatlux_wbc::BodyCommand;
 use fiatlux_wire::session_terms;
 use fiatlux_world::ACTION_SCALE;
 use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
@@ -64,26 +63,38 @@ impl Teacher {
         Ok(())
     }
 
-    /// Writes the last answer: joint targets as such and as actions, the command, and the flags `is_over` and `can_label`.
-    fn write(&self, targets: &mut [f64], actions: &mut [f64], command: &mut [f64], flags: &mut [bool]) -> Told {
-        targets.fill(f64::NAN);
-        actions.fill(f64::NAN);
-        command.fill(f64::NAN);
-        flags.fill(false);
+    /// Writes the last answer into a row: joint targets, the same as actions, the command, and the flags `is_over` and `can_label`.
+    fn write(&self, row: &mut [f64]) -> Told {
+        row.fill(f64::NAN);
+        let [numbers @ .., is_over, can_label] = row else { return (String::new(), f64::NAN, None) };
+        (*is_over, *can_label) = (0.0, 0.0);
         let label = match &self.answer {
             Err(reason) => return (String::new(), f64::NAN, Some(reason.clone())),
             Ok(label) => label,
         };
-        let places = targets.iter_mut().zip(actions).zip(&label.joint_target).zip(&self.q0);
-        for (((target, action), to), q0) in places {
-            (*target, *action) = (*to, (to - q0) / ACTION_SCALE);
+        let (targets, rest) = numbers.split_at_mut(label.joint_target.len());
+        let (actions, command) = rest.split_at_mut(targets.len());
+        targets.copy_from_slice(&label.joint_target);
+        for ((action, target), q0) in actions.iter_mut().zip(&*targets).zip(&self.q0) {
+            *action = (target - q0) / ACTION_SCALE;
         }
         if let Some(body) = &label.body_command {
             command.iter_mut().zip(body.numbers()).for_each(|(place, number)| *place = number);
         }
-        flags.copy_from_slice(&[label.is_over, true]);
+        (*is_over, *can_label) = (f64::from(u8::from(label.is_over)), 1.0);
         (label.phase.clone(), label.part_done.unwrap_or(f64::NAN), None)
     }
+}
+
+/// Writes the last answers of experts into an array, a row each, and returns what is not in it.
+fn write<'a>(
+    teachers: impl ExactSizeIterator<Item = &'a Mutex<Teacher>>,
+    answers: &mut PyReadwriteArrayDyn<'_, f64>,
+) -> PyResult<Vec<Told>> {
+    let answers = answers.as_slice_mut().map_err(|_| not_contiguous("answers"))?;
+    let width = (answers.len() / teachers.len().max(1)).max(1);
+    let rows = answers.chunks_mut(width);
+    Ok(teachers.zip(rows).map(|(teacher, row)| lock(teacher).write(row)).collect())
 }
 
 /// The expert of one environment.
@@ -104,16 +115,13 @@ impl Expert {
         Ok(())
     }
 
-    /// Answers an episode's present row; arrays as of `Experts::label`.
+    /// Answers an episode's present row; the array is as of `Experts::label`, of one row.
     fn label(
         slf: &Bound<'_, Self>,
         py: Python<'_>,
         episode: &Bound<'_, Episode>,
-        mut targets: PyReadwriteArrayDyn<'_, f64>,
-        mut actions: PyReadwriteArrayDyn<'_, f64>,
-        mut command: PyReadwriteArrayDyn<'_, f64>,
-        mut flags: PyReadwriteArrayDyn<'_, bool>,
-    ) -> PyResult<Told> {
+        mut answers: PyReadwriteArrayDyn<'_, f64>,
+    ) -> PyResult<Vec<Told>> {
         own_mut!(slf, this);
         own_mut!(episode, episode);
         let asked = py.detach(|| {
@@ -121,14 +129,7 @@ impl Expert {
             guarded(|| lock(&this.0).ask(suite, &view))
         });
         asked?.map_err(|error| failed(&error))?;
-        let slice = |_| not_contiguous("targets");
-        let told = lock(&this.0).write(
-            targets.as_slice_mut().map_err(slice)?,
-            actions.as_slice_mut().map_err(slice)?,
-            command.as_slice_mut().map_err(slice)?,
-            flags.as_slice_mut().map_err(slice)?,
-        );
-        Ok(told)
+        write(std::iter::once(&this.0), &mut answers)
     }
 }
 
@@ -155,33 +156,18 @@ impl Experts {
         Ok(())
     }
 
-    /// Answers the present rows of all worlds: joint targets and actions (worlds x joints), commands (worlds x 7), and the flags
-    /// `is_over` and `can_label` (worlds x 2). Numbers that an answer lacks are NaN.
+    /// Answers the present rows of all worlds. In an array of worlds x (twice the joints + 9): joint targets, actions, the seven numbers
+    /// of the command, and the flags `is_over` and `can_label`. Numbers that an answer lacks are NaN.
     fn label(
         slf: &Bound<'_, Self>,
         py: Python<'_>,
         batch: &Bound<'_, Batch>,
-        mut targets: PyReadwriteArrayDyn<'_, f64>,
-        mut actions: PyReadwriteArrayDyn<'_, f64>,
-        mut commands: PyReadwriteArrayDyn<'_, f64>,
-        mut flags: PyReadwriteArrayDyn<'_, bool>,
+        mut answers: PyReadwriteArrayDyn<'_, f64>,
     ) -> PyResult<Vec<Told>> {
         own_mut!(slf, this);
         own!(batch, batch);
-        let (worlds, joints) = (batch.worlds(), batch.worlds().spec().actions.len());
-        py.detach(|| guarded(|| this.ask(worlds)))?.map_err(error)?;
-        let slice = |_| not_contiguous("targets");
-        let targets = targets.as_slice_mut().map_err(slice)?.chunks_mut(joints);
-        let actions = actions.as_slice_mut().map_err(slice)?.chunks_mut(joints);
-        let commands = commands.as_slice_mut().map_err(slice)?.chunks_mut(BodyCommand::NAMES.len());
-        let flags = flags.as_slice_mut().map_err(slice)?.chunks_mut(2);
-        let places = targets.zip(actions).zip(commands.zip(flags));
-        let told = this.teachers.iter().zip(places);
-        Ok(told
-            .map(|(teacher, ((targets, actions), (command, flags)))| {
-                lock(teacher).write(targets, actions, command, flags)
-            })
-            .collect())
+        py.detach(|| guarded(|| this.ask(batch.worlds())))?.map_err(error)?;
+        write(this.teachers.iter(), &mut answers)
     }
 }
 

@@ -61,3 +61,17 @@ def test_a_clone_walks_to_the_bulb(tmp_path):
             assert info["success"]
             break
     assert away() < began - 0.5 and seen["base_height"][0] > 0.65, "it is on its way, and upright"
+
+
+def test_a_student_learns_from_the_expert():
+    dagger = imported("dagger")
+    errors = []
+    train = dagger.Network.train
+
+    def watched(student, inputs, outputs, batches):
+        train(student, inputs, outputs, batches)
+        errors.append(np.abs(student.layers(inputs)[-1] - outputs).mean(0) / outputs.std(0).clip(0.01))
+
+    dagger.Network.train = watched
+    dagger.main("S07", 2, worlds=3, steps=120, batches=400, judged=range(1100, 1102), last=5)
+    assert len(errors) == 2 and errors[-1][:3].mean() < 0.5, "it tells where to walk"

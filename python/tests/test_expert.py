@@ -1,5 +1,6 @@
 """Tests that the scripted expert answers a learner as it plays by itself."""
 
+import json
 import os
 import subprocess
 
@@ -145,7 +146,16 @@ def test_labels_of_the_experts_own_episode_are_what_it_did(tmp_path):
     ]
     subprocess.run([*command, "--out", tmp_path], check=True, capture_output=True)
     bag = fiatlux.Bag(next((tmp_path / "bags").glob("*.mcap")))
-    np.testing.assert_array_equal(fiatlux.label(bag).action, bag["/state"]["action"][1:])
+    labels = fiatlux.label(bag)
+    np.testing.assert_array_equal(labels.action, bag["/state"]["action"][1:])
+    phases, is_over = bag.phases()
+    assert phases == list(labels.phase) and (is_over == labels.is_over).all() and len(set(phases)) > 3
+    path = next((tmp_path / "bags").glob("*.mcap"))
+    subprocess.run([os.environ["FIATLUX_TEST_PROGRAM"], "label", path], check=True, capture_output=True)
+    first, *rows = (json.loads(line) for line in path.with_suffix(".labels.jsonl").read_text().splitlines())
+    assert first["joints"] == bag.header["joint_names"] and first["digest"] == bag.result["end"]["digest"]
+    assert [row["phase"] for row in rows] == phases and all(row["can_label"] for row in rows)
+    np.testing.assert_array_equal([row["joint_target"] for row in rows], labels.joint_target)
 
 
 @pytest.mark.parametrize(("task", "step"), [("S06", 380), ("S08", 520), ("S12", 1500)])
@@ -161,6 +171,23 @@ def test_it_takes_over_in_the_midst_of_a_task(task, step):
         _, _, terminated, truncated, info = env.step(label.action)
         is_over = terminated or truncated
     assert info["success"]
+
+
+def test_experts_begin_anew_where_worlds_are_copied_or_go_back():
+    env = fiatlux.VectorEnv(
+        "S05", 3, seeds=[1000], episodes=1, sensors=["last_action"], action_form="joint_target", num_threads=1
+    )
+    env.reset(seed=0)
+    experts = fiatlux.Experts(env)
+    for _ in range(100):
+        env.step(experts.label().action)
+    saved = env.save()
+    assert (np.abs(experts.label().body_command[:, :3]).max(axis=1) > 0.05).all()
+    env.copy_world(0, np.array([False, True, False]))
+    stands = (experts.label().body_command[:, :3] == 0).all(axis=1)
+    np.testing.assert_array_equal(stands, [False, True, False])
+    env.restore(saved)
+    assert (experts.label().body_command[:, :3] == 0).all(), "at first it stands"
 
 
 def test_it_says_where_it_cannot_go_on():

@@ -38,7 +38,11 @@ pub struct Player {
     time: f64,
     /// Speed of the plan's time.
     pub rate: f64,
-    /// Part of that speed at which time runs.
+    /// Part of that speed at which its user lets time run.
+    pub pace: f64,
+    /// By how much the centre of mass is wanted elsewhere than the plan has it, on the level, m.
+    pub lean: Vector3<f64>,
+    /// Part of the rest at which time runs.
     goes: f64,
     filter: JointFilter,
     state: State,
@@ -64,6 +68,8 @@ impl Player {
             plan,
             time: 0.0,
             rate: 1.0,
+            pace: 1.0,
+            lean: Vector3::zeros(),
             goes: 1.0,
             filter,
             state,
@@ -99,7 +105,7 @@ impl Player {
         let part = |error: f64, [begins, most]: [f64; 2]| (most - error) / (most - begins);
         let (com, foot) = (self.controller.com_error(), self.controller.held_error());
         self.goes = part(com, WAITS).min(part(foot, FOOT_WAITS)).clamp(MIN_RATE, 1.0);
-        self.time += DT * self.rate * self.goes;
+        self.time += DT * self.rate * self.pace * self.goes;
         Ok(&self.targets)
     }
 
@@ -155,7 +161,7 @@ impl Player {
         };
         let soles = (poses(&due), poses(&later));
         // From the plan's time to the robot's.
-        let speed = self.rate * self.goes / AHEAD;
+        let speed = self.rate * self.pace * self.goes / AHEAD;
         let turn = |from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>| (to * from.inverse()).scaled_axis() * speed;
         let (mut supports, mut held) = (Vec::new(), Vec::new());
         let weight = body.robot.total_mass() * 9.81;
@@ -186,6 +192,7 @@ impl Player {
         let stance = Stance::new(&body.model, body.ids.root, &due, supports);
         let pairs = stance.posture.iter().zip(&later.posture);
         Stance {
+            com: stance.com + self.lean,
             com_velocity: (later.com - stance.com) * speed,
             speeds: pairs.map(|(now, later)| (later - now) * speed).collect(),
             trunk_velocity: turn(&stance.world_from_trunk, &later.world_from_trunk),

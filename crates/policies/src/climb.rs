@@ -112,6 +112,9 @@ struct Episode {
     /// Follows the plan in place of the player, which goes to the plan's first posture alone.
     climber: Option<Arc<fiatlux_climb::Network>>,
     follower: Option<Follower>,
+    /// As of [`ClimbCommand`]; the lean is in the plan's frame.
+    pace: f64,
+    lean: Vector3<f64>,
 }
 
 impl Climb {
@@ -132,6 +135,14 @@ impl Climb {
         let climber = fiatlux_climb::Network::read(Path::new(file)).map_err(PolicyError::of("climb"))?;
         let name = body::label("climb", file, &[climber.digest()]);
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
+    }
+
+    /// Sets how the plan is played from the next step on: at a part of its speed, and with the centre of mass elsewhere, m in the plan's
+    /// frame. It has an effect while the player balances the robot.
+    pub(crate) fn set_pace(&mut self, pace: f64, lean: Vector3<f64>) {
+        if let Some(episode) = &mut self.episode {
+            (episode.pace, episode.lean) = (pace, lean);
+        }
     }
 
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
@@ -260,6 +271,8 @@ impl Policy for Climb {
             search: None,
             climber: self.climber.clone(),
             follower: None,
+            pace: 1.0,
+            lean: Vector3::zeros(),
         });
         Ok(())
     }
@@ -473,6 +486,7 @@ impl Episode {
             tracker.restart(0.0, NETWORK_RATE);
             self.follower = Some(Follower::new(climber, tracker));
         }
+        (player.pace, player.lean) = (self.pace, world_from_plan.rotation * self.lean);
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
         self.hold.write(&self.walker.targets, angles, &mut targets);
         Ok(targets)

@@ -103,6 +103,8 @@ struct Episode {
     rests: u64,
     /// Step of the last touch of a hand and a bulb.
     touched: Option<u64>,
+    /// Step of the last observation that was answered.
+    answered: Option<u64>,
 }
 
 enum Plays {
@@ -159,25 +161,20 @@ impl Expert {
             return Err(PolicyError::Unfit { policy: "expert", reason });
         };
         let episode = self.episode.as_ref().ok_or_else(|| PolicyError::not_reset("expert"))?;
-        Ok(match &episode.plays {
-            Plays::Skill(index) => {
-                let skill = &self.skills[*index];
-                Label {
-                    joint_target,
-                    body_command: skill.body_command(),
-                    phase: skill.phase(),
-                    part_done: skill.part_done(),
-                    is_over: skill.is_over(),
-                }
-            }
-            Plays::Stands(body) => Label {
-                joint_target,
-                body_command: body.commanded(),
-                phase: "Stand".into(),
-                part_done: None,
-                is_over: true,
-            },
-        })
+        let (phase, is_over) = self.does(&episode.plays);
+        let (body_command, part_done) = match &episode.plays {
+            Plays::Skill(index) => (self.skills[*index].body_command(), self.skills[*index].part_done()),
+            Plays::Stands(body) => (body.commanded(), None),
+        };
+        Ok(Label { joint_target, body_command, phase, part_done, is_over })
+    }
+
+    /// Name of what it does now, and whether nothing is left to do.
+    fn does(&self, plays: &Plays) -> (String, bool) {
+        match plays {
+            Plays::Skill(index) => (self.skills[*index].phase(), self.skills[*index].is_over()),
+            Plays::Stands(_) => ("Stand".into(), true),
+        }
     }
 
     /// Begins a task from what an observation shows: the first one of an episode, or one in the midst of it.
@@ -265,7 +262,8 @@ impl Policy for Expert {
             self.skills[*index].takes_over(first);
         }
         let since = first.step;
-        self.episode = Some(Episode { info: info.clone(), is_errand, plays, task, since, rests: 0, touched });
+        let info = info.clone();
+        self.episode = Some(Episode { info, is_errand, plays, task, since, rests: 0, touched, answered: None });
         Ok(())
     }
 
@@ -279,15 +277,22 @@ impl Policy for Expert {
             Plays::Skill(index) => self.skills[*index].act(&since(observation, episode.since)),
             Plays::Stands(body) => body.step(observation, &BodyCommand::default()),
         };
+        episode.answered = Some(observation.step);
         self.episode = Some(episode);
         command
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        match &mut self.episode.as_mut()?.plays {
+        let mut episode = self.episode.take()?;
+        let command = match &mut episode.plays {
             Plays::Skill(index) => self.skills[*index].source(),
             Plays::Stands(body) => body.record(),
-        }
+        };
+        let (phase, is_over) = self.does(&episode.plays);
+        let index = episode.answered;
+        self.episode = Some(episode);
+        let index = index?;
+        Some(Chunk { phase, is_over: Some(is_over), ..command.unwrap_or(Chunk { index, ..Chunk::default() }) })
     }
 }
 

@@ -3,12 +3,14 @@
 mod body;
 mod body_motion;
 mod climb;
+mod climber;
 mod entry;
 mod expert;
 mod foreign;
 mod gait;
 mod hands;
 mod hold;
+mod labeller;
 mod ladder;
 mod random;
 mod registry;
@@ -24,11 +26,13 @@ mod zero;
 use std::path::Path;
 
 pub use climb::Climb;
+pub use climber::{ClimbCommand, Climber};
 pub use entry::Entry;
 pub use expert::{Expert, Label};
 pub use foreign::{Gear, Sonic};
 pub use hands::Hands;
 pub use hold::Hold;
+pub use labeller::Labeller;
 pub use ladder::Ladder;
 pub use random::Random;
 pub use registry::Policies;

@@ -44,7 +44,12 @@ fn recorded(policy: &str, task: Task, room: u64, steps: usize) -> Vec<bool> {
     for step in 0..steps {
         let answer = policy_of.act(&seen).unwrap();
         let Command::JointTarget(targets) = &answer else { panic!("no targets") };
-        let chunk = policy_of.source();
+        let source = policy_of.source();
+        if policy == "expert" {
+            let source = source.as_ref().expect("it says what it does");
+            assert!(!source.phase.is_empty() && source.is_over.is_some(), "{task:?}, step {step}: {source:?}");
+        }
+        let chunk = source.filter(|chunk| chunk.width > 0);
         if let Some(chunk) = &chunk {
             assert_eq!(chunk.index, step as u64, "{policy}, {task:?}: one for each control step from the start on");
             body.targets[MOVED..].copy_from_slice(&targets[MOVED..]);

@@ -255,8 +255,12 @@ impl ClientSession {
             return self.fail(SessionFailure::command(step, &error));
         }
         let mut action = command.into_action(self.episode, step);
-        let knows_chunks = self.info.protocol.is_some_and(|peer| peer.major == PROTOCOL.major && peer.minor >= 5);
+        let knows = |minor| self.info.protocol.is_some_and(|peer| peer.major == PROTOCOL.major && peer.minor >= minor);
+        let (knows_chunks, knows_phases) = (knows(5), knows(13));
         action.chunk = self.chunk.take().filter(|chunk| knows_chunks && check_chunk(chunk).is_ok());
+        if let Some(chunk) = action.chunk.as_mut().filter(|_| !knows_phases) {
+            (chunk.phase, chunk.is_over) = (String::new(), None);
+        }
         let action = Bytes::from(encode(&action));
         self.outputs.push_back(Output::Action(action.clone()));
         if let Phase::Waiting { actions, .. } = &mut self.phase {

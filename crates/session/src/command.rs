@@ -1,7 +1,7 @@
 //! A policy's command to the robot, and its check, which both ends of a session share.
 
 use fiatlux_proto::BodyCommand;
-use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PROBLEM};
+use fiatlux_proto::limits::{MAX_CHUNK_KEYS, MAX_CHUNK_NUMBERS, MAX_CHUNK_PHASE, MAX_CHUNK_PROBLEM};
 use fiatlux_proto::v3::{Action, Chunk, Joint, SessionInfo};
 use thiserror::Error;
 
@@ -157,6 +157,7 @@ pub(crate) fn check_chunk(chunk: &Chunk) -> Result<(), CommandError> {
         (chunk.keys.len() <= most_keys, "has too many keys"),
         (chunk.keys.iter().all(|key| key.len() <= longest_key), "has a key that is too long"),
         (chunk.problem.len() <= MAX_CHUNK_PROBLEM, "has a problem that is too long"),
+        (chunk.phase.len() <= MAX_CHUNK_PHASE, "has a phase that is too long"),
     ];
     match checks.iter().find(|(holds, _)| !holds) {
         Some((_, problem)) => Err(CommandError::Chunk { problem }),
@@ -176,12 +177,13 @@ mod tests {
             width: 33,
             keys: vec!["k".repeat(64); 32],
             problem: "p".repeat(256),
+            phase: "p".repeat(64),
             server_s: Some(0.1),
             ..Chunk::default()
         };
         assert_eq!(check_chunk(&good), Ok(()));
         assert_eq!(check_chunk(&Chunk::default()), Ok(()));
-        let wrong: [fn(&mut Chunk); 9] = [
+        let wrong: [fn(&mut Chunk); 10] = [
             |chunk| chunk.values.resize(3333, 0.0),
             |chunk| chunk.values.truncate(34),
             |chunk| chunk.width = 0,
@@ -191,6 +193,7 @@ mod tests {
             |chunk| chunk.server_s = Some(f64::NAN),
             |chunk| chunk.keys.push(String::new()),
             |chunk| chunk.problem.push('p'),
+            |chunk| chunk.phase.push('p'),
         ];
         let info = SessionInfo { joints: vec![Joint::default()], action_scale: 1.0, ..SessionInfo::default() };
         for change in wrong {

@@ -49,6 +49,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     train.add_argument("--steps", type=int, default=1250, help="control steps of a round in each world [default: 1250]")
     train.add_argument("--minutes", type=float, default=2.0, help="minutes of training in each round [default: 2]")
+    train.add_argument(
+        "--updates",
+        type=int,
+        default=0,
+        help="steps of training in each round, in place of minutes: the run then follows from the seed",
+    )
+    train.add_argument(
+        "--takes-over",
+        type=float,
+        default=0.0,
+        help="share of a student's episodes that the teacher ends, from a drawn time on [default: 0]",
+    )
     train.add_argument("--batch", type=int, default=384, help="decisions in a step of training [default: 384]")
     train.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
     train.add_argument("--picture", type=int, nargs=2, default=(128, 128), metavar=("WIDTH", "HEIGHT"))
@@ -91,21 +103,24 @@ def train_rounds(given: argparse.Namespace) -> None:
             if not (folder / "done").exists():
                 began = time.monotonic()
                 first = FIRST_ROOM + number * given.worlds
-                lesson, ended, successes = play(
+                lesson, ended, successes, unended = play(
                     task,
                     range(first, first + given.worlds),
                     given.steps,
                     shape=shape,
                     student=student,
+                    takes_over=given.takes_over,
                     threads=given.threads,
                     seed=given.seed + number,
                     device=device,
                 )
                 lesson.save(folder)
-                (folder / "done").write_text(json.dumps({"episodes": ended, "successes": successes}))
+                (folder / "done").write_text(
+                    json.dumps({"episodes": ended, "successes": successes, "unended": unended})
+                )
                 driver = "student" if student else "teacher"
                 print(
-                    f"round {number} {task}: {driver} succeeded in {successes} of {ended} episodes, "
+                    f"round {number} {task}: {driver} succeeded in {successes} of {ended} episodes, {unended} worlds ended none, "
                     f"{len(lesson.back)} decisions, {time.monotonic() - began:.0f} s",
                     flush=True,
                 )
@@ -178,7 +193,10 @@ def fit(
     network.train()
     began, step, totals, counted = time.monotonic(), 0, torch.zeros(3, device=device), 0
     print(f"round {number}: {len(learned)} decisions to learn, {device}", flush=True)
-    while (part := (time.monotonic() - began) / (60 * given.minutes)) < 1:
+    every = max(1, min(500, given.updates // 20)) if given.updates else 500
+    curve = (given.out / f"curve-{number}.csv").open("w", buffering=1)
+    print("step,velocity,stands,goal", file=curve)
+    while (part := step / given.updates if given.updates else (time.monotonic() - began) / (60 * given.minutes)) < 1:
         rate = given.rate * min(1, (step + 1) / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * part)))
         for group in optimizer.param_groups:
             group["lr"] = rate
@@ -205,13 +223,16 @@ def fit(
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimizer.step()
         totals, counted, step = totals + losses.detach(), counted + 1, step + 1
-        if step % 500 == 0:
-            of = " ".join(f"{number:.4f}" for number in (totals / counted).tolist())
+        if step % every == 0:
+            means = [f"{loss:.4f}" for loss in (totals / counted).tolist()]
+            print(step, *means, sep=",", file=curve)
+            of = " ".join(means)
             print(
                 f"  step {step}: velocity, stands, goal {of}; {step / (time.monotonic() - began):.1f} steps/s",
                 flush=True,
             )
             totals, counted = torch.zeros(3, device=device), 0
+    curve.close()
     print(f"  {step} steps, {sum(parameter.numel() for parameter in network.parameters())} parameters", flush=True)
     return network.eval()
 

@@ -141,11 +141,13 @@ def play(
     threads: int | None,
     seed: int,
     device: str,
-) -> tuple[Lesson, int, int]:
+    takes_over: float = 0.0,
+) -> tuple[Lesson, int, int, int]:
     """Plays episodes in a world for each room, one after the other, for some control steps, and returns what was seen, the number of
-    episodes that ended, and how many of them succeeded by the strict judge.
+    episodes that ended, how many of them succeeded by the strict judge, and the number of worlds in which none ended.
 
-    Without a student the teacher drives, and stumbles now and then.
+    Without a student the teacher drives, and stumbles now and then. With one, the teacher takes over in a share of the episodes, at a
+    time drawn from the whole, and ends them.
     """
     worlds, cameras, every = len(rooms), shape.cameras, shape.every
     env = VectorEnv(
@@ -163,10 +165,17 @@ def play(
         final_obs=False,
     )
     random, number = np.random.default_rng([seed, worlds]), shape.tasks.index(task)
+    late = np.random.default_rng([seed, worlds, 1])
     gaits, experts = Gaits(worlds, env.num_threads), Experts(env, num_threads=env.num_threads)
     memory = None if student is None else Memory(student, worlds, device)
     count, place, wanted = np.zeros(worlds, np.int64), np.zeros((worlds, 3)), np.zeros((worlds, 3))
-    stumbles = np.zeros(worlds, np.int64)
+    stumbles, has_ended = np.zeros(worlds, np.int64), np.zeros(worlds, np.bool_)
+
+    def until() -> Array:
+        """The control step of each world's episode from which the teacher drives."""
+        return np.where(late.random(worlds) < takes_over, late.integers(0, steps, worlds), steps)
+
+    drives_until = until()
     rows: list[tuple[Array, ...]] = []
     ended = successes = 0
     seen, _ = env.reset(seed=seed)
@@ -200,6 +209,8 @@ def play(
                 answer = memory.decide(at, pictures, body[at].astype(np.float32), place[at], back, number)
                 within = np.clip(answer[:, :3], RANGES[:, 0], RANGES[:, 1])
                 wanted[at] = np.where(answer[:, 3:] > 0, 0.0, within)
+                taken = at[count[at] >= drives_until[at]]
+                wanted[taken] = velocity[taken]
         if memory is None:
             begins = (random.random(worlds) < STUMBLES[0] / every) & (stumbles == 0) & (count > SETTLES)
             stumbles[begins] = random.integers(*STUMBLES[1], begins.sum())
@@ -215,10 +226,12 @@ def play(
         count += 1
         if over.any():
             ended, successes = ended + int(over.sum()), successes + int(info["success"][over].sum())
+            has_ended |= over
+            drives_until[over] = until()[over]
             count[over], place[over], wanted[over], stumbles[over] = 0, 0.0, 0.0, 0
             gaits.reset(over)
     env.close()
-    return _lesson(rows, number), ended, successes
+    return _lesson(rows, number), ended, successes, int((~has_ended).sum())
 
 
 def _ahead(seen: Any, thing: str) -> Array:

@@ -141,3 +141,27 @@ def test_gaits_set_in_gently_and_stop_at_once():
     assert (targets[0, 15:] == 1.0).all() and not (targets[0, :15] == 1.0).any()
     gaits.targets(sensed, 0 * ahead, np.array([SETTLES + 1]), others)
     assert (gaits.velocity == 0).all()
+
+
+def test_a_run_of_counted_updates_follows_from_its_seed(tmp_path, capsys):
+    counted = ["--tasks", "S05", "--rounds", "1", *SMALL, "--updates", "6", "--takes-over", "0.5"]
+    weights = []
+    for name in ("one", "other"):
+        assert main(["train", "--out", str(tmp_path / name), *counted]) == 0
+        weights.append(load(tmp_path / name / "round-1.pt", "cpu")[0].state_dict())
+    for name, numbers in weights[0].items():
+        assert torch.equal(numbers, weights[1][name]), name
+    assert "2 worlds ended none" in capsys.readouterr().out
+    curve = (tmp_path / "one" / "curve-1.csv").read_text().splitlines()
+    assert curve[0] == "step,velocity,stands,goal" and len(curve) == 7
+
+
+def test_the_teacher_takes_over_where_it_is_asked_to():
+    shape = Shape(("S05",), cameras=("chest_camera",), picture=(32, 32))
+    torch.manual_seed(0)
+    student, settings = Network(shape).eval(), dict(shape=shape, seed=1, device="cpu", threads=2)
+    given_up, taken = (
+        play("S05", range(1000, 1004), 200, student=student, takes_over=share, **settings)[0] for share in (0, 1)
+    )
+    # It walks at a time drawn from the first 200 steps on: what the robot does then is what the teacher says.
+    assert np.abs(taken.body[:, 6] - given_up.body[:, 6]).max() > 0.1

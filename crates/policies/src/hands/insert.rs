@@ -259,7 +259,7 @@ impl Expert for Insert {
             }),
             Phase::Align => {
                 arm.nudge(
-                    false,
+                    true,
                     &plug.change(self.gap, &Vector3::zeros(), align.gain),
                     self.hand_from_plug,
                     plug.axis,
@@ -278,7 +278,7 @@ impl Expert for Insert {
             Phase::Back => {
                 self.gap = align.back;
                 arm.nudge(
-                    false,
+                    true,
                     &plug.change(self.gap, &Vector3::zeros(), align.gain),
                     self.hand_from_plug,
                     plug.axis,
@@ -298,7 +298,7 @@ impl Expert for Insert {
                 }
                 let aside = self.search(seen, &plug);
                 arm.nudge(
-                    false,
+                    true,
                     &plug.change(self.gap, &aside, align.gain),
                     self.hand_from_plug,
                     plug.axis,

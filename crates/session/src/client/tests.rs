@@ -63,22 +63,26 @@ fn answer(session: &mut ClientSession, outputs: &[Output], step: u64, now_s: f64
     assert_eq!(outputs.iter().filter_map(step_of).collect::<Vec<_>>(), [step]);
 }
 
-/// Guards that a chunk goes with the next command only, that a 3.4 server gets none, and that an invalid one is left out.
+/// Guards that a chunk goes with the next command only, that a 3.4 server gets none, that one before 3.13 gets no phase, and that an
+/// invalid one is left out.
 #[test]
 fn a_chunk_goes_with_one_command() {
-    for (minor, latency_s, is_sent) in [(5, 0.1, true), (4, 0.1, false), (5, f64::NAN, false)] {
+    for (minor, latency_s, is_sent) in
+        [(5, 0.1, true), (12, 0.1, true), (13, 0.1, true), (4, 0.1, false), (13, f64::NAN, false)]
+    {
         let protocol = Some(fiatlux_proto::v3::Version { major: 3, minor });
         let mut session = ClientSession::new(&SessionInfo { protocol, ..info(2, false) });
         give(&mut session, Input::Start(3), 0.0);
         give(&mut session, reset_replied(observation(3, 0)), 0.0);
-        let chunk = Chunk { index: 7, latency_s, ..Chunk::default() };
+        let plain = Chunk { index: 7, latency_s, ..Chunk::default() };
+        let chunk = Chunk { phase: "Lean".into(), is_over: Some(false), ..plain.clone() };
         give(&mut session, Input::Chunk(Box::new(chunk.clone())), 0.0);
         let mut sent = |now_s| {
             let outputs = give(&mut session, Input::Command(Command::Action(vec![0.0; 2])), now_s);
             let Some(Output::Action(bytes)) = outputs.first() else { panic!("{outputs:?}") };
             decode::<Action>(bytes, 1 << 16).expect("an action").chunk
         };
-        assert_eq!(sent(0.0), is_sent.then_some(chunk));
+        assert_eq!(sent(0.0), is_sent.then_some(if minor < 13 { plain } else { chunk }));
         publish(&mut session, &observation(3, 1), 0.02);
         let outputs = give(&mut session, Input::Command(Command::Action(vec![0.0; 2])), 0.03);
         let Some(Output::Action(bytes)) = outputs.first() else { panic!("{outputs:?}") };
