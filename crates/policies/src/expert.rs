@@ -28,6 +28,10 @@ const RESTS: u64 = 150;
 /// Control steps after which a skill that is not over begins again, from where things are: half as long again as an episode of its task,
 /// since the climb goes on to turn the robot round.
 const PATIENCE: u64 = 9_000;
+/// Control steps after which work by hand has no end in sight: four times what it takes as a rule. And those for which a skill has had
+/// nothing left to do without a success.
+const ENDLESS: u64 = 4_000;
+const IDLE: u64 = 500;
 /// Control steps for which a hand counts as touching after it felt a bulb.
 const TOUCHED: u64 = 25;
 
@@ -105,6 +109,8 @@ struct Episode {
     touched: Option<u64>,
     /// Step of the last observation that was answered.
     answered: Option<u64>,
+    /// Step since which nothing has been left to do.
+    over_since: Option<u64>,
 }
 
 enum Plays {
@@ -153,7 +159,12 @@ impl Expert {
     /// As of [`Policy::act`].
     pub fn label(&mut self, observation: &Observation) -> Result<Label, PolicyError> {
         let task = self.episode.as_ref().and_then(|episode| episode.task);
-        if let Some(reason) = spoilt(task, observation) {
+        let played = self.episode.as_ref().filter(|episode| !episode.is_errand);
+        let stalls = played.and_then(|episode| {
+            let steps = |from: u64| observation.step.saturating_sub(from);
+            stalled(task, steps(episode.since), episode.over_since.map(steps))
+        });
+        if let Some(reason) = spoilt(task, observation).or(stalls) {
             return Err(PolicyError::Unfit { policy: "expert", reason: reason.into() });
         }
         let Command::JointTarget(joint_target) = self.act(observation)? else {
@@ -221,11 +232,20 @@ fn spoilt(task: Option<Task>, observation: &Observation) -> Option<&'static str>
     }
     let bulb = match task? {
         Task::S03 | Task::S04 | Task::S05 => seen.old_bulb.as_ref(),
-        Task::S09 | Task::S10 | Task::S11 => seen.fresh_bulb.as_ref(),
+        Task::S08 | Task::S09 | Task::S10 | Task::S11 => seen.fresh_bulb.as_ref(),
         _ => None,
     };
     let height = bulb.and_then(|pose| pose.position.get(2)).copied();
     height.filter(|height| *height < DROPPED_M).map(|_| "the bulb has been dropped; begin another episode")
+}
+
+/// Why a task that has been played for some control steps, and on which nothing has been left to do for some, will not succeed.
+fn stalled(task: Option<Task>, played: u64, is_over: Option<u64>) -> Option<&'static str> {
+    if is_over.is_some_and(|steps| steps > IDLE) {
+        return Some("nothing is left to do, and yet the task has not ended; begin another episode");
+    }
+    let is_by_hand = matches!(task?, Task::S03 | Task::S06 | Task::S08 | Task::S11);
+    (is_by_hand && played > ENDLESS).then_some("try after try fails; begin another episode")
 }
 
 /// A bulb presses on a body of a hand.
@@ -263,7 +283,8 @@ impl Policy for Expert {
         }
         let since = first.step;
         let info = info.clone();
-        self.episode = Some(Episode { info, is_errand, plays, task, since, rests: 0, touched, answered: None });
+        self.episode =
+            Some(Episode { info, is_errand, plays, task, since, rests: 0, touched, answered: None, over_since: None });
         Ok(())
     }
 
@@ -278,6 +299,8 @@ impl Policy for Expert {
             Plays::Stands(body) => body.step(observation, &BodyCommand::default()),
         };
         episode.answered = Some(observation.step);
+        let since = episode.over_since.unwrap_or(observation.step);
+        episode.over_since = self.does(&episode.plays).1.then_some(since);
         self.episode = Some(episode);
         command
     }
@@ -331,6 +354,18 @@ impl Expert {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    /// An answer must not go on for ever where no success comes.
+    #[test]
+    fn it_says_when_it_gets_nowhere() {
+        let hand = Some(Task::S08);
+        assert_eq!(stalled(hand, 1_500, Some(300)), None);
+        assert_eq!(stalled(hand, ENDLESS, None), None);
+        assert!(stalled(hand, ENDLESS + 1, None).is_some_and(|reason| reason.contains("try after try")));
+        assert!(stalled(hand, 1_500, Some(IDLE + 1)).is_some_and(|reason| reason.contains("nothing is left")));
+        // A climb takes longer.
+        assert_eq!(stalled(Some(Task::S12), ENDLESS + 1, Some(0)), None);
+    }
 
     /// Two skills for one task would hide one of them.
     #[test]
