@@ -14,6 +14,9 @@ use pyo3::prelude::*;
 
 use crate::fault::{failed, guarded, own_mut, refused};
 
+/// The terms of proprioception in their order, then the last action.
+type Terms = (Vec<f32>, Vec<f32>, Vec<f32>, f32, Vec<f32>, Vec<f32>, Vec<f32>);
+
 /// The controller of one robot's climb.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Climber {
@@ -39,11 +42,11 @@ impl Climber {
         self.step = 0;
     }
 
-    /// Targets of all joints, rad. `sensed`: the terms of proprioception, one after the other, and the last action.
+    /// Targets of all joints, rad.
     fn step(
         slf: &Bound<'_, Self>,
         py: Python<'_>,
-        sensed: (Vec<f32>, Vec<f32>, Vec<f32>, f32, Vec<f32>, Vec<f32>, Vec<f32>),
+        sensed: Terms,
         ladder: [f64; 7],
         command: (f64, [f64; 2]),
     ) -> PyResult<Vec<f64>> {

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::Climb;
 
-/// What a policy asks of a [`Climber`].
+/// A command to a [`Climber`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClimbCommand {
     /// Part of the plan's own speed, from 0, which waits, to [`ClimbCommand::MAX_RATE`].

@@ -44,7 +44,7 @@ pub struct Compared {
     pub unlisted: Vec<u64>,
 }
 
-/// What was played, as entries of a list.
+/// Demonstrations as entries of a list.
 ///
 /// # Errors
 /// A bag cannot be read or has no result.
