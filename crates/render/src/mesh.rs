@@ -25,6 +25,20 @@ pub(crate) struct Triangle {
     pub paint: Paint,
 }
 
+impl Triangle {
+    #[inline(always)]
+    pub(crate) fn indices(&self) -> [usize; 3] {
+        let [a, b, c] = self.vertices;
+        [a as usize, b as usize, c as usize]
+    }
+
+    /// Its paint; the bulb's glass has another one while the bulb burns.
+    #[inline(always)]
+    pub(crate) fn seen_paint(&self, lit_bulb: bool) -> Paint {
+        if lit_bulb && self.paint == Paint::Glass { Paint::LitGlass } else { self.paint }
+    }
+}
+
 /// Fineness with which round things are cut into triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Detail {

@@ -1,15 +1,16 @@
 //! One frame from meshes to bytes.
 
-use fearless_simd::Level;
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8, u32x8};
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::ShapeOwner;
 use nalgebra::Isometry3;
 
 use crate::lighting::PreparedLight;
-use crate::mesh::Detail;
+use crate::mesh::{Detail, Mesh, Triangle};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
-use crate::raster::{Corner, Plane, Setup, fill};
+use crate::raster::{self, Canvas, Corner, Four, Plane, SPARE, Setup};
 use crate::shade::{Lamp, MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, tile_brightness};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
@@ -37,6 +38,8 @@ pub struct Renderer {
     poses: Vec<Option<Isometry3<f64>>>,
     vertices: Seen,
     casters: Projected,
+    /// Triangles to be drawn.
+    four: Four,
     level: Level,
     shadow: ShadowMap,
     occlusion: Occlusion,
@@ -83,13 +86,14 @@ impl Renderer {
             size: [width, height],
             samples,
             detail,
-            depth: vec![0.0; w * h],
-            ids: vec![NOTHING; w * h],
+            depth: vec![0.0; w * h + SPARE],
+            ids: vec![NOTHING; w * h + SPARE],
             surfaces: Vec::new(),
             owners: Vec::new(),
             poses: Vec::new(),
             vertices: Seen::default(),
             casters: Projected::default(),
+            four: Four::default(),
             level: Level::new(),
             shadow: ShadowMap::new(shadow),
             occlusion: Occlusion::new(w, h, cell),
@@ -182,31 +186,83 @@ impl Renderer {
             }
             let turn = SinglePose::new(&pose);
             self.vertices.project(self.level, &mesh.columns, &turn, view);
-            for triangle in &mesh.triangles {
-                let vertices = triangle.vertices.map(|i| i as usize);
-                let mut paint = triangle.paint;
-                if lit_bulb && paint == Paint::Glass {
-                    paint = Paint::LitGlass;
-                }
-                // Few triangles are seen: the others need no normals.
-                let normals = || vertices.map(|i| turn.vector(mesh.normals[i]));
-                let ahead = vertices.map(|i| self.vertices.ahead(i) >= view.near);
-                if ahead == [true; 3] {
-                    let corners = vertices.map(|i| self.vertices.corner(i));
-                    self.add(&corners, normals, paint, index);
-                } else if ahead != [false; 3] {
-                    let (normals, mut corners) = (normals(), [Vertex::default(); 3]);
-                    for ((corner, normal), i) in corners.iter_mut().zip(normals).zip(vertices) {
-                        *corner = Vertex { at: self.vertices.at(i), normal, corner: self.vertices.corner(i) };
-                    }
-                    self.add_clipped(&corners, view, paint, index);
-                }
-            }
+            dispatch!(self.level, simd => self.draw_mesh(simd, mesh, index, &turn, view, lit_bulb));
         }
     }
 
+    #[inline(always)]
+    fn draw_mesh<S: Simd>(
+        &mut self,
+        simd: S,
+        mesh: &Mesh,
+        index: usize,
+        turn: &SinglePose,
+        view: &View,
+        lit_bulb: bool,
+    ) {
+        let mut four = std::mem::take(&mut self.four);
+        let mut from = 0;
+        while from < mesh.triangles.len() {
+            // In their order: of two triangles at one depth the first is seen.
+            let mut cut = None;
+            let columns = self.vertices.projected().columns();
+            while from < mesh.triangles.len() {
+                let place = from;
+                from += 1;
+                let vertices = mesh.triangles[place].indices();
+                if !self.vertices.may_cover(vertices) {
+                    continue;
+                }
+                let [a, b, c] = vertices;
+                let ahead = |i: usize| self.vertices.ahead(i) >= view.near;
+                if !(ahead(a) && ahead(b) && ahead(c)) {
+                    cut = Some(place);
+                    break;
+                }
+                if four.push(columns, vertices, place as u32) {
+                    break;
+                }
+            }
+            let normals = |place: u32| {
+                let [a, b, c] = mesh.triangles[place as usize].indices();
+                [turn.vector(mesh.normals[a]), turn.vector(mesh.normals[b]), turn.vector(mesh.normals[c])]
+            };
+            let paint = |place: u32| mesh.triangles[place as usize].seen_paint(lit_bulb);
+            raster::draw(simd, &mut four, &mut self.painter(index, normals, paint));
+            if let Some(place) = cut {
+                self.draw_clipped(&mesh.triangles[place], mesh, index, turn, view, lit_bulb);
+            }
+        }
+        self.four = four;
+    }
+
+    #[inline(always)]
+    fn painter<N: Fn(u32) -> [Vec3; 3], P: Fn(u32) -> Paint>(
+        &mut self,
+        mesh: usize,
+        normals: N,
+        paint: P,
+    ) -> Painter<'_, N, P> {
+        let size = self.grid();
+        let Self { depth, ids, surfaces, .. } = self;
+        Painter { size, depth, ids, surfaces, mesh: mesh as u16, normals, paint }
+    }
+
     /// Cuts a triangle off at the near plane and draws what is left.
-    fn add_clipped(&mut self, corners: &[Vertex; 3], view: &View, paint: Paint, mesh: usize) {
+    fn draw_clipped(
+        &mut self,
+        triangle: &Triangle,
+        mesh: &Mesh,
+        index: usize,
+        turn: &SinglePose,
+        view: &View,
+        lit_bulb: bool,
+    ) {
+        let corners = triangle.indices().map(|i| Vertex {
+            at: self.vertices.at(i),
+            normal: turn.vector(mesh.normals[i]),
+            corner: self.vertices.corner(i),
+        });
         let mut left: Vec<Vertex> = Vec::with_capacity(4);
         for i in 0..3 {
             let (a, b) = (corners[i], corners[(i + 1) % 3]);
@@ -221,26 +277,16 @@ impl Renderer {
                 left.push(Vertex { at, normal: between(a.normal, b.normal), corner: view.project(at) });
             }
         }
+        let mut four = Four::default();
         for i in 2..left.len() {
             let fan = [left[0], left[i - 1], left[i]];
-            self.add(&fan.map(|vertex| vertex.corner), || fan.map(|vertex| vertex.normal), paint, mesh);
+            let column = |of: fn(&Corner) -> f32| fan.map(|vertex| of(&vertex.corner));
+            let (u, v, depth) = (column(|at| at.u), column(|at| at.v), column(|at| at.depth));
+            four.push([&u, &v, &depth], [0, 1, 2], i as u32);
         }
-    }
-
-    #[inline]
-    fn add(&mut self, corners: &[Corner; 3], normals: impl FnOnce() -> [Vec3; 3], paint: Paint, mesh: usize) {
-        let [width, height] = self.grid();
-        let Some(setup) = Setup::new(corners, width, height) else { return };
-        let depths = corners.map(|corner| corner.depth);
-        let [a, b, c] = normals();
-        let flat = (a == b && b == c).then_some(a);
-        let normal = match flat {
-            Some(_) => [Plane::default(); 3],
-            None => [0, 1, 2].map(|i| setup.plane([a[i] * depths[0], b[i] * depths[1], c[i] * depths[2]])),
-        };
-        let id = self.surfaces.len() as u32;
-        self.surfaces.push(Surface { normal, flat, paint, mesh: mesh as u16 });
-        fill(&setup, &setup.plane(depths), width, &mut self.depth, Some((&mut self.ids, id)));
+        let normals = |i: u32| [left[0], left[i as usize - 1], left[i as usize]].map(|vertex| vertex.normal);
+        let paint = |_: u32| triangle.seen_paint(lit_bulb);
+        dispatch!(self.level, simd => raster::draw(simd, &mut four, &mut self.painter(index, normals, paint)));
     }
 
     /// Draws the shadow map for what is visible; false where nothing is.
@@ -267,10 +313,8 @@ impl Renderer {
                 continue;
             }
             let turn = SinglePose::new(pose);
-            self.casters.cast(self.level, &mesh.columns, &turn, self.shadow.across());
-            for triangle in mesh.casters() {
-                self.shadow.draw(triangle.vertices.map(|i| self.casters.corner(i as usize)));
-            }
+            self.casters.cast(self.level, &mesh.columns, &turn, self.shadow.across(), self.shadow.size());
+            self.shadow.draw(self.level, mesh.casters(), &self.casters);
         }
         self.shadow.finish();
         true
@@ -422,6 +466,48 @@ impl Renderer {
         let footprint = Some(distance * view.inverse_focal[0]);
         let colour = shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit });
         add(colour, shader.halo(view.eye, ray, distance))
+    }
+}
+
+/// Draws triangles of a mesh into a picture: depth, number of the nearest, and what lights it.
+struct Painter<'a, N, P> {
+    size: [usize; 2],
+    depth: &'a mut [f32],
+    ids: &'a mut [u32],
+    surfaces: &'a mut Vec<Surface>,
+    mesh: u16,
+    /// Unit normals at the corners of a triangle, by its place in the list, and its paint.
+    normals: N,
+    paint: P,
+}
+
+impl<N: Fn(u32) -> [Vec3; 3], P: Fn(u32) -> Paint> Canvas for Painter<'_, N, P> {
+    #[inline(always)]
+    fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, simd: S, at: usize, value: f32x8<S>, inside: mask32x8<S>) -> bool {
+        let here = &mut self.depth[at..at + 8];
+        let before = f32x8::from_slice(simd, here);
+        let nearer = value.simd_gt(before) & inside;
+        nearer.select(value, before).store_slice(here);
+        let here = &mut self.ids[at..at + 8];
+        let id = u32x8::splat(simd, self.surfaces.len() as u32);
+        nearer.select(id, u32x8::from_slice(simd, here)).store_slice(here);
+        nearer.any_true()
+    }
+
+    #[inline(always)]
+    fn seen<S: Simd>(&mut self, simd: S, place: u32, setup: &Setup, depths: [f32; 3]) {
+        let [a, b, c] = (self.normals)(place);
+        let flat = (a == b && b == c).then_some(a);
+        let normal = match flat {
+            Some(_) => [Plane::default(); 3],
+            None => setup.planes(simd, [scale(a, depths[0]), scale(b, depths[1]), scale(c, depths[2])]),
+        };
+        self.surfaces.push(Surface { normal, flat, paint: (self.paint)(place), mesh: self.mesh });
     }
 }
 

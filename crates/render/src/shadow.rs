@@ -1,7 +1,12 @@
 //! The key light's shadow map, fitted to what the picture shows.
 
-use crate::raster::{Corner, Setup, fill};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
+
+use crate::mesh::Triangle;
+use crate::raster::{self, Canvas, Corner, Four, SPARE, Setup};
 use crate::shade::{Vec3, add, cross, dot, normalize, scale};
+use crate::transform::Projected;
 
 /// Share of the map's side that is kept free around what is visible.
 const MARGIN: f32 = 0.03;
@@ -23,6 +28,8 @@ pub(crate) struct ShadowMap {
     /// The largest height in each column of a row of blocks.
     columns: Vec<f32>,
     across: Across,
+    /// Triangles to be drawn.
+    four: Four,
     /// Range of what is visible across the light.
     low: [f32; 2],
     high: [f32; 2],
@@ -57,9 +64,10 @@ impl ShadowMap {
         let zero = [0.0; 3];
         Self {
             size,
-            height: vec![0.0; size * size],
+            height: vec![0.0; size * size + SPARE],
             blocks: vec![0.0; (size / BLOCK) * (size / BLOCK)],
             columns: vec![0.0; size],
+            four: Four::default(),
             across: Across { axes: [zero; 3], texels: 1.0, corner: [0.0; 2] },
             low: [0.0; 2],
             high: [0.0; 2],
@@ -110,16 +118,36 @@ impl ShadowMap {
         })
     }
 
+    /// Texels of a side.
+    pub(crate) fn size(&self) -> usize {
+        self.size
+    }
+
     pub(crate) fn across(&self) -> &Across {
         &self.across
     }
 
-    /// Draws a triangle; the corners are counter-clockwise seen from outside.
-    pub(crate) fn draw(&mut self, [a, b, c]: [Corner; 3]) {
-        if let Some(setup) = Setup::new(&[a, b, c], self.size, self.size) {
-            let plane = setup.plane([a.depth, b.depth, c.depth]);
-            fill(&setup, &plane, self.size, &mut self.height, None);
+    /// Draws triangles whose corners, on the map, are counter-clockwise seen from outside.
+    pub(crate) fn draw(&mut self, level: Level, triangles: &[Triangle], corners: &Projected) {
+        dispatch!(level, simd => self.draw_wide(simd, triangles, corners));
+    }
+
+    #[inline(always)]
+    fn draw_wide<S: Simd>(&mut self, simd: S, triangles: &[Triangle], corners: &Projected) {
+        let columns = corners.columns();
+        let mut four = std::mem::take(&mut self.four);
+        let mut left = triangles.iter();
+        loop {
+            let full = left.any(|triangle| {
+                let vertices = triangle.indices();
+                corners.may_cover(vertices) && four.push(columns, vertices, 0)
+            });
+            raster::draw(simd, &mut four, self);
+            if !full {
+                break;
+            }
         }
+        self.four = four;
     }
 
     /// Ends the drawing: finds the greatest height of each block.
@@ -206,6 +234,24 @@ impl ShadowMap {
         let lit = (0..SAMPLES).filter(|&k| at(radius, k) <= height).count();
         lit as f32 / SAMPLES as f32
     }
+}
+
+impl Canvas for ShadowMap {
+    #[inline(always)]
+    fn size(&self) -> [usize; 2] {
+        [self.size; 2]
+    }
+
+    #[inline(always)]
+    fn put<S: Simd>(&mut self, simd: S, at: usize, value: f32x8<S>, inside: mask32x8<S>) -> bool {
+        let here = &mut self.height[at..at + 8];
+        let before = f32x8::from_slice(simd, here);
+        (value.simd_gt(before) & inside).select(value, before).store_slice(here);
+        false
+    }
+
+    #[inline(always)]
+    fn seen<S: Simd>(&mut self, _: S, _: u32, _: &Setup, _: [f32; 3]) {}
 }
 
 const SAMPLES: usize = 16;

@@ -22,6 +22,41 @@ pub(crate) struct Projected {
     u: Vec<f32>,
     v: Vec<f32>,
     depth: Vec<f32>,
+    /// The first pixel centre to the right (upper half) and below (lower half), within the picture; [`NOT_AHEAD`] for a vertex
+    /// that the near plane cuts off.
+    cells: Vec<u32>,
+}
+
+const NOT_AHEAD: u32 = u32::MAX;
+/// Largest side of a picture whose pixels have numbers in half a cell.
+const MAX_SIDE: usize = 65_534;
+
+/// Sides of a picture that vertices are sorted into cells of.
+#[derive(Clone, Copy)]
+struct Sides([f32; 2]);
+
+impl Sides {
+    /// None for a picture that is too large.
+    fn new([width, height]: [usize; 2]) -> Option<Self> {
+        (width.max(height) <= MAX_SIDE).then_some(Self([width as f32, height as f32]))
+    }
+
+    /// Whole numbers as floats: adding this rounds to them, and puts them into the lower bits.
+    const WHOLE: f32 = (1 << 23) as f32;
+
+    #[inline(always)]
+    fn first(at: f32, side: f32) -> u32 {
+        let at = if at > 0.0 { at } else { 0.0 };
+        let at = if at < side { at } else { side };
+        let near = (at + Self::WHOLE) - Self::WHOLE;
+        let first = if near < at { near + 1.0 } else { near };
+        (first + Self::WHOLE).to_bits() & 0xFFFF
+    }
+
+    #[inline(always)]
+    fn cell(self, corner: Corner) -> u32 {
+        Self::first(corner.u, self.0[0]) << 16 | Self::first(corner.v, self.0[1])
+    }
 }
 
 impl Seen {
@@ -31,45 +66,105 @@ impl Seen {
         self.at.iter_mut().for_each(|axis| axis.resize(count, 0.0));
         self.projected.resize(count);
         let (at, to) = (&mut self.at, &mut self.projected);
-        dispatch!(level, _simd => see(positions, pose, view, at, to));
+        let sides = Sides::new(view.size);
+        dispatch!(level, _simd => see(positions, pose, view, sides, at, to));
     }
 
     /// Distance of a vertex along the camera's axis, m.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn ahead(&self, vertex: usize) -> f32 {
         self.at[0][vertex]
+    }
+
+    /// Places in the picture.
+    #[inline(always)]
+    pub(crate) fn projected(&self) -> &Projected {
+        &self.projected
     }
 
     pub(crate) fn at(&self, vertex: usize) -> Vec3 {
         [self.at[0][vertex], self.at[1][vertex], self.at[2][vertex]]
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn corner(&self, vertex: usize) -> Corner {
         self.projected.corner(vertex)
+    }
+
+    /// See [`Projected::may_cover`].
+    #[inline(always)]
+    pub(crate) fn may_cover(&self, vertices: [usize; 3]) -> bool {
+        self.projected.may_cover(vertices)
     }
 }
 
 impl Projected {
     fn resize(&mut self, count: usize) {
         [&mut self.u, &mut self.v, &mut self.depth].into_iter().for_each(|list| list.resize(count, 0.0));
+        self.cells.resize(count, 0);
     }
 
-    #[inline]
+    /// u, v and depth of all vertices.
+    #[inline(always)]
+    pub(crate) fn columns(&self) -> [&[f32]; 3] {
+        let count = self.u.len();
+        [&self.u[..count], &self.v[..count], &self.depth[..count]]
+    }
+
+    /// False for a triangle that covers no pixel centre: its corners lie between the same columns or the same rows, or none of
+    /// them is ahead. Most triangles of a small picture are such.
+    #[inline(always)]
+    pub(crate) fn may_cover(&self, vertices: [usize; 3]) -> bool {
+        let [a, b, c] = vertices;
+        let [a, b, c] = [self.cells[a], self.cells[b], self.cells[c]];
+        let differ = (a ^ b) | (a ^ c);
+        differ > 0xFFFF && differ & 0xFFFF != 0
+    }
+
+    #[inline(always)]
     pub(crate) fn corner(&self, vertex: usize) -> Corner {
         Corner { u: self.u[vertex], v: self.v[vertex], depth: self.depth[vertex] }
     }
 
     /// Places positions of a mesh on the shadow map.
-    pub(crate) fn cast(&mut self, level: Level, positions: &[Vec<f32>; 3], pose: &SinglePose, map: &Across) {
+    pub(crate) fn cast(
+        &mut self,
+        level: Level,
+        positions: &[Vec<f32>; 3],
+        pose: &SinglePose,
+        map: &Across,
+        size: usize,
+    ) {
         self.resize(positions[0].len());
-        let to = self;
-        dispatch!(level, _simd => cast(positions, pose, map, to));
+        let (to, sides) = (self, Sides::new([size; 2]));
+        dispatch!(level, _simd => cast(positions, pose, map, sides, to));
+    }
+}
+
+/// Cells of corners; of a picture that is too large they all differ, so that no triangle is left out.
+#[inline(always)]
+fn find_cells(sides: Option<Sides>, u: &[f32], v: &[f32], cells: &mut [u32]) {
+    let count = cells.len();
+    let (u, v) = (&u[..count], &v[..count]);
+    match sides {
+        Some(sides) => {
+            for i in 0..count {
+                cells[i] = sides.cell(Corner { u: u[i], v: v[i], depth: 0.0 });
+            }
+        }
+        None => (0_u32..).zip(cells).for_each(|(i, cell)| *cell = (i << 16) | (i & 0xFFFF)),
     }
 }
 
 #[inline(always)]
-fn see([xs, ys, zs]: &[Vec<f32>; 3], pose: &SinglePose, view: &View, at: &mut [Vec<f32>; 3], to: &mut Projected) {
+fn see(
+    [xs, ys, zs]: &[Vec<f32>; 3],
+    pose: &SinglePose,
+    view: &View,
+    sides: Option<Sides>,
+    at: &mut [Vec<f32>; 3],
+    to: &mut Projected,
+) {
     let count = xs.len();
     let [ahead, left, up] = at;
     let (xs, ys, zs) = (&xs[..count], &ys[..count], &zs[..count]);
@@ -82,10 +177,21 @@ fn see([xs, ys, zs]: &[Vec<f32>; 3], pose: &SinglePose, view: &View, at: &mut [V
         [ahead[i], left[i], up[i]] = at;
         (u[i], v[i], depth[i]) = (corner.u, corner.v, corner.depth);
     }
+    let cells = &mut to.cells[..count];
+    find_cells(sides, u, v, cells);
+    for i in 0..count {
+        cells[i] = if ahead[i] >= view.near { cells[i] } else { NOT_AHEAD };
+    }
 }
 
 #[inline(always)]
-fn cast([xs, ys, zs]: &[Vec<f32>; 3], pose: &SinglePose, map: &Across, to: &mut Projected) {
+fn cast(
+    [xs, ys, zs]: &[Vec<f32>; 3],
+    pose: &SinglePose,
+    map: &Across,
+    sides: Option<Sides>,
+    to: &mut Projected,
+) {
     let count = xs.len();
     let (xs, ys, zs) = (&xs[..count], &ys[..count], &zs[..count]);
     let (u, v, depth) = (&mut to.u[..count], &mut to.v[..count], &mut to.depth[..count]);
@@ -93,6 +199,7 @@ fn cast([xs, ys, zs]: &[Vec<f32>; 3], pose: &SinglePose, map: &Across, to: &mut 
         let corner = map.corner_of(pose.point([xs[i], ys[i], zs[i]]));
         (u[i], v[i], depth[i]) = (corner.u, corner.v, corner.depth);
     }
+    find_cells(sides, u, v, &mut to.cells[..count]);
 }
 
 #[cfg(test)]
@@ -119,7 +226,7 @@ mod tests {
         let bits = |level: Level| {
             let (mut seen, mut cast) = (Seen::default(), Projected::default());
             seen.project(level, &positions, &pose, &view);
-            cast.cast(level, &positions, &pose, map.across());
+            cast.cast(level, &positions, &pose, map.across(), 256);
             let of = |corner: Corner| [corner.u, corner.v, corner.depth].map(f32::to_bits);
             (0..1003)
                 .map(|i| (of(seen.corner(i)), of(cast.corner(i)), seen.at(i).map(f32::to_bits)))

@@ -14,6 +14,8 @@ pub(crate) struct View {
     pub inverse_focal: [f32; 2],
     middle: [f32; 2],
     pub near: f32,
+    /// Width and height of the picture, samples.
+    pub size: [usize; 2],
 }
 
 impl View {
@@ -31,6 +33,7 @@ impl View {
             inverse_focal: focal.map(|f| (1.0 / f) as f32),
             middle: [width as f32 / 2.0 - 0.5, height as f32 / 2.0 - 0.5],
             near: camera.near.max(1e-4) as f32,
+            size: [width, height],
         }
     }
 
