@@ -23,7 +23,8 @@ const FIELD_OF_VIEW: f64 = 0.9;
 pub(crate) struct Painter {
     /// Scenes as people see them, or as the robot's cameras do.
     scenes: Vec<(Arc<Scene>, bool, Arc<Visuals>)>,
-    renderer: Option<Renderer>,
+    /// With whom it draws for, people or not, and its size.
+    renderer: Option<((bool, [usize; 2]), Renderer)>,
 }
 
 impl Painter {
@@ -67,11 +68,14 @@ impl Painter {
             self.scenes.push((Arc::clone(scene), for_people, Arc::clone(&made)));
             made
         });
-        let fits = self.renderer.as_ref().is_some_and(|r| (r.image().width(), r.image().height()) == (width, height));
-        if !fits {
+        let kind = (for_people, [width, height]);
+        if self.renderer.as_ref().is_some_and(|(of, _)| *of != kind) {
             self.renderer = None;
         }
-        let renderer = self.renderer.get_or_insert_with(|| Renderer::new(width, height));
+        let (_, renderer) = self.renderer.get_or_insert_with(|| {
+            let renderer = if for_people { Renderer::for_people(width, height) } else { Renderer::new(width, height) };
+            (kind, renderer)
+        });
         guarded(|| renderer.render(&visuals, row, &view, light))?;
         Ok(PyBytes::new(py, renderer.image().rgb()))
     }

@@ -48,6 +48,7 @@ mod tone;
 mod transform;
 mod view;
 mod visuals;
+mod wide;
 
 pub use animation::animation;
 pub use camera::{Camera, HEAD_CAMERA, HEAD_PIXELS};

@@ -37,7 +37,7 @@ impl Plane {
 /// Numbers that a buffer has beyond the picture, so that the last pixels of it are eight as well.
 pub(crate) const SPARE: usize = LANES;
 /// Pixels that are written at once.
-const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 /// Triangles whose edges are found at once, and rows whose ends are.
 const FOUR: usize = 4;
 
@@ -81,7 +81,11 @@ fn splat2<S: Simd>(simd: S, [u, v]: [f64; 2]) -> [f64x4<S>; 2] {
 
 /// Slopes to the right and downwards, and values at the first pixel, of planes through values at corners.
 #[inline(always)]
-fn planes<S: Simd>([a, b, c]: [[f64x4<S>; 2]; 3], inverse_area: f64x4<S>, [f0, f1, f2]: [f64x4<S>; 3]) -> [f64x4<S>; 3] {
+fn planes<S: Simd>(
+    [a, b, c]: [[f64x4<S>; 2]; 3],
+    inverse_area: f64x4<S>,
+    [f0, f1, f2]: [f64x4<S>; 3],
+) -> [f64x4<S>; 3] {
     let (d1, d2) = ((f1 - f0) * inverse_area, (f2 - f0) * inverse_area);
     let right = d1 * (c[1] - a[1]) - d2 * (b[1] - a[1]);
     let down = d2 * (b[0] - a[0]) - d1 * (c[0] - a[0]);

@@ -11,18 +11,24 @@ use crate::mesh::{Detail, Mesh, Triangle};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::{self, Canvas, Corner, Four, Plane, SPARE, Setup};
-use crate::shade::{Lamp, MIN_SLANT, Shader, Spot, Vec3, add, dot, floor, is_clear, normalize, scale, tile_brightness};
+use crate::shade::{Lamp, Shader, Spot, Vec3, add, dot, floor, normalize, scale};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::transform::{Projected, Seen};
 use crate::view::{SinglePose, View, single};
 use crate::visuals::Look;
+use crate::wide::WideShader;
 use crate::{Camera, Image, Lighting, Visuals};
 
 /// Nothing is seen at this pixel.
 const NOTHING: u32 = u32::MAX;
 /// One pixel in this many is looked at to fit the shadow map.
 const SHADOW_LATTICE: usize = 4;
+
+/// A side above this, in pixels, takes a finer shadow map.
+const LARGE: usize = 512;
+/// Shadow map, cells and meshes for people.
+const FINE: (usize, usize, Detail) = (2048, 2, Detail::Fine);
 
 /// Draws frames of one size; keeps its buffers between them. A frame follows from its arguments alone.
 #[derive(Debug, Clone)]
@@ -45,17 +51,19 @@ pub struct Renderer {
     occlusion: Occlusion,
     finishes: Vec<Finish>,
     tone: Tone,
+    /// Pixels that show nothing.
+    empty: Vec<[u32; 2]>,
     image: Image,
 }
 
 /// A visible triangle: what is needed to light its pixels.
 #[derive(Debug, Clone)]
-struct Surface {
+pub(crate) struct Surface {
     /// Components of the normal times the inverse depth, which are linear over the picture.
-    normal: [Plane; 3],
+    pub normal: [Plane; 3],
     /// The unit normal, where it is the same all over.
-    flat: Option<Vec3>,
-    paint: Paint,
+    pub flat: Option<Vec3>,
+    pub paint: Paint,
     mesh: u16,
 }
 
@@ -72,16 +80,31 @@ struct Vertex {
 impl Renderer {
     /// For pictures of that size in pixels, both above 0, one sample each: what a robot's camera needs.
     pub fn new(width: usize, height: usize) -> Self {
-        Self::supersampled(width, height, 1)
+        let shadow = if width.max(height) > LARGE { 512 } else { 256 };
+        Self::with(width, height, 1, (shadow, 4, Detail::Coarse))
+    }
+
+    /// For pictures of that size for people to look at, one sample a pixel: above 512 pixels a side with fine meshes.
+    pub fn for_people(width: usize, height: usize) -> Self {
+        match width.max(height) > LARGE {
+            true => Self::with(width, height, 1, FINE),
+            false => Self::new(width, height),
+        }
     }
 
     /// For pictures of that size with `samples` by `samples` samples a pixel and shadows that soften with distance: for
     /// people to look at.
     pub fn supersampled(width: usize, height: usize, samples: usize) -> Self {
-        let (width, height, samples) = (width.max(1), height.max(1), samples.max(1));
+        match samples {
+            0 | 1 => Self::for_people(width, height),
+            _ => Self::with(width, height, samples, FINE),
+        }
+    }
+
+    /// With a shadow map of that side, cells of occlusion of that many pixels, and meshes of that detail.
+    fn with(width: usize, height: usize, samples: usize, (shadow, cell, detail): (usize, usize, Detail)) -> Self {
+        let (width, height) = (width.max(1), height.max(1));
         let (w, h) = (width * samples, height * samples);
-        let large = samples > 1 || w.max(h) > 512;
-        let (shadow, cell, detail) = if large { (2048, 2, Detail::Fine) } else { (256, 4, Detail::Coarse) };
         Self {
             size: [width, height],
             samples,
@@ -99,6 +122,7 @@ impl Renderer {
             occlusion: Occlusion::new(w, h, cell),
             finishes: Paint::ALL.iter().map(|paint| paint.finish()).collect(),
             tone: Tone::new(),
+            empty: Vec::new(),
             image: Image::new(width, height),
         }
     }
@@ -316,7 +340,7 @@ impl Renderer {
             self.casters.cast(self.level, &mesh.columns, &turn, self.shadow.across(), self.shadow.size());
             self.shadow.draw(self.level, mesh.casters(), &self.casters);
         }
-        self.shadow.finish();
+        self.shadow.finish(self.level);
         true
     }
 
@@ -334,68 +358,43 @@ impl Renderer {
             let (x, y) = inside(x, y);
             surfaces.get(ids[y * width + x] as usize).map(|surface| surface.normal_at(x, y))
         };
-        self.occlusion.find(view.focal[1], point, normal);
+        self.occlusion.find(self.level, view.focal[1], point, normal);
     }
 
     /// Lights every sample and averages those of a pixel.
     fn shade(&mut self, view: &View, light: &PreparedLight, lamp: Option<Lamp>, shaded: bool) {
         let shader = Shader { light, lamp, finishes: &self.finishes };
         let mut rgb = std::mem::take(&mut self.image.rgb);
-        if self.samples == 1 {
-            for y in (0..self.size[1]).step_by(2) {
-                for x in (0..self.size[0]).step_by(2) {
-                    self.shade_four(&mut rgb, &shader, view, [x, y], shaded);
-                }
-            }
+        if self.samples == 1 && lamp.is_none() {
+            let mut empty = std::mem::take(&mut self.empty);
+            self.shade_wide(&mut rgb, &mut empty, &shader, view, shaded);
+            self.empty = empty;
         } else {
             self.shade_mean(&mut rgb, &shader, view, shaded);
         }
         self.image.rgb = rgb;
     }
 
-    /// Lights two by two pixels. Where they show one surface that is all in light or all in shadow, what reaches it is
-    /// found once.
-    fn shade_four(&self, rgb: &mut [u8], shader: &Shader<'_>, view: &View, [x, y]: [usize; 2], shaded: bool) {
-        let [width, height] = self.size;
-        let at = y * width + x;
-        let whole = x + 1 < width && y + 1 < height;
-        let mut shared = None;
-        if whole
-            && [at + 1, at + width, at + width + 1].iter().all(|i| self.ids[*i] == self.ids[at])
-            && let Some(surface) = self.surfaces.get(self.ids[at] as usize)
-        {
-            let (point, normal) = (self.point_at(view, x, y), surface.normal_at(x, y));
-            let lit = self.lit(point, normal, shader, shaded);
-            if lit == 0.0 || lit == 1.0 {
-                let open = self.occlusion.at(x, y, self.depth[at]);
-                shared = Some((lit, open));
-                if surface.paint == Paint::Floor && is_clear(point) {
-                    let spot = Spot { point, normal, ray: view.ray(x, y), footprint: None, open, lit };
-                    let colour = shader.colour(surface.paint, &spot);
-                    let four = [at, at + 1, at + width, at + width + 1];
-                    let depth = four.map(|at| self.depth[at]);
-                    for (at, tile) in four.into_iter().zip(tiles_of_four(view, [x, y], depth, normal)) {
-                        let bytes = scale(colour, tile).map(|light| self.tone.byte(light));
-                        rgb[3 * at..3 * at + 3].copy_from_slice(&bytes);
-                    }
-                    return;
-                }
-            }
-            if shared.is_some() && surface.flat.is_some() && surface.paint.is_plain(&self.finishes, point[2]) {
-                let colour = self.sample_colour(shader, view, [x, y], shaded, shared);
-                let bytes = colour.map(|light| self.tone.byte(light));
-                for i in [at, at + 1, at + width, at + width + 1] {
-                    rgb[3 * i..3 * i + 3].copy_from_slice(&bytes);
-                }
-                return;
-            }
-        }
-        for j in y..(y + 2).min(height) {
-            for i in x..(x + 2).min(width) {
-                let colour = self.sample_colour(shader, view, [i, j], shaded, shared);
-                let at = 3 * (j * width + i);
-                rgb[at..at + 3].copy_from_slice(&colour.map(|light| self.tone.byte(light)));
-            }
+    /// Lights eight pixels at once; `empty` is room for a list.
+    fn shade_wide(&self, rgb: &mut [u8], empty: &mut Vec<[u32; 2]>, shader: &Shader<'_>, view: &View, shaded: bool) {
+        let wide = WideShader {
+            view,
+            light: shader.light,
+            finishes: &self.finishes,
+            surfaces: &self.surfaces,
+            ids: &self.ids,
+            depth: &self.depth,
+            shadow: shaded.then_some(&self.shadow),
+            occlusion: &self.occlusion,
+            tone: &self.tone,
+        };
+        empty.clear();
+        dispatch!(self.level, simd => wide.shade(simd, rgb, empty));
+        for [x, y] in empty {
+            let (x, y) = (*x as usize, *y as usize);
+            let at = 3 * (y * self.size[0] + x);
+            let haze = shader.haze(normalize(view.ray(x, y)));
+            rgb[at..at + 3].copy_from_slice(&haze.map(|light| self.tone.byte(light)));
         }
     }
 
@@ -407,7 +406,7 @@ impl Renderer {
                 let mut sum = [0.0; 3];
                 for j in y * n..(y + 1) * n {
                     for i in x * n..(x + 1) * n {
-                        sum = add(sum, self.tone.curve(self.sample_colour(shader, view, [i, j], shaded, None)));
+                        sum = add(sum, self.tone.curve(self.sample_colour(shader, view, [i, j], shaded)));
                     }
                 }
                 let at = 3 * (y * width + x);
@@ -416,12 +415,6 @@ impl Renderer {
                 }
             }
         }
-    }
-
-    #[inline]
-    fn point_at(&self, view: &View, x: usize, y: usize) -> Vec3 {
-        let inverse = self.depth[y * self.size[0] * self.samples + x];
-        add(view.eye, scale(view.ray(x, y), 1.0 / inverse))
     }
 
     /// Share of the key light that reaches a point, where the surface faces it.
@@ -433,16 +426,9 @@ impl Renderer {
         self.shadow.light(point, normal)
     }
 
-    /// Light from a sample; `shared` is the share of the key light and of the dome that reach it, where known.
+    /// Light from a sample.
     #[inline]
-    fn sample_colour(
-        &self,
-        shader: &Shader<'_>,
-        view: &View,
-        [x, y]: [usize; 2],
-        shaded: bool,
-        shared: Option<(f32, f32)>,
-    ) -> Vec3 {
+    fn sample_colour(&self, shader: &Shader<'_>, view: &View, [x, y]: [usize; 2], shaded: bool) -> Vec3 {
         let at = y * self.size[0] * self.samples + x;
         let ray = view.ray(x, y);
         let Some(surface) = self.surfaces.get(self.ids[at] as usize) else {
@@ -452,18 +438,13 @@ impl Renderer {
         let distance = 1.0 / inverse;
         let point = add(view.eye, scale(ray, distance));
         let normal = surface.normal_at(x, y);
-        let (lit, open) = match shared {
-            Some(shared) => shared,
-            None => {
-                let soft = self.samples > 1 && shaded && dot(normal, shader.light.towards_key) > 0.0;
-                let lit = match soft {
-                    true => self.shadow.soft_light(point, normal, turn_of(x, y)),
-                    false => self.lit(point, normal, shader, shaded),
-                };
-                (lit, self.occlusion.at(x, y, inverse))
-            }
+        let soft = self.samples > 1 && shaded && dot(normal, shader.light.towards_key) > 0.0;
+        let lit = match soft {
+            true => self.shadow.soft_light(point, normal, turn_of(x, y)),
+            false => self.lit(point, normal, shader, shaded),
         };
-        let footprint = Some(distance * view.inverse_focal[0]);
+        let open = self.occlusion.at(x, y, inverse);
+        let footprint = distance * view.inverse_focal[0];
         let colour = shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit });
         add(colour, shader.halo(view.eye, ray, distance))
     }
@@ -522,29 +503,12 @@ impl Surface {
     }
 }
 
-/// Brightness of the tiled floor at two by two pixels whose inverse depths are given.
-#[inline]
-fn tiles_of_four(view: &View, [x, y]: [usize; 2], inverse: [f32; 4], normal: Vec3) -> [f32; 4] {
-    let (left, up) = (view.left_of(x), view.up_of(y));
-    let [step_left, step_up] = view.inverse_focal;
-    let lefts = [left, left - step_left, left, left - step_left];
-    let ups = [up, up, up - step_up, up - step_up];
-    let [mut across, mut along, mut width] = [[0.0; 4]; 3];
-    for k in 0..4 {
-        let ray = |axis: usize| view.axes[0][axis] + lefts[k] * view.axes[1][axis] + ups[k] * view.axes[2][axis];
-        let [rx, ry, rz] = [ray(0), ray(1), ray(2)];
-        let distance = 1.0 / inverse[k];
-        across[k] = view.eye[0] + rx * distance;
-        along[k] = view.eye[1] + ry * distance;
-        let slant = -(normal[0] * rx + normal[1] * ry + normal[2] * rz);
-        width[k] = distance * view.inverse_focal[0] / slant.max(MIN_SLANT);
-    }
-    tile_brightness(across, along, width)
-}
-
 /// A number in [0, 1) that differs between neighbours (interleaved gradient noise).
 fn turn_of(x: usize, y: usize) -> f32 {
     let t = 0.067_110_56 * x as f32 + 0.005_837_15 * y as f32;
     let t = 52.982_918 * (t - floor(t));
     t - floor(t)
 }
+
+#[cfg(test)]
+mod tests;

@@ -57,18 +57,18 @@ pub(crate) fn floor(x: f32) -> f32 {
 }
 
 /// Light of the dome from above, from below (off the floor), and how much its brighter side adds; linear.
-const SKY: Vec3 = [0.97, 1.0, 1.05];
-const GROUND: Vec3 = [0.56, 0.54, 0.51];
-const SIDE: f32 = 0.14;
+pub(crate) const SKY: Vec3 = [0.97, 1.0, 1.05];
+pub(crate) const GROUND: Vec3 = [0.56, 0.54, 0.51];
+pub(crate) const SIDE: f32 = 0.14;
 /// Colours of the haze behind everything, low and high.
-const HAZE: [Vec3; 2] = [[0.60, 0.65, 0.71], [0.70, 0.78, 0.88]];
+pub(crate) const HAZE: [Vec3; 2] = [[0.60, 0.65, 0.71], [0.70, 0.78, 0.88]];
 /// The floor fades into the haze between these distances from the world's origin, m.
-const FADE: [f32; 2] = [6.5, 13.0];
+pub(crate) const FADE: [f32; 2] = [6.5, 13.0];
 /// Side of a floor tile and width of a joint between tiles, m.
-const TILE: f32 = 0.5;
-const GROUT: f32 = 0.006;
+pub(crate) const TILE: f32 = 0.5;
+pub(crate) const GROUT: f32 = 0.006;
 /// Height of the skirting on the walls, m.
-const SKIRTING: f32 = 0.09;
+pub(crate) const SKIRTING: f32 = 0.09;
 
 /// Geometry and light of a pixel.
 pub(crate) struct Spot {
@@ -77,8 +77,8 @@ pub(crate) struct Spot {
     pub normal: Vec3,
     /// From the eye; of any length above 0.
     pub ray: Vec3,
-    /// Width of the pixel on a surface that faces it, m; None leaves out the floor's tiles.
-    pub footprint: Option<f32>,
+    /// Width of the pixel on a surface that faces it, m.
+    pub footprint: f32,
     /// Share of the dome that is not occluded.
     pub open: f32,
     /// Share of the key light that arrives.
@@ -145,11 +145,7 @@ impl Shader<'_> {
         let light = self.light;
         let mut base = finish.colour;
         match paint {
-            Paint::Floor => {
-                if let Some(footprint) = spot.footprint {
-                    base = scale(base, tiles(spot.point, spot.normal, spot.ray, footprint));
-                }
-            }
+            Paint::Floor => base = scale(base, tiles(spot.point, spot.normal, spot.ray, spot.footprint)),
             Paint::Wall if spot.point[2] < SKIRTING => base = scale(base, 0.62),
             _ => {}
         }
@@ -217,35 +213,23 @@ pub(crate) fn is_clear(point: Vec3) -> bool {
     point[0] * point[0] + point[1] * point[1] < most * most
 }
 
-/// Brightness of the tiled floor, smoothed over a pixel of that footprint.
-#[inline]
-pub(crate) fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {
-    let [brightness] = tile_brightness([point[0]], [point[1]], [footprint / (-dot(normal, ray)).max(MIN_SLANT)]);
-    brightness
-}
-
 /// Cosine of the flattest look at the floor that widens a pixel.
 pub(crate) const MIN_SLANT: f32 = 0.05;
 
-/// Brightness of the tiled floor at some points, each smoothed over a width (m). No branches: several points take little
-/// longer than one.
-#[inline]
-pub(crate) fn tile_brightness<const N: usize>(x: [f32; N], y: [f32; N], width: [f32; N]) -> [f32; N] {
+/// Brightness of the tiled floor, smoothed over a pixel of that footprint.
+fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {
     const GROUT_HALF: f32 = 0.5 * GROUT;
-    let mut brightness = [0.0; N];
-    for k in 0..N {
-        let (x, y) = (x[k] * (1.0 / TILE), y[k] * (1.0 / TILE));
-        // Halves of the pixel and of the joint, and their overlap.
-        let pixel = 0.5 * width[k];
-        let overlap = |x: f32| {
-            let from_joint = TILE * (x - floor(x + 0.5)).abs();
-            (pixel.min(GROUT_HALF - from_joint) + pixel.min(GROUT_HALF + from_joint)).max(0.0)
-        };
-        let joint = (overlap(x).max(overlap(y)) / width[k]).min(1.0);
-        let number = 0.5 * (floor(x) + floor(y));
-        let odd = 2.0 * (number - floor(number));
-        let checker = 1.0 - odd * 0.05 * (1.0 - width[k] * (1.0 / TILE)).max(0.0);
-        brightness[k] = checker * (1.0 - 0.35 * joint);
-    }
-    brightness
+    let width = footprint / (-dot(normal, ray)).max(MIN_SLANT);
+    let (x, y) = (point[0] * (1.0 / TILE), point[1] * (1.0 / TILE));
+    // Halves of the pixel and of the joint, and their overlap.
+    let pixel = 0.5 * width;
+    let overlap = |x: f32| {
+        let from_joint = TILE * (x - floor(x + 0.5)).abs();
+        (pixel.min(GROUT_HALF - from_joint) + pixel.min(GROUT_HALF + from_joint)).max(0.0)
+    };
+    let joint = (overlap(x).max(overlap(y)) / width).min(1.0);
+    let number = 0.5 * (floor(x) + floor(y));
+    let odd = 2.0 * (number - floor(number));
+    let checker = 1.0 - odd * 0.05 * (1.0 - width * (1.0 / TILE)).max(0.0);
+    checker * (1.0 - 0.35 * joint)
 }

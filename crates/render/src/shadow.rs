@@ -4,9 +4,10 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
 
 use crate::mesh::Triangle;
-use crate::raster::{self, Canvas, Corner, Four, SPARE, Setup};
+use crate::raster::{self, Canvas, Corner, Four, LANES, SPARE, Setup};
 use crate::shade::{Vec3, add, cross, dot, normalize, scale};
 use crate::transform::Projected;
+use crate::wide::vector as wide;
 
 /// Share of the map's side that is kept free around what is visible.
 const MARGIN: f32 = 0.03;
@@ -25,7 +26,7 @@ pub(crate) struct ShadowMap {
     height: Vec<f32>,
     /// The largest height in each block of texels and those around it that the filter takes in.
     blocks: Vec<f32>,
-    /// The largest height in each column of a row of blocks.
+    /// The largest height in each column of a row of blocks, from the one before the first on.
     columns: Vec<f32>,
     across: Across,
     /// Triangles to be drawn.
@@ -66,7 +67,7 @@ impl ShadowMap {
             size,
             height: vec![0.0; size * size + SPARE],
             blocks: vec![0.0; (size / BLOCK) * (size / BLOCK)],
-            columns: vec![0.0; size],
+            columns: vec![0.0; size + BLOCK],
             four: Four::default(),
             across: Across { axes: [zero; 3], texels: 1.0, corner: [0.0; 2] },
             low: [0.0; 2],
@@ -151,20 +152,31 @@ impl ShadowMap {
     }
 
     /// Ends the drawing: finds the greatest height of each block.
-    pub(crate) fn finish(&mut self) {
+    pub(crate) fn finish(&mut self, level: Level) {
+        dispatch!(level, simd => self.finish_wide(simd));
+    }
+
+    #[inline(always)]
+    fn finish_wide<S: Simd>(&mut self, simd: S) {
         let (size, count) = (self.size, self.size / BLOCK);
-        let around = |block: usize| (block * BLOCK).saturating_sub(1)..(block * BLOCK + BLOCK + 2).min(size);
-        let greater = |most: f32, value: f32| if value > most { value } else { most };
         for j in 0..count {
-            let rows = around(j);
-            // First down each column, then across: a tenth of the comparisons.
+            let rows = (j * BLOCK).saturating_sub(1)..(j * BLOCK + BLOCK + 2).min(size);
+            // First down each column, then across: a tenth of the comparisons. A column more before the first and some after the
+            // last, where nothing is.
             self.columns.fill(f32::NEG_INFINITY);
             for row in self.height[rows.start * size..rows.end * size].chunks_exact(size) {
-                self.columns.iter_mut().zip(row).for_each(|(most, value)| *most = greater(*most, *value));
+                let columns = self.columns[1..].chunks_exact_mut(LANES);
+                for (most, heights) in columns.zip(row.chunks_exact(LANES)) {
+                    let heights = f32x8::from_slice(simd, heights);
+                    wide::greater(heights, f32x8::from_slice(simd, most)).store_slice(most);
+                }
             }
-            for i in 0..count {
-                let columns = self.columns[around(i)].iter().copied();
-                self.blocks[j * count + i] = columns.fold(f32::NEG_INFINITY, greater);
+            for (i, most) in self.blocks[j * count..(j + 1) * count].iter_mut().enumerate() {
+                // From the column before the block to the second after it.
+                let columns = &self.columns[i * BLOCK..i * BLOCK + BLOCK + 3];
+                let (left, right) =
+                    (f32x8::from_slice(simd, &columns[..LANES]), f32x8::from_slice(simd, &columns[3..3 + LANES]));
+                *most = wide::greater(left, right).reduce_max();
             }
         }
     }
@@ -175,11 +187,17 @@ impl ShadowMap {
         let point = add(point, scale(normal, 1.2 / self.across.texels));
         let height = dot(self.across.axes[2], point) + BIAS;
         let [u, v] = self.across.texel(point);
+        self.light_at(height, u, v)
+    }
+
+    /// Share of the key light that reaches a height at a place of the map, texels.
+    #[inline(always)]
+    fn light_at(&self, height: f32, u: f32, v: f32) -> f32 {
         let last = self.size as f32 - 3.0;
         if !(u >= 1.0 && v >= 1.0 && u < last && v < last) {
             return 1.0;
         }
-        let (x, y) = (u as usize, v as usize);
+        let (x, y) = (u as u32 as usize, v as u32 as usize);
         let (fu, fv) = (u - x as f32, v - y as f32);
         if height >= self.blocks[(y / BLOCK) * (self.size / BLOCK) + x / BLOCK] {
             return 1.0;
@@ -200,6 +218,32 @@ impl ShadowMap {
         }
         // Exactly 1 where nothing is in the way.
         if any { sum / 9.0 } else { 1.0 }
+    }
+
+    /// [`ShadowMap::light`] at eight points; 1 where a bit of `asked` is not set.
+    #[inline(always)]
+    pub(crate) fn light_eight<S: Simd>(
+        &self,
+        simd: S,
+        point: [f32x8<S>; 3],
+        normal: [f32x8<S>; 3],
+        asked: u64,
+    ) -> [f32; LANES] {
+        let across = &self.across;
+        let point = wide::add(point, wide::scale(normal, f32x8::splat(simd, 1.2 / across.texels)));
+        let height = wide::dot(wide::wide3(simd, across.axes[2]), point) + f32x8::splat(simd, BIAS);
+        let (texels, half) = (f32x8::splat(simd, across.texels), f32x8::splat(simd, 0.5));
+        let (along, down) = (wide::wide3(simd, across.axes[0]), wide::wide3(simd, across.axes[1]));
+        let u = (wide::dot(along, point) - f32x8::splat(simd, across.corner[0])) * texels - half;
+        let v = (wide::dot(down, point) - f32x8::splat(simd, across.corner[1])) * texels - half;
+        let [height, u, v]: [[f32; LANES]; 3] = [height.into(), u.into(), v.into()];
+        let mut light = [1.0; LANES];
+        for k in 0..LANES {
+            if asked >> k & 1 == 1 {
+                light[k] = self.light_at(height[k], u[k], v[k]);
+            }
+        }
+        light
     }
 
     /// As [`ShadowMap::light`] with a shadow that is the softer the farther it falls. `turn` in [0, 1) turns the pattern of

@@ -1,5 +1,8 @@
 //! From light to bytes.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, u32x8};
+
 use crate::paint::encode;
 use crate::shade::Vec3;
 
@@ -43,6 +46,20 @@ impl Tone {
         // Negative numbers and NaN count as dark.
         let bits = light.max(0.0).to_bits() >> (23 - Self::FINE);
         (bits.saturating_sub(Self::FIRST) as usize).min(self.curve.len() - 1)
+    }
+
+    /// Places in the curve of eight numbers of at least 0, given by their bits.
+    #[inline(always)]
+    pub(crate) fn indices<S: Simd>(&self, simd: S, light: u32x8<S>) -> u32x8<S> {
+        let first = u32x8::splat(simd, Self::FIRST);
+        let last = u32x8::splat(simd, self.curve.len() as u32 - 1);
+        ((light >> (23 - Self::FINE)).max(first) - first).min(last)
+    }
+
+    /// sRGB at a place of the curve.
+    #[inline(always)]
+    pub(crate) fn byte_at(&self, index: u32) -> u8 {
+        self.bytes[index as usize]
     }
 
     /// The curve's values, in [0, 1].

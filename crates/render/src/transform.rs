@@ -25,6 +25,8 @@ pub(crate) struct Projected {
     /// The first pixel centre to the right (upper half) and below (lower half), within the picture; [`NOT_AHEAD`] for a vertex
     /// that the near plane cuts off.
     cells: Vec<u32>,
+    /// The picture is too large for cells.
+    is_large: bool,
 }
 
 const NOT_AHEAD: u32 = u32::MAX;
@@ -36,9 +38,8 @@ const MAX_SIDE: usize = 65_534;
 struct Sides([f32; 2]);
 
 impl Sides {
-    /// None for a picture that is too large.
-    fn new([width, height]: [usize; 2]) -> Option<Self> {
-        (width.max(height) <= MAX_SIDE).then_some(Self([width as f32, height as f32]))
+    fn new([width, height]: [usize; 2]) -> Self {
+        Self([width, height].map(|side| side.min(MAX_SIDE) as f32))
     }
 
     /// Whole numbers as floats: adding this rounds to them, and puts them into the lower bits.
@@ -65,6 +66,7 @@ impl Seen {
         let count = positions[0].len();
         self.at.iter_mut().for_each(|axis| axis.resize(count, 0.0));
         self.projected.resize(count);
+        self.projected.is_large = view.size.iter().any(|side| *side > MAX_SIDE);
         let (at, to) = (&mut self.at, &mut self.projected);
         let sides = Sides::new(view.size);
         dispatch!(level, _simd => see(positions, pose, view, sides, at, to));
@@ -118,7 +120,7 @@ impl Projected {
         let [a, b, c] = vertices;
         let [a, b, c] = [self.cells[a], self.cells[b], self.cells[c]];
         let differ = (a ^ b) | (a ^ c);
-        differ > 0xFFFF && differ & 0xFFFF != 0
+        self.is_large || (differ > 0xFFFF && differ & 0xFFFF != 0)
     }
 
     #[inline(always)]
@@ -141,18 +143,12 @@ impl Projected {
     }
 }
 
-/// Cells of corners; of a picture that is too large they all differ, so that no triangle is left out.
 #[inline(always)]
-fn find_cells(sides: Option<Sides>, u: &[f32], v: &[f32], cells: &mut [u32]) {
+fn find_cells(sides: Sides, u: &[f32], v: &[f32], cells: &mut [u32]) {
     let count = cells.len();
     let (u, v) = (&u[..count], &v[..count]);
-    match sides {
-        Some(sides) => {
-            for i in 0..count {
-                cells[i] = sides.cell(Corner { u: u[i], v: v[i], depth: 0.0 });
-            }
-        }
-        None => (0_u32..).zip(cells).for_each(|(i, cell)| *cell = (i << 16) | (i & 0xFFFF)),
+    for i in 0..count {
+        cells[i] = sides.cell(Corner { u: u[i], v: v[i], depth: 0.0 });
     }
 }
 
@@ -161,7 +157,7 @@ fn see(
     [xs, ys, zs]: &[Vec<f32>; 3],
     pose: &SinglePose,
     view: &View,
-    sides: Option<Sides>,
+    sides: Sides,
     at: &mut [Vec<f32>; 3],
     to: &mut Projected,
 ) {
@@ -185,13 +181,7 @@ fn see(
 }
 
 #[inline(always)]
-fn cast(
-    [xs, ys, zs]: &[Vec<f32>; 3],
-    pose: &SinglePose,
-    map: &Across,
-    sides: Option<Sides>,
-    to: &mut Projected,
-) {
+fn cast([xs, ys, zs]: &[Vec<f32>; 3], pose: &SinglePose, map: &Across, sides: Sides, to: &mut Projected) {
     let count = xs.len();
     let (xs, ys, zs) = (&xs[..count], &ys[..count], &zs[..count]);
     let (u, v, depth) = (&mut to.u[..count], &mut to.v[..count], &mut to.depth[..count]);

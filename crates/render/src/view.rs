@@ -12,7 +12,7 @@ pub(crate) struct View {
     pub axes: [Vec3; 3],
     pub focal: [f32; 2],
     pub inverse_focal: [f32; 2],
-    middle: [f32; 2],
+    pub middle: [f32; 2],
     pub near: f32,
     /// Width and height of the picture, samples.
     pub size: [usize; 2],

@@ -128,7 +128,7 @@ impl Composer {
         let samples = picture.samples.max(1);
         let renderer = |pane: &Pane| match picture.soft_shadows {
             true => Renderer::supersampled(pane.width, pane.height, samples),
-            false => Renderer::new(pane.width * samples, pane.height * samples),
+            false => Renderer::for_people(pane.width * samples, pane.height * samples),
         };
         let ground = |pane: &Pane| Image::black(pane.width + 2 * BORDER, pane.height + 2 * BORDER);
         Self {
