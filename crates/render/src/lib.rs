@@ -29,6 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![allow(missing_docs)] // Used in this repository alone.
+mod across;
 mod animation;
 mod camera;
 mod error;
@@ -47,6 +48,7 @@ mod surfaces;
 mod tone;
 mod transform;
 mod view;
+mod visible;
 mod visuals;
 mod wide;
 

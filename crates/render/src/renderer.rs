@@ -1,7 +1,6 @@
 //! One frame from meshes to bytes.
 
-use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8, u32x8};
+use fearless_simd::{Level, Simd, dispatch};
 use fiatlux_rules::{Bulb, Row, errand};
 use fiatlux_world::ShapeOwner;
 use nalgebra::Isometry3;
@@ -10,12 +9,13 @@ use crate::lighting::PreparedLight;
 use crate::mesh::{Detail, Mesh, Triangle};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
-use crate::raster::{self, Canvas, Corner, Four, Plane, SPARE, Setup};
+use crate::raster::{self, Corner, Four, SPARE};
 use crate::shade::{Lamp, Shader, Spot, Vec3, add, dot, floor, normalize, scale};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::transform::{Projected, Seen};
 use crate::view::{SinglePose, View, single};
+use crate::visible::{Painter, Surface};
 use crate::visuals::Look;
 use crate::wide::WideShader;
 use crate::{Camera, Image, Lighting, Visuals};
@@ -54,17 +54,6 @@ pub struct Renderer {
     /// Pixels that show nothing.
     empty: Vec<[u32; 2]>,
     image: Image,
-}
-
-/// A visible triangle: what is needed to light its pixels.
-#[derive(Debug, Clone)]
-pub(crate) struct Surface {
-    /// Components of the normal times the inverse depth, which are linear over the picture.
-    pub normal: [Plane; 3],
-    /// The unit normal, where it is the same all over.
-    pub flat: Option<Vec3>,
-    pub paint: Paint,
-    mesh: u16,
 }
 
 /// A corner of a triangle that the near plane cuts.
@@ -447,59 +436,6 @@ impl Renderer {
         let footprint = distance * view.inverse_focal[0];
         let colour = shader.colour(surface.paint, &Spot { point, normal, ray, footprint, open, lit });
         add(colour, shader.halo(view.eye, ray, distance))
-    }
-}
-
-/// Draws triangles of a mesh into a picture: depth, number of the nearest, and what lights it.
-struct Painter<'a, N, P> {
-    size: [usize; 2],
-    depth: &'a mut [f32],
-    ids: &'a mut [u32],
-    surfaces: &'a mut Vec<Surface>,
-    mesh: u16,
-    /// Unit normals at the corners of a triangle, by its place in the list, and its paint.
-    normals: N,
-    paint: P,
-}
-
-impl<N: Fn(u32) -> [Vec3; 3], P: Fn(u32) -> Paint> Canvas for Painter<'_, N, P> {
-    #[inline(always)]
-    fn size(&self) -> [usize; 2] {
-        self.size
-    }
-
-    #[inline(always)]
-    fn put<S: Simd>(&mut self, simd: S, at: usize, value: f32x8<S>, inside: mask32x8<S>) -> bool {
-        let here = &mut self.depth[at..at + 8];
-        let before = f32x8::from_slice(simd, here);
-        let nearer = value.simd_gt(before) & inside;
-        nearer.select(value, before).store_slice(here);
-        let here = &mut self.ids[at..at + 8];
-        let id = u32x8::splat(simd, self.surfaces.len() as u32);
-        nearer.select(id, u32x8::from_slice(simd, here)).store_slice(here);
-        nearer.any_true()
-    }
-
-    #[inline(always)]
-    fn seen<S: Simd>(&mut self, simd: S, place: u32, setup: &Setup, depths: [f32; 3]) {
-        let [a, b, c] = (self.normals)(place);
-        let flat = (a == b && b == c).then_some(a);
-        let normal = match flat {
-            Some(_) => [Plane::default(); 3],
-            None => setup.planes(simd, [scale(a, depths[0]), scale(b, depths[1]), scale(c, depths[2])]),
-        };
-        self.surfaces.push(Surface { normal, flat, paint: (self.paint)(place), mesh: self.mesh });
-    }
-}
-
-impl Surface {
-    #[inline]
-    fn normal_at(&self, x: usize, y: usize) -> Vec3 {
-        if let Some(normal) = self.flat {
-            return normal;
-        }
-        let (u, v) = (x as f32, y as f32);
-        normalize([self.normal[0].at(u, v), self.normal[1].at(u, v), self.normal[2].at(u, v)])
     }
 }
 

@@ -3,8 +3,9 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
 
+use crate::across::Across;
 use crate::mesh::Triangle;
-use crate::raster::{self, Canvas, Corner, Four, LANES, SPARE, Setup};
+use crate::raster::{self, Canvas, Four, LANES, SPARE, Setup};
 use crate::shade::{Vec3, add, cross, dot, normalize, scale};
 use crate::transform::Projected;
 use crate::wide::vector as wide;
@@ -34,30 +35,6 @@ pub(crate) struct ShadowMap {
     /// Range of what is visible across the light.
     low: [f32; 2],
     high: [f32; 2],
-}
-
-/// The frame of the map: two axes across the light and one towards it.
-#[derive(Debug, Clone)]
-pub(crate) struct Across {
-    axes: [Vec3; 3],
-    /// Texels a metre, and the map's lower corner across the light.
-    texels: f32,
-    corner: [f32; 2],
-}
-
-impl Across {
-    #[inline(always)]
-    fn texel(&self, point: Vec3) -> [f32; 2] {
-        let along = |i: usize| (dot(self.axes[i], point) - self.corner[i]) * self.texels - 0.5;
-        [along(0), along(1)]
-    }
-
-    /// Where a point of the world is on the map.
-    #[inline(always)]
-    pub(crate) fn corner_of(&self, point: Vec3) -> Corner {
-        let [u, v] = self.texel(point);
-        Corner { u, v, depth: dot(self.axes[2], point) }
-    }
 }
 
 impl ShadowMap {

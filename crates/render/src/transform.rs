@@ -3,9 +3,9 @@
 
 use fearless_simd::{Level, dispatch};
 
+use crate::across::Across;
 use crate::raster::Corner;
 use crate::shade::{Vec3, dot};
-use crate::shadow::Across;
 use crate::view::{SinglePose, View};
 
 /// The vertices of a mesh as the camera sees them, by number.

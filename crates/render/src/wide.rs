@@ -13,11 +13,11 @@ use crate::lighting::PreparedLight;
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::raster::LANES;
-use crate::renderer::Surface;
 use crate::shade::{FADE, GROUND, GROUT, HAZE, MIN_SLANT, SIDE, SKIRTING, SKY, TILE};
 use crate::shadow::ShadowMap;
 use crate::tone::Tone;
 use crate::view::View;
+use crate::visible::Surface;
 
 /// A frame that is being lit: where a renderer has one sample a pixel and no lamp burns.
 pub(crate) struct WideShader<'a> {
@@ -75,7 +75,7 @@ impl Queue {
     }
 }
 
-/// What eight pixels show.
+/// Geometry and paint of eight pixels.
 struct Spots<S: Simd> {
     point: Wide3<S>,
     normal: Wide3<S>,
