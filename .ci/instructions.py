@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""Fails where a picture of the head camera takes more instructions than it did. Needs Linux, a processor with AVX2 and valgrind.
+
+Times depend on the machine and its load; counts of a build by the pinned compiler do not. A gain is entered below.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+
+# Millions of instructions of a picture, the mean of six starts, in a development build with AVX2.
+MILLIONS = {(64, 64): 4.77, (128, 128): 10.1, (256, 256): 29.3, (640, 480): 114.5}
+# More by this share fails.
+TOLERANCE = 0.05
+STARTS = 6
+
+
+def count(program: str, size: tuple[int, int]) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out", "--collect-atstart=no"]
+        command = [*valgrind, "--toggle-collect=*Renderer::render*", program, *map(str, size)]
+        said = subprocess.run(command, check=True, capture_output=True, text=True).stderr
+    found = re.search(r"Collected : (\d+)", said)
+    if found is None or found[1] == "0":
+        sys.exit(f"valgrind counted nothing:\n{said}")
+    return int(found[1]) / STARTS / 1e6
+
+
+def main() -> None:
+    build = ["cargo", "build", "--locked", "-p", "fiatlux-render", "--example", "count_frames"]
+    # Counts depend on how a crate is cut into units.
+    subprocess.run(build, check=True, env={**os.environ, "CARGO_INCREMENTAL": "1"})
+    target = subprocess.run(["cargo", "metadata", "--format-version=1", "--no-deps"], check=True, capture_output=True)
+    folder = re.search(r'"target_directory":"([^"]+)"', target.stdout.decode())[1]
+    failed = False
+    for size, expected in MILLIONS.items():
+        found = count(f"{folder}/debug/examples/count_frames", size)
+        name = f"{size[0]}x{size[1]}"
+        print(f"{name}: {found:.2f} million instructions a picture, expected {expected}")
+        failed |= found > expected * (1 + TOLERANCE)
+    if failed:
+        sys.exit("a picture takes more instructions than it did: find out why, or enter the new count with its reason")
+
+
+if __name__ == "__main__":
+    main()
