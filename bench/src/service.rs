@@ -116,7 +116,7 @@ impl Service {
             }
         };
         let folder = std::env::temp_dir().join(format!("fiatlux-bench-{}", std::process::id()));
-        let bags = LocalBags { out: folder.clone(), naming: Naming::BySession, on_bag: Box::new(|_| ()) };
+        let bags = LocalBags { out: folder.clone(), naming: Naming::BySession, thin: false, on_bag: Box::new(|_| ()) };
         let options = ServerOptions { name: SERVER.into(), capacity: 1024, ..ServerOptions::default() };
         let server = LocalServer::start(link, options, recorded.then_some(bags)).map_err(text)?;
         Ok(Self { server, folder })

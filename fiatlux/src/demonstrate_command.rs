@@ -119,6 +119,7 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
             tasks: Vec::new(),
             seeds: Vec::new(),
             out: args.out.clone(),
+            thin: false,
             workers: workers(args.workers),
             weights: session.split_weights(),
             meshes: None,

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
-use fiatlux_cli::ProgressLine;
+use fiatlux_cli::{BagForm, ProgressLine};
 use fiatlux_client::{RunProgress, SeedList, SessionArgs, Shard, ShardRecord, TaskList};
 use fiatlux_grading::tables;
 use fiatlux_policies::{Entry, Policies};
@@ -72,6 +72,10 @@ pub struct EvaluateArgs {
     /// Slurm's array or Kubernetes' indexed Job. `scorer merge` makes one result of all parts.
     #[arg(long, value_name = "K/N", conflicts_with = "external")]
     shard: Option<Shard>,
+    /// Form of the bags: thin keeps actions and result alone, a tenth of the size or less, and rows are simulated again when they are
+    /// read, also to grade them at the end.
+    #[arg(long, value_name = "FORM", value_enum, default_value_t)]
+    bags: BagForm,
     /// Number of episodes at once; with --external, number of threads that step them [default: one for each core].
     #[arg(long, value_parser = fiatlux_cli::whole::<u16>(1..=256))]
     workers: Option<u16>,
@@ -155,6 +159,7 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
         seeds: seeds.map_or_else(|| (0..=3).collect(), |seeds| seeds.seeds),
         out,
+        thin: args.bags.is_thin(),
         workers: args.workers(),
         weights: session.split_weights(),
         meshes: args.meshes.clone(),

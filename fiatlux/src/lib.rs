@@ -120,6 +120,7 @@ enum Command {
 /// }
 /// ```
 pub fn run(policies: Policies) -> ExitCode {
+    fiatlux_server::simulate_thin_bags();
     let done = match fiatlux_cli::parse::<Cli>().command {
         Command::Evaluate(args) => evaluate_command::run(&args, policies),
         Command::Demonstrate(args) => demonstrate_command::run(&args, policies),

@@ -18,6 +18,7 @@
 //! assert!(error.to_string().contains("Action"), "{error}");
 //! assert_eq!(ServerKeys::new("lab").session("42").action(), "fiatlux/v3/lab/s/42/action");
 //! ```
+mod again;
 mod body_command;
 mod decode;
 mod encode;

@@ -81,8 +81,15 @@ class Bag(Mapping[str, dict[str, Any]]):
         return self._bag.is_whole
 
     @property
+    def is_thin(self) -> bool:
+        """True if the file has actions and result alone: every other topic is simulated on first use, with what the sensors read."""
+        return self._bag.is_thin
+
+    @property
     def steps(self) -> int:
         """Number of control steps, and of actions; there is one row and one observation more."""
+        if self.is_thin and self.result is not None:
+            return int(self.result["end"]["steps"])
         return len(self["/state"]["step"]) - 1
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from . import _native
 from ._numbers import seeds_of
@@ -21,6 +21,9 @@ from .tasks import SUBTASKS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+BagForm = Literal["full", "thin"]
+"""The form in which bags are kept."""
 
 SCORES = ("seeds", "score", "score_strict", "subtasks", "missing", "overall", "extra_tasks")
 """Fields of ``results.json`` that are scores."""
@@ -90,6 +93,7 @@ def evaluate(
     seeds: Sequence[int] | str = (0, 1, 2, 3),
     *,
     out: str | PathLike[str] | None = None,
+    bags: BagForm | None = None,
     parallel: int | None = None,
     name: str | None = None,
     observation: ObservationForm = "dict",
@@ -112,6 +116,8 @@ def evaluate(
             ``out`` they are kept in ``out/seeds.txt``, and the same call goes on with them.
         out: Folder for bags, ``results.json`` and ``report.html``. Episodes then go through a server and a client in this
             process, as in the program; the same call resumes an evaluation that was stopped.
+        bags: ``"full"``, or ``"thin"``: actions and result alone, a tenth of the size or less; rows are simulated again when they are
+            read. Only with ``out``; by default full.
         parallel: Episodes to play at once, only with ``out``. See :meth:`fiatlux.Client.evaluate`.
         name: The policy's name, for the record.
         observation: Form of the observations.
@@ -154,8 +160,15 @@ def evaluate(
             objects,
             shard,
             run_file,
+            is_thin(bags),
         )
-    recorded_only = {"parallel": parallel, "record": record or None, "assets": assets or None, "shard": shard}
+    recorded_only = {
+        "bags": bags,
+        "parallel": parallel,
+        "record": record or None,
+        "assets": assets or None,
+        "shard": shard,
+    }
     for field, given in {**recorded_only, "run_file": run_file}.items():
         if given is not None:
             raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
@@ -237,6 +250,7 @@ def _recorded(
     assets: Mapping[str, str],
     shard: str | None,
     run_file: str | PathLike[str] | None,
+    thin: bool,
 ) -> Evaluation:
     if len(tasks) == 0 or len(seeds) == 0:
         raise ValueError("tasks and seeds: give at least one each")
@@ -246,9 +260,21 @@ def _recorded(
     # A policy may be made even if nothing is left to play.
     begun = Event()
     play_one = lambda: Player(policy, observation, begun)
-    text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, list(assets.items()), progress)
+    text, lost = _native.evaluate_into(fspath(out), play_one, run, asked, list(assets.items()), thin, False, progress)
     if not begun.is_set() and not lost:
         message = f"{out} had all episodes already, so none was played; name another folder for a new evaluation"
         warnings.warn(message, stacklevel=3)
+    return of_results(text, lost)
+
+
+def of_results(text: str, lost: Iterable[str]) -> Evaluation:
+    """The evaluation of a recorded run, from the text of its ``results.json``."""
     results = json.loads(text)
     return Evaluation({name: results[name] for name in SCORES}, results["episodes"], tuple(lost), is_run=True)
+
+
+def is_thin(bags: BagForm | None) -> bool:
+    """Reads the form of the bags."""
+    if bags not in (None, "full", "thin"):
+        raise ValueError(f"bags is {bags!r}; use 'full' or 'thin'")
+    return bags == "thin"

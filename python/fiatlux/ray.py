@@ -1,21 +1,27 @@
 """Evaluation and rollouts over a Ray cluster; needs the extra ``ray``.
 
-Each episode is a Ray task, which runs on a free core of any node, and is repeated on another node if its own is lost. An episode
-depends only on task, seed, episode and policy, so the results are those of :func:`fiatlux.evaluate` in one process, on any nodes.
+Each episode, or each shard of a recorded evaluation, is a Ray task, which runs on a free core of any node, and is repeated on another
+node if its own is lost. An episode depends only on task, seed, episode and policy, so the results are those of :func:`fiatlux.evaluate` in one process, on any nodes.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from os import PathLike, fspath
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ray
 
+from . import _native
+from ._native import FiatluxError
 from ._numbers import seeds_of
+from .client import run_of
 from .env import Env
-from .evaluation import Evaluation, collect, play, steps
-from .policy import PolicyLike, check_policy, settings_for
-from .settings import Settings
+from .evaluation import BagForm, Evaluation, collect, is_thin, of_results, play, steps
+from .policy import Player, PolicyLike, check_policy, is_stateful, settings_for
+from .settings import Settings, complete
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
 
@@ -29,8 +35,13 @@ LOST_NODES = 3
 def evaluate(
     policy: PolicyLike,
     tasks: Sequence[str] = SUBTASKS,
-    seeds: Sequence[int] = (0, 1, 2, 3),
+    seeds: Sequence[int] | str = (0, 1, 2, 3),
     *,
+    out: str | PathLike[str] | None = None,
+    shard_size: int = 4,
+    bags: BagForm | None = None,
+    name: str | None = None,
+    record: Sequence[str] = (),
     observation: ObservationForm = "dict",
     max_steps: int | None = None,
     progress: Callable[[dict[str, Any]], None] | None = None,
@@ -38,23 +49,120 @@ def evaluate(
     num_gpus: float = 0,
     **settings: "Unpack[Settings]",
 ) -> Evaluation:
-    """Like :func:`fiatlux.evaluate` without bags, on the cluster that ``ray.init`` has joined. Ctrl-C, and an exception of the policy or
-    of ``progress``, end all work on the cluster.
+    """Like :func:`fiatlux.evaluate`, on the cluster that ``ray.init`` has joined. Ctrl-C, and an exception of ``progress``, end all work
+    on the cluster; so does one of the policy without ``out``.
+
+    With ``out`` it makes the same folder and the same result, and the same call goes on with what is left. An episode that cannot be
+    played is a line in ``lost``, and the others stay. The nodes need no common disk: bags come to the caller through Ray, which keeps
+    those of one task in memory. ``bags="thin"`` makes them small.
 
     Args:
-        policy: Pickled and sent to each node once; each episode begins with a fresh copy of it.
+        policy: Pickled and sent to each node once; each episode, or with ``out`` each shard, begins with a fresh copy of it.
         tasks, seeds, observation, max_steps, settings: As in :func:`fiatlux.evaluate`.
-        progress: Called with the summary of each episode as it ends, in any order.
-        num_cpus, num_gpus: What an episode needs on its node.
+        out, name, record, bags: As there. ``out`` is a folder of the caller.
+        shard_size: Episodes that one Ray task plays, only with ``out``. A lost node costs the episodes of its tasks.
+        progress: Called with the summary of each episode as it ends, in any order; with ``out`` after each shard with a dictionary of
+            the number of ``shards``, and of those that are ``done``.
+        num_cpus, num_gpus: What an episode, or a shard, needs on its node.
     """
-    jobs = [(task, seed) for task in tasks for seed in seeds_of(seeds)]
     check_policy(policy)
+    chosen = settings_for(policy, settings)
+    if out is not None:
+        if max_steps is not None:
+            raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
+        recorded = _Recorded(
+            policy, tasks, seeds, Path(out), name, record, bags, observation, chosen, shard_size, num_cpus
+        )
+        return recorded.play(policy, _shard.options(num_cpus=num_cpus, num_gpus=num_gpus), progress)
+    for field, given in {"name": name, "record": record or None, "bags": bags}.items():
+        if given is not None:
+            raise ValueError(f"{field}: only a recorded evaluation takes it; name a folder with out")
+    jobs = [(task, seed) for task in tasks for seed in seeds_of(seeds)]
     remote = _episode.options(num_cpus=num_cpus, num_gpus=num_gpus)
     shared = ray.put(policy)
-    chosen = settings_for(policy, settings)
     running = {remote.remote(shared, task, seed, observation, max_steps, chosen): (task, seed) for task, seed in jobs}
     with _ended(running):
         return collect(jobs, _as_they_end(running), progress)
+
+
+class _Recorded:
+    """A recorded evaluation, whose shards are tasks of Ray."""
+
+    def __init__(
+        self,
+        policy: PolicyLike,
+        tasks: Sequence[str],
+        seeds: Sequence[int] | str,
+        out: Path,
+        name: str | None,
+        record: Sequence[str],
+        bags: BagForm | None,
+        observation: ObservationForm,
+        chosen: dict[str, Any],
+        shard_size: int,
+        num_cpus: float,
+    ) -> None:
+        if isinstance(tasks, str):
+            raise ValueError(f"tasks is {tasks!r}; give a list, [{tasks!r}]")
+        if shard_size < 1:
+            raise ValueError(f"shard_size is {shard_size}; a shard has at least 1 episode")
+        listed = seeds_of(seeds, record=out / "seeds.txt")
+        if len(tasks) == 0 or len(listed) == 0:
+            raise ValueError("tasks and seeds: give at least one each")
+        self.out, self.count = out, -(-len(tasks) * len(listed) // shard_size)
+        asked = complete(tasks[0] if len(tasks) == 1 else None, observation, chosen)
+        out.mkdir(parents=True, exist_ok=True)
+        parallel = 1 if is_stateful(policy) else max(1, int(num_cpus))
+        run = {**run_of(policy, tasks, listed, parallel, name, out / "RUN.toml"), "record": list(record)}
+        self.asked, self.run, self.thin, self.observation = asked, run, is_thin(bags), observation
+        self.name = _native.begin_run(run, asked)
+        self.folder = out / "runs" / self.name
+        self.left = _native.shards_left(fspath(self.folder), self.count)
+
+    def play(self, policy: PolicyLike, remote: Any, progress: Callable[[dict[str, Any]], None] | None) -> Evaluation:
+        shared = ray.put(policy)
+        common = (shared, self.run, self.asked, self.thin, self.observation, (self.out / "RUN.toml").read_text())
+        running = {remote.remote(*common, self.name, f"{k}/{self.count}", self._files(k)): k for k in self.left}
+        lost: dict[int, list[str]] = {}
+        done = self.count - len(self.left)
+        with _ended(running):
+            left = dict(running)
+            while left:
+                (ended,), _ = ray.wait(list(left), num_returns=1)
+                shard = left.pop(ended)
+                try:
+                    files, lost[shard] = ray.get(ended)
+                    self._keep(files)
+                except ray.exceptions.RayError as error:
+                    lost[shard] = [f"shard {shard}/{self.count}: {_said(error)}"]
+                done += 1
+                if progress is not None:
+                    progress({"shards": self.count, "done": done})
+        lines = [line for shard in sorted(lost) for line in lost[shard]]
+        if not self.folder.is_dir():
+            raise FiatluxError("no episode was recorded:\n  " + "\n  ".join(lines))
+        text, excluded = _native.grade_run(fspath(self.out), self.name)
+        return of_results(text, [*lines, *(line for line in excluded if line not in lines)])
+
+    def _files(self, shard: int) -> dict[str, bytes]:
+        """The files of a shard that was not played to its end."""
+        server = f"evaluate-{shard}of{self.count}"
+        found = [*self.folder.glob(f"{server}-*.mcap"), *self.folder.glob(f"{server}.*")]
+        return {path.name: path.read_bytes() for path in found}
+
+    def _keep(self, files: dict[str, bytes]) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # A journal names bags: it comes after them.
+        for name in sorted(files, key=lambda name: not name.endswith(".mcap")):
+            part = self.folder / f".{name}.new"
+            part.write_bytes(files[name])
+            part.replace(self.folder / name)
+
+
+def _said(error: BaseException) -> str:
+    """The last line of an error: Ray's begin with the node's traceback."""
+    lines = str(error).strip().splitlines() or [""]
+    return f"{type(error).__name__}: {lines[-1].strip()}"
 
 
 def rollouts(
@@ -102,6 +210,33 @@ def _episode(
     policy: PolicyLike, task: str, seed: int, observation: ObservationForm, max_steps: int | None, settings: Any
 ) -> dict[str, Any]:
     return play(Env(task, observation=observation, **settings), policy, seed, max_steps=max_steps)
+
+
+@ray.remote(max_retries=LOST_NODES)
+def _shard(
+    policy: PolicyLike,
+    run: dict[str, Any],
+    asked: dict[str, Any],
+    thin: bool,
+    observation: ObservationForm,
+    run_file: str,
+    name: str,
+    shard: str,
+    files: dict[str, bytes],
+) -> tuple[dict[str, bytes], list[str]]:
+    """Plays a shard, or what is left of it, in a folder of this node; returns the files of its run, and what is lost."""
+    with TemporaryDirectory(prefix="fiatlux-shard-") as place:
+        folder = Path(place, "runs", name)
+        folder.mkdir(parents=True)
+        for file, data in files.items():
+            (folder / file).write_bytes(data)
+        own = Path(place, "RUN.toml")
+        own.write_text(run_file)
+        own.chmod(0o600)
+        here = {**run, "run_file": fspath(own), "shard": shard}
+        _, lost = _native.evaluate_into(place, lambda: Player(policy, observation), here, asked, [], thin, True, None)
+        made = [path for path in folder.iterdir() if path.suffix in (".mcap", ".jsonl")]
+        return {path.name: path.read_bytes() for path in made}, lost
 
 
 @ray.remote(max_retries=LOST_NODES)

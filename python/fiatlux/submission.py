@@ -8,6 +8,7 @@ import urllib.parse
 from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 _BLOCK = 1 << 20
@@ -31,10 +32,12 @@ def submit(
     licence: str = "",
     note: str = "",
     wait: bool = False,
+    bags: str = "thin",
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Sends the bags and journals of a run's folder, or loose bags, to the leaderboard at ``to``, such as ``https://HOST``.
 
+    Full bags are sent as thin ones, without the rows, which the leaderboard simulates again; ``bags="full"`` sends them whole.
     ``token`` is the text of an account's token. ``policy`` is by default the policy's name in the bags. An interrupted upload
     resumes where it stopped, even in a later call with the same arguments. ``progress`` is called with the bytes sent and the
     bytes in total. Returns the submission as the leaderboard reports it: ``id``, ``state``, ``reason``, ``badge`` and more; with
@@ -43,6 +46,8 @@ def submit(
     Raises :class:`SubmissionError` if the leaderboard refuses a request or does not answer, and ``ValueError`` if the folder
     does not exist, has no bags, or has bags of several runs.
     """
+    if bags not in ("thin", "full"):
+        raise ValueError(f"bags is {bags!r}; use 'thin' or 'full'")
     files = _files(Path(folder))
     if policy is None:
         from .bag import Bag
@@ -56,10 +61,37 @@ def submit(
         "licence": licence,
         "note": note,
     }
+    service = _Service(to, token)
+    with TemporaryDirectory(prefix="fiatlux-submit-") as place:
+        submission = _sent(service, manifest, _thinned(files, Path(place)) if bags == "thin" else files, progress)
+    while wait and submission["state"] not in ("verified", "refused"):
+        time.sleep(2.0)
+        submission = service.ask("GET", f"/api/v1/submissions/{submission['id']}")
+    return submission
+
+
+def _thinned(files: dict[str, Path], place: Path) -> dict[str, Path]:
+    """The files, with thin copies in a folder for full bags; as they are without the package, which makes thin ones."""
+    try:
+        from ._native import write_thin
+    except ImportError:
+        return files
+    is_bag = lambda name: name.endswith(".mcap")
+    return {
+        name: place / name if is_bag(name) and write_thin(path, place / name) else path for name, path in files.items()
+    }
+
+
+def _sent(
+    service: "_Service",
+    manifest: dict[str, Any],
+    files: dict[str, Path],
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, Any]:
+    """Sends the files that the service does not have yet, and finishes the submission."""
     listed: list[dict[str, Any]] = [
         {"name": name, "bytes": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()
     ]
-    service = _Service(to, token)
     submission = service.ask("POST", "/api/v1/submissions", {"manifest": manifest, "files": listed})
     if submission["state"] == "uploading":
         whole, done = sum(file["bytes"] for file in listed), 0
@@ -69,9 +101,6 @@ def submit(
             if progress is not None:
                 progress(done, whole)
         submission = service.ask("POST", f"/api/v1/submissions/{submission['id']}/finish", {})
-    while wait and submission["state"] not in ("verified", "refused"):
-        time.sleep(2.0)
-        submission = service.ask("GET", f"/api/v1/submissions/{submission['id']}")
     return submission
 
 

@@ -60,6 +60,12 @@ impl Bag {
         matches!(self.file.completeness(), Completeness::Whole)
     }
 
+    /// True if its rows are simulated when they are read.
+    #[getter]
+    fn is_thin(&self) -> bool {
+        self.file.is_thin()
+    }
+
     /// Names of the topics that can be read as columns.
     #[staticmethod]
     fn topics() -> Vec<&'static str> {
@@ -443,6 +449,17 @@ fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
             dict.into_any()
         }
     })
+}
+
+/// Writes a bag as a thin one at `to`; false for one that is thin or cut, which is left alone.
+#[pyfunction]
+pub(crate) fn write_thin(py: Python<'_>, path: std::path::PathBuf, to: std::path::PathBuf) -> PyResult<bool> {
+    let write = || {
+        let bag = File::open(&path)?;
+        let wanted = !bag.is_thin() && *bag.completeness() == Completeness::Whole;
+        if wanted { bag.write_thin(&to).map(|_| true) } else { Ok(false) }
+    };
+    py.detach(|| guarded(write))?.map_err(|error| failed(&error))
 }
 
 /// True for a file or folder that file systems and file managers leave behind.

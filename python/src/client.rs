@@ -264,6 +264,8 @@ fn describe(py: Python<'_>, outcome: &RunOutcome) -> PyResult<Py<PyDict>> {
 /// The exception that a policy raised, kept for the caller; it stops everything.
 #[derive(Clone, Default)]
 pub(crate) struct Failure {
+    /// An exception loses its own episode alone.
+    pub goes_on: bool,
     pub error: Arc<Mutex<Option<PyErr>>>,
     pub stop: Arc<AtomicBool>,
 }
@@ -272,14 +274,13 @@ impl Failure {
     fn note(&self, error: PyErr) -> PolicyError {
         // Not `Unfit`, by which a policy refuses a task: that ends the run as a failure, and here the same call goes on later.
         let failed = PolicyError::Failed { policy: "of Python", source: error.to_string().into() };
+        if self.goes_on {
+            return failed;
+        }
         // The first exception causes the others.
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         self.stop.store(true, Ordering::Relaxed);
         failed
-    }
-
-    fn is_noted(&self) -> bool {
-        self.error.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
     /// Raises the exception, if there is one.
@@ -298,11 +299,13 @@ struct Player {
     numbers: Numbers,
     /// Sensors that are seen when the policy looks.
     on_request: Vec<&'static str>,
+    /// It could not say where to look.
+    is_lost: bool,
 }
 
 impl Player {
     fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
-        Self { object, name, form, failure, numbers: Numbers::default(), on_request: Vec::new() }
+        Self { object, name, form, failure, numbers: Numbers::default(), on_request: Vec::new(), is_lost: false }
     }
 
     fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
@@ -372,12 +375,13 @@ impl Policy for Player {
         let asked = Python::attach(|py| looked_at(self.object.bind(py), self.numbers.latest()));
         asked.unwrap_or_else(|error| {
             self.failure.note(error);
+            self.is_lost = true;
             Vec::new()
         })
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        if self.failure.is_noted() {
+        if self.is_lost {
             return Err(PolicyError::Failed { policy: "of Python", source: "it could not say where to look".into() });
         }
         self.numbers.take(observation);

@@ -3,16 +3,18 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use fiatlux_bag::run::{EpisodeState, Ledger, LedgerEpisode, LedgerError, journal_of, journals};
 use fiatlux_client::{RunOptions, RunProgress, SeedList, Shard, ShardRecord};
-use fiatlux_grading::report;
-use fiatlux_proto::v3::RunSpec;
-use fiatlux_runs::{ExternalOptions, evaluate_run};
+use fiatlux_grading::{GradeOptions, Results, grade, report};
+use fiatlux_proto::v3::{OpenRequest, RunSpec};
+use fiatlux_runs::{EvaluateError, ExternalOptions, evaluate_run};
+use fiatlux_wire::check_request;
 use fiatlux_world::{AssetArg, SceneConfig};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::client::{Failure, Run, play, tell};
-use crate::fault::{FiatluxError, check_process, failed, refused};
+use crate::fault::{FiatluxError, check_process, failed, guarded, refused};
 use crate::settings::Settings;
 use crate::watch::watch;
 
@@ -29,6 +31,8 @@ pub(crate) fn evaluate_into(
     run: Run,
     settings: Settings,
     assets: Vec<(String, PathBuf)>,
+    thin: bool,
+    goes_on: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, Vec<String>)> {
     check_process()?;
@@ -46,13 +50,14 @@ pub(crate) fn evaluate_into(
         // The journals of all shards come into one folder.
         name: shard.map_or_else(|| SERVER.into(), |shard| shard.name(SERVER)),
         out: out.clone(),
+        thin,
         workers: std::thread::available_parallelism().map_or(1, usize::from),
         weights,
         meshes: None,
         scene,
         shard,
     };
-    let failure = Failure::default();
+    let failure = Failure { goes_on, ..Failure::default() };
     let noted = failure.clone();
     let played = watch(
         py,
@@ -64,11 +69,76 @@ pub(crate) fn evaluate_into(
         |py, step| tell(py, progress.as_ref(), &step),
     )?;
     failure.check()?;
-    let outcome = played.map_err(|error| failed(&error))?;
-    let text = outcome.results.to_json().map_err(|error| FiatluxError::new_err(error.to_string()))?;
-    write(&out, "results.json", &text)?;
-    write(&out, "report.html", &report::html(&outcome.results))?;
-    Ok((text, outcome.lost))
+    match played {
+        Err(EvaluateError::Unplayed { lost }) if goes_on => {
+            Ok((String::new(), lost.lines().map(|line| line.trim().to_owned()).collect()))
+        }
+        played => {
+            let outcome = played.map_err(|error| failed(&error))?;
+            Ok((written(&out, &outcome.results)?, outcome.lost))
+        }
+    }
+}
+
+/// Writes the results and their report; returns the text of the first.
+fn written(out: &Path, results: &Results) -> PyResult<String> {
+    let text = results.to_json().map_err(|error| FiatluxError::new_err(error.to_string()))?;
+    write(out, "results.json", &text)?;
+    write(out, "report.html", &report::html(results))?;
+    Ok(text)
+}
+
+/// Checks a run before any of it is played, and makes its file; returns its name.
+#[pyfunction]
+pub(crate) fn begin_run(run: Run, settings: Settings) -> PyResult<String> {
+    let RunOptions { file, .. } = run.options(&settings)?;
+    for task in &file.spec.tasks {
+        let request = OpenRequest { policy: run.name.clone(), task: task.clone(), ..settings.request(&run.record)? };
+        check_request(&request)
+            .map_err(|refusal| PyValueError::new_err(format!("{}: {}", refusal.field, refusal.message)))?;
+    }
+    Ok(file.run)
+}
+
+/// Of `count` shards of a run those, from 1 on, that are not whole in its folder.
+#[pyfunction]
+pub(crate) fn shards_left(folder: PathBuf, count: usize) -> PyResult<Vec<usize>> {
+    let wrong = |error: LedgerError| FiatluxError::new_err(error.to_string());
+    let known = |part: usize| Shard::new(part, count).map(|shard| (shard, journal_of(&folder, &shard.name(SERVER))));
+    let shards: Vec<(Shard, PathBuf)> = (1..=count).filter_map(known).collect();
+    let found = if folder.is_dir() { journals(&folder).map_err(wrong)? } else { Vec::new() };
+    if let Some(other) = found.iter().find(|file| shards.iter().all(|(_, own)| own != *file)) {
+        return Err(PyValueError::new_err(format!(
+            "shard_size: {} is not of {count} shards; take the shard_size of the first call, or another folder",
+            other.display()
+        )));
+    }
+    let mut left = Vec::new();
+    for (index, (shard, journal)) in shards.iter().enumerate() {
+        let is_whole = |(_, episode): (usize, &LedgerEpisode)| match &episode.state {
+            EpisodeState::Played(played) => folder.join(&played.bag).is_file(),
+            EpisodeState::Failed { .. } => true,
+            EpisodeState::Waiting | EpisodeState::Open { .. } => false,
+        };
+        let is_done = found.contains(journal)
+            && Ledger::read(journal).is_ok_and(|ledger| {
+                ledger.episodes().iter().enumerate().filter(|(index, _)| shard.has(*index)).all(is_whole)
+            });
+        if !is_done {
+            left.push(index + 1);
+        }
+    }
+    Ok(left)
+}
+
+/// Grades the folder of a run below `out`, and writes its results; returns their text, and the bags that cannot be scored.
+#[pyfunction]
+pub(crate) fn grade_run(py: Python<'_>, out: PathBuf, run: &str) -> PyResult<(String, Vec<String>)> {
+    let options = GradeOptions { relative_to: out.clone(), ..GradeOptions::default() };
+    let bags = [out.join("runs").join(run)];
+    let results = py.detach(|| guarded(|| grade(&bags, &options, &|_| ())))?.map_err(|error| failed(&error))?;
+    let lost = results.excluded.iter().map(|bag| format!("{}: {}", bag.bag, bag.detail)).collect();
+    Ok((written(&out, &results)?, lost))
 }
 
 /// Notes in the folder which evaluation it has a shard of.

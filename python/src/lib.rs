@@ -29,6 +29,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FiatluxError", module.py().get_type::<FiatluxError>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("MAX_WORLDS", fiatlux_batch::MAX_WORLDS)?;
+    fiatlux_server::simulate_thin_bags();
     module.add("MAX_THREADS", fiatlux_batch::MAX_THREADS)?;
     module.add("MAX_STARTS", fiatlux_batch::MAX_STARTS)?;
     module.add("BODY_COMMAND", fiatlux_wbc::BodyCommand::NAMES)?;
@@ -55,6 +56,10 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(painter::camera_names, module)?)?;
     module.add_function(wrap_pyfunction!(build::body_sensors, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate_into, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::begin_run, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::grade_run, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::shards_left, module)?)?;
+    module.add_function(wrap_pyfunction!(bag::write_thin, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::parse_seeds, module)?)?;
     module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
     module.add_function(wrap_pyfunction!(build::climber_contract, module)?)?;

@@ -83,3 +83,22 @@ def test_the_bags_of_a_folder_are_those_that_somebody_put_there(tmp_path):
     assert [bag.header["task"] for bag in bags] == ["S05", "S05"]
     with pytest.raises(FileNotFoundError, match="no bag in"):
         fiatlux.Bag.below(tmp_path / "#recycle" / "nothing")
+
+
+def test_a_thin_bag_has_the_arrays_of_a_full_one(tmp_path):
+    """Guards that readers cannot tell the two forms apart: numbers, observations and results are equal."""
+    rooms = {"tasks": ["S05"], "seeds": [0], "run_file": tmp_path / "RUN.toml"}
+    policy = lambda observation: np.zeros(53)
+    for form in ("full", "thin"):
+        fiatlux.evaluate(policy, out=tmp_path / form, bags=form, **rooms)
+    full, thin = (fiatlux.Bag.below(tmp_path / form)[0] for form in ("full", "thin"))
+    assert thin.is_thin and not full.is_thin and thin.is_whole and thin.steps == full.steps
+    assert thin.result["end"] == full.result["end"]
+    for topic in full:
+        assert full[topic].keys() == thin[topic].keys()
+        for name, column in full[topic].items():
+            np.testing.assert_array_equal(column, thin[topic][name], f"{topic} {name}")
+    for name, numbers in full.observations().items():
+        np.testing.assert_array_equal(numbers, thin.observations()[name])
+    with pytest.raises(ValueError, match="use 'full' or 'thin'"):
+        fiatlux.evaluate(policy, out=tmp_path / "wrong", bags="fat", **rooms)

@@ -1,6 +1,7 @@
 //! The program `scorer`, as a function: grades, compares and verifies bags, and serves the leaderboard.
 
 mod admin;
+mod convert;
 mod files;
 mod merge;
 mod serve;
@@ -50,6 +51,17 @@ enum Command {
     Grade(GradeArgs),
     Merge(merge::MergeArgs),
     Compare(CompareArgs),
+    /// Make bags thin: actions, result and signature alone, a tenth of the size or less
+    ///
+    /// Each bag is simulated once before, and stays as it is if its rows cannot be made again. Every command, the viewer and Python
+    /// read thin bags like full ones: they simulate the rows. Header, result and signature stay, so both forms verify, and a run
+    /// may have both. Exit codes: 0 all are thin; 3 some stayed as they were, with the reason.
+    Thin(convert::ConvertArgs),
+    /// Make thin bags full: simulates their rows, sensors and pictures again
+    ///
+    /// The bag is then the one that was recorded, byte for byte, but for the session's own events, such as a client that was away.
+    /// One whose actions make other rows than its result says is refused. Exit codes: 0 all are full; 3 some stayed as they were.
+    Fill(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Serve(serve::ServeArgs),
     Submit(submit::SubmitArgs),
@@ -146,6 +158,7 @@ struct CompareArgs {
 /// Exit code 0 ok, 1 failed, 2 usage, 3 done but some bags could not be scored, 4 an episode is not verified.
 pub fn run() -> ExitCode {
     let command = fiatlux_cli::parse::<Cli>().command;
+    fiatlux_server::simulate_thin_bags();
     if !matches!(command, Command::Serve(_)) {
         fiatlux_cli::init_quiet_log();
     }
@@ -153,6 +166,8 @@ pub fn run() -> ExitCode {
         Command::Grade(args) => run_grade(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => run_compare(&args),
+        Command::Thin(args) => convert::run(&args, true),
+        Command::Fill(args) => convert::run(&args, false),
         Command::Verify(args) => verify::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Submit(args) => submit::run(&args),

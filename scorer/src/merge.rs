@@ -7,8 +7,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fiatlux_bag::BagFiles;
 use fiatlux_bag::run::{EpisodeState, Ledger, NOT_RUN, journals};
+use fiatlux_bag::{BAGS, BagFiles, bag_name};
 use fiatlux_cli::report as tell;
 use fiatlux_client::{Shard, ShardRecord};
 use fiatlux_grading::{Fault, GradeOptions, Results, find_bags, report, tables};
@@ -163,7 +163,7 @@ fn clear(out: &Path, shards: &[PathBuf]) -> Result<()> {
     }
     let mark = out.join(MARK);
     if mark.exists() {
-        for folder in ["bags", "runs"].map(|name| out.join(name)) {
+        for folder in [BAGS, "runs"].map(|name| out.join(name)) {
             if folder.exists() {
                 fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
             }
@@ -193,7 +193,7 @@ fn place_run(out: &Path, found: &BagFiles, results: &mut Results) -> Result<()> 
 /// Brings the bags that count into OUT.
 fn place_loose(out: &Path, results: &mut Results) -> Result<()> {
     for episode in &mut results.episodes {
-        let name = format!("bags/{}-s{}-e{}.mcap", episode.task, episode.seed, episode.episode);
+        let name = format!("{BAGS}/{}", bag_name(&episode.task, episode.seed, episode.episode));
         link(Path::new(&episode.bag), &out.join(&name))?;
         episode.bag = name;
     }
@@ -232,7 +232,7 @@ fn missing(results: &mut Results, record: Option<&ShardRecord>) -> Vec<Missing> 
     let all = record.tasks.iter().flat_map(|task| record.seeds.iter().map(move |&seed| (task, seed)));
     let missing = all.enumerate().filter(|(_, (task, seed))| !there.contains(&(task.as_str(), *seed)));
     let missing = missing.map(|(index, (task, seed))| {
-        let file = format!("{task}-s{seed}-e0.mcap");
+        let file = bag_name(task, seed, 0);
         let why = excluded.iter().find(|bag| bag.bag.rsplit('/').next() == Some(&*file));
         let reason = why.map_or("it was not played".into(), |bag| format!("{}: {}", bag.bag, bag.detail));
         Missing { index: Some(index), name: format!("{task}, seed {seed}"), reason }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Args;
 use fiatlux_access::{Identity, RecorderKey, Tokens};
-use fiatlux_cli::whole;
+use fiatlux_cli::{BagForm, whole};
 use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
@@ -57,6 +57,9 @@ pub struct DaemonArgs {
     /// DIR/RUN/, those of other sessions to DIR/SERVER/SESSION/.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
+    /// Form of the bags below --record: thin keeps actions and result alone; rows are simulated again when they are read.
+    #[arg(long, value_name = "FORM", value_enum, default_value_t)]
+    bags: BagForm,
     /// File with the key shared with separate recorders (`fiatlux keys` makes one). Without it and without --record,
     /// sessions cannot be recorded, and records stay in the server.
     #[arg(long, value_name = "FILE", conflicts_with = "record")]
@@ -99,6 +102,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         weights: args.weights,
         meshes: args.meshes,
         record: args.record,
+        thin: args.bags.is_thin(),
         records_to: match &args.recorder_key {
             Some(path) => RecordsTo::Recorders(RecorderKey::read(path)?),
             None => RecordsTo::Nobody,

@@ -11,6 +11,7 @@ use clap::Parser;
 use fiatlux_access::RecorderKey;
 use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
+use fiatlux_cli::BagForm;
 use fiatlux_link::{LinkArgs, Role, WaitLog};
 use fiatlux_proto::keys::{ServerKeys, any_alive, any_truth_row};
 use fiatlux_proto::v3::EpisodeEnd;
@@ -36,6 +37,9 @@ struct Cli {
     /// Put all bags into one folder instead of SERVER/SESSION/
     #[arg(long)]
     flat: bool,
+    /// Form of the bags: thin keeps actions and result alone; rows are simulated again when they are read
+    #[arg(long, value_name = "FORM", value_enum, default_value_t)]
+    bags: BagForm,
     /// File with the key that the servers have too (`fiatlux keys` makes one): records are sealed with it
     #[arg(long, value_name = "FILE")]
     recorder_key: PathBuf,
@@ -91,6 +95,7 @@ fn record(cli: Cli) -> anyhow::Result<bool> {
             server: cli.server,
             name: cli.name,
             naming: if cli.flat { Naming::Flat } else { Naming::BySession },
+            thin: cli.bags.is_thin(),
             records: RecordsFrom::Servers(key),
             on_bag: Box::new(move |report| {
                 seen.fetch_or(matches!(report.end, BagEnd::Cut(_)), Ordering::Relaxed);

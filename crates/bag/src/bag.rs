@@ -1,6 +1,9 @@
 //! Reads a bag.
 
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Event, Observation, Reward, State, Version};
 use fiatlux_proto::{Message, foxglove, is_compatible};
@@ -12,6 +15,47 @@ use crate::stream::{ChunkReader, Messages};
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, metadata, topic};
 
+/// Parts of an episode that are simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Simulated {
+    /// States, rewards and events: what grades, replays and films need.
+    Rows,
+    /// Everything that the recorder wrote: what the sensors read, pictures and poses for viewers as well.
+    Everything,
+}
+
+/// Plays the actions of a thin bag again, and writes the episode as the bag at the path. Fails with the reason where the episode cannot
+/// be played, or has other rows or another result than the thin bag says.
+pub type Simulator = fn(&Bag, &Path, Simulated) -> Result<(), String>;
+
+static SIMULATOR: OnceLock<Simulator> = OnceLock::new();
+
+/// Names the simulator of this program. The first one counts.
+pub fn simulate_with(simulator: Simulator) {
+    SIMULATOR.get_or_init(|| simulator);
+}
+
+/// The simulated episodes of a thin bag, made when they are first read and shared by its clones.
+#[derive(Debug, Clone, Default)]
+struct Thin(Arc<[OnceLock<Result<Episode, String>>; 2]>);
+
+/// A simulated episode: a bag of its own, which is removed after its last reader.
+#[derive(Debug)]
+pub(crate) struct Episode {
+    bag: Bag,
+    _folder: Temporary,
+}
+
+#[derive(Debug)]
+struct Temporary(PathBuf);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // Left among the temporary files at worst.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Completeness {
     /// The bag has all rows and the result.
@@ -20,7 +64,8 @@ pub enum Completeness {
     Cut { reason: String, next_step: u64 },
 }
 
-/// An open bag. It keeps where its chunks are; messages are read when they are asked for.
+/// An open bag. It keeps where its chunks are; messages are read when they are asked for. Those of a thin bag, but its actions, are
+/// simulated when they are first asked for.
 #[derive(Debug, Clone)]
 pub struct Bag {
     path: PathBuf,
@@ -33,6 +78,8 @@ pub struct Bag {
     /// A field of the header that this version does not know.
     pub(crate) unknown_field: Option<String>,
     patience: Option<Patience>,
+    /// `Some` of a thin bag.
+    thin: Option<Thin>,
 }
 
 impl Bag {
@@ -63,14 +110,22 @@ impl Bag {
         let result = result.map_err(|reason| wrong("result", reason))?;
         learn_channels(path, &header, &mut found)?;
         let completeness = completeness(&found, result.is_some());
-        let Scan { channels, chunks, sums, .. } = found;
-        let path = path.into();
-        Ok(Self { path, header, result, completeness, channels, chunks, sums, unknown_field, patience: None })
+        let Scan { channels, chunks, sums, thin, .. } = found;
+        if thin.is_some() {
+            check_thin(path, &chunks, &channels)?;
+        }
+        let (path, thin) = (path.into(), thin.map(|_| Thin::default()));
+        Ok(Self { path, header, result, completeness, channels, chunks, sums, unknown_field, patience: None, thin })
     }
 
     #[must_use]
     pub fn with_patience(self, patience: Option<Patience>) -> Self {
         Self { patience, ..self }
+    }
+
+    /// False once the reader's patience has ended.
+    pub fn goes_on(&self) -> bool {
+        self.patience.as_ref().is_none_or(Patience::goes_on)
     }
 
     pub fn path(&self) -> &Path {
@@ -132,8 +187,46 @@ impl Bag {
         self.messages(topic::LIDAR)
     }
 
+    /// True if its rows are simulated when they are read.
+    pub fn is_thin(&self) -> bool {
+        self.thin.is_some()
+    }
+
+    /// The file that has the messages of a topic: this one or, of a thin bag, a simulated episode.
+    pub(crate) fn holding(&self, topic: &str) -> Result<&Self, BagError> {
+        let Some(Thin(made)) = &self.thin else { return Ok(self) };
+        let wanted = match topic {
+            topic::ACTION | topic::RESULT => return Ok(self),
+            topic::STATE | topic::EVENT | topic::REWARD => Simulated::Rows,
+            _ => Simulated::Everything,
+        };
+        let all = &made[Simulated::Everything as usize];
+        let made = if all.get().is_some() { all } else { &made[wanted as usize] };
+        let episode = made.get_or_init(|| self.simulate(wanted)).as_ref();
+        episode.map(|episode| &episode.bag).map_err(|reason| match self.goes_on() {
+            true => BagError::Simulated { path: self.path().into(), reason: reason.clone() },
+            false => BagError::Slow { path: self.path().into() },
+        })
+    }
+
+    pub(crate) fn simulate(&self, wanted: Simulated) -> Result<Episode, String> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let simulator = SIMULATOR.get().ok_or("this program has no simulator; make a full bag with scorer fill")?;
+        let name = format!("fiatlux-rows-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let folder = std::env::temp_dir().join(name);
+        // What another process left there is not used.
+        fs::create_dir(&folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+        let (path, folder) = (folder.join("rows.mcap"), Temporary(folder));
+        simulator(self, &path, wanted)?;
+        let bag = Self::open(&path).map_err(|error| error.to_string())?.with_patience(self.patience.clone());
+        Ok(Episode { bag, _folder: folder })
+    }
+
     fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
-        Messages::new(self.path(), self.chunks(), self.reader(), topic)
+        match self.holding(topic) {
+            Ok(file) => Messages::new(file.path(), file.chunks(), file.reader(), topic),
+            Err(error) => Messages::new(self.path(), &[], Err(error), topic),
+        }
     }
 
     pub(crate) fn chunks(&self) -> &[ChunkAt] {
@@ -146,6 +239,15 @@ impl Bag {
 
     pub(crate) fn channels(&self) -> &Channels {
         &self.channels
+    }
+}
+
+/// Refuses a file that says it is thin and has rows: readers would disagree about what counts.
+fn check_thin(path: &Path, chunks: &[ChunkAt], channels: &Channels) -> Result<(), BagError> {
+    let is_kept = |id: &u16| channels.topic(*id).is_none_or(|topic| [topic::ACTION, topic::RESULT].contains(&topic));
+    match chunks.iter().filter_map(|chunk| chunk.channels.as_ref()).flatten().all(is_kept) {
+        true => Ok(()),
+        false => Err(BagError::not_a_bag(path, "it says that it is thin, and has more than actions and a result")),
     }
 }
 

@@ -36,6 +36,11 @@ pub enum BagError {
     /// Two copies of the same data disagree.
     #[error("{path} was changed: {what}; record the episode again")]
     Disagrees { path: PathBuf, what: String },
+    #[error("{path} cannot be made thin: {reason}")]
+    Form { path: PathBuf, reason: String },
+    /// A bag whose rows cannot be simulated, or are not those of its digest.
+    #[error("the rows of {path} cannot be simulated: {reason}")]
+    Simulated { path: PathBuf, reason: String },
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message { path: PathBuf, topic: &'static str, step: u64, source: DecodeError },
 }

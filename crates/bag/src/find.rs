@@ -9,6 +9,14 @@ use thiserror::Error;
 use crate::leftover::is_leftover;
 use crate::run::is_journal;
 
+/// Folder of the bags of an evaluation, below its own.
+pub const BAGS: &str = "bags";
+
+/// File name of the bag of an episode that belongs to no run: `TASK-sSEED-eEPISODE.mcap`.
+pub fn bag_name(task: &str, seed: u64, episode: u64) -> String {
+    format!("{task}-s{seed}-e{episode}.mcap")
+}
+
 #[derive(Debug, Error)]
 #[error("cannot look into {}; check that it exists and may be read", path.display())]
 pub struct FindError {

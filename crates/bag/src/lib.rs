@@ -9,6 +9,8 @@
 //! be completed has `fiatlux.cut` instead. While it is written a bag is named `NAME.mcap.part`. Checksums cover the whole file:
 //! each chunk's own is compared when the chunk is read, those of data section and summary by [`Bag::check`].
 //!
+//! A thin bag has no rows: they are simulated when they are read ([`simulate_with`]).
+//!
 //! ```
 //! use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, topic};
 //! use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, State};
@@ -44,15 +46,17 @@ pub mod run;
 mod scan;
 mod stream;
 mod take;
+mod thin;
 pub mod topic;
 mod writer;
 
-pub use bag::{Bag, Completeness};
+pub use bag::{Bag, Completeness, Simulated, Simulator, simulate_with};
 pub use error::BagError;
-pub use find::{BagFiles, FindError};
+pub use find::{BAGS, BagFiles, FindError, bag_name};
 pub use leftover::is_leftover;
 pub use lock::lock_folder;
 pub use patience::Patience;
 pub use resume::Resumed;
 pub use stream::{Messages, ReadParts};
+pub use thin::convert;
 pub use writer::{BagWriter, ROWS_PER_CHUNK, part_of};

@@ -11,6 +11,8 @@ pub(crate) const HEADER: &str = "fiatlux";
 pub(crate) const RESULT: &str = "fiatlux.result";
 /// Name of the record of a bag that could not be completed.
 pub(crate) const CUT: &str = "fiatlux.cut";
+/// Name of the record of a thin bag.
+pub(crate) const THIN: &str = "fiatlux.thin";
 
 type Fields = BTreeMap<String, String>;
 

@@ -24,7 +24,7 @@ impl BagWriter {
         new.push(".new");
         let new = Path::new(&new);
         let file = File::create(new).map_err(BagError::io("make", new))?;
-        let mut writer = Self::start(path, new.into(), file, bag.header())?;
+        let mut writer = Self::start(path, new.into(), file, bag.header(), false)?;
         copy_rows(&bag, &mut writer)?;
         writer.forget_row();
         writer.rename_part(part)?;

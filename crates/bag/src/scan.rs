@@ -80,6 +80,7 @@ pub(crate) struct Scan {
     pub header: Option<BTreeMap<String, String>>,
     pub result: Option<BTreeMap<String, String>>,
     pub cut: Option<BTreeMap<String, String>>,
+    pub thin: Option<BTreeMap<String, String>>,
     pub chunks: Vec<ChunkAt>,
     pub channels: Channels,
     /// Offset and reason if the scan ended before the file's proper end.
@@ -221,6 +222,7 @@ impl Scan {
                     metadata::HEADER => &mut self.header,
                     metadata::RESULT => &mut self.result,
                     metadata::CUT => &mut self.cut,
+                    metadata::THIN => &mut self.thin,
                     _ => return Some(()),
                 };
                 if record.is_some() {

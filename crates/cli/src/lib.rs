@@ -1,6 +1,7 @@
 //! Shared by the programs on the command line: arguments and settings files, the log, results and progress, and the
 //! signals that end a program.
 #![allow(missing_docs)] // Used in this repository alone.
+mod bag_form;
 mod browser;
 mod in_full;
 mod log;
@@ -12,6 +13,7 @@ mod settings;
 mod signal;
 mod whole_file;
 
+pub use bag_form::BagForm;
 pub use browser::{Redirect, open_browser, open_browser_secretly};
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};

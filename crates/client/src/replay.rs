@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use fiatlux_bag::Bag;
-use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Mode, Observation, OpenRequest, SessionInfo};
+use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult, Observation, OpenRequest, SessionInfo};
 
 use crate::{Command, Policy, PolicyError};
 
@@ -41,25 +41,9 @@ impl Replay {
         &self.header
     }
 
-    /// The request for a session with the same rows. It is in lockstep, whatever the recorded mode, because the bag has
-    /// the action that led to each row. It carries the recorded policy's name: a bag of the replay is a copy.
+    /// The request for a session with the same rows.
     pub fn request(&self) -> OpenRequest {
-        let header = self.header.clone();
-        // Grading uses the same fields, so a header cannot state one thing and do another.
-        OpenRequest {
-            policy: header.policy,
-            task: header.task,
-            seed: header.seed,
-            mode: Mode::Lockstep.into(),
-            gains: header.gains,
-            robot: header.robot,
-            randomization: header.randomization,
-            end_on: if header.end_on_overridden { header.end_on } else { Vec::new() },
-            thresholds: header.thresholds,
-            episode_protocol: header.episode_protocol,
-            recorded: false,
-            ..header.request.unwrap_or_default()
-        }
+        self.header.request_again()
     }
 
     /// The result of the recorded episode; `None` if the bag was cut before its end.

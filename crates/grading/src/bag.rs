@@ -12,17 +12,38 @@ use crate::assemble::BagContent;
 use crate::episode::Grader;
 use crate::results::Fault;
 
-/// Grades a bag by the published thresholds; returns the key of the server that signed it, if any.
+/// Grades a bag by the published thresholds; returns the key of the server that signed it, if any. Of a thin bag it checks all but the
+/// rows, which a second run shows.
 ///
 /// # Errors
 /// The reason why the bag would not be scored: it cannot be read, is cut, or contradicts itself.
 pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
+    let bag = Bag::open(path).map_err(|error| in_full(&error))?;
+    if bag.is_thin() {
+        if let Completeness::Cut { reason, .. } = bag.completeness() {
+            return Err(reason.clone());
+        }
+        if is_replay(&bag) {
+            return Err(REPLAY.into());
+        }
+        bag.check().map_err(|error| in_full(&error))?;
+        let grader = Grader::new(bag.header(), &[], false).map_err(|error| in_full(&error))?;
+        let actions = bag.actions().try_fold(0, |count: u64, action| action.map(|_| count + 1));
+        let actions = actions.map_err(|error| in_full(&error))?;
+        return grader.finish_without_rows(bag.result(), actions).map_err(|flaw| flaw.to_string());
+    }
     let content = read(path, &GradeOptions::default(), None).map_err(|(_, reason)| reason)?;
     let flaw = content.graded.flaw.as_ref();
     match content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
         Some(reason) => Err(reason),
         None => Ok(content.graded.signer),
     }
+}
+
+const REPLAY: &str = "it records a replay, which serves comparison only and is never scored";
+
+fn is_replay(bag: &Bag) -> bool {
+    bag.header().request.as_ref().is_some_and(|request| request.replay)
 }
 
 /// Grades a bag up to its end, or to the first record that cannot be read.
@@ -41,11 +62,8 @@ pub(crate) fn read(
     let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
     let bag = bag.with_patience(patience);
     let header = bag.header();
-    if header.request.as_ref().is_some_and(|request| request.replay) {
-        return Err((
-            Fault::Unreadable,
-            "it records a replay, which serves comparison only and is never scored".into(),
-        ));
+    if is_replay(&bag) {
+        return Err((Fault::Unreadable, REPLAY.into()));
     }
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;

@@ -213,9 +213,60 @@ impl Grader {
         }
     }
 
+    /// Ends the grading of an episode with this number of actions and without its rows, which others compare; returns the key of the
+    /// server that signed its result.
+    ///
+    /// # Errors
+    /// The first contradiction between header, result and signature.
+    pub fn finish_without_rows(
+        self,
+        result: Option<&v3::EpisodeResult>,
+        actions: u64,
+    ) -> Result<Option<PublicKey>, Flaw> {
+        let signer = result.map_or(Signer::Nobody, signer_of);
+        let Some((result, end)) = result.and_then(|result| Some((result, result.end.as_ref()?))) else {
+            return Err(Flaw::Unended);
+        };
+        match self.stated_flaw(result, end, signer) {
+            Some(flaw) => Err(flaw),
+            None if actions != end.steps => {
+                Err(Flaw::Gap(format!("found {actions} actions; the result claims {} steps", end.steps)))
+            }
+            None if [&result.published, &result.strict]
+                .into_iter()
+                .flatten()
+                .any(|one| !one.control_effort.is_finite()) =>
+            {
+                Err(Flaw::NotFinite)
+            }
+            None => Ok(signer.key()),
+        }
+    }
+
     fn flaw(&self, result: Option<&v3::EpisodeResult>, signer: Signer, digest: &str) -> Option<Flaw> {
         let recorded = result.and_then(|result| Some((result, result.end.as_ref()?)));
         let Some((result, end)) = recorded else { return self.row_flaw.clone().or(Some(Flaw::Unended)) };
+        if let Some(flaw) = self.stated_flaw(result, end, signer) {
+            return Some(flaw);
+        }
+        if let Some(gap) = &self.gap {
+            return Some(Flaw::Gap(format!("rows are missing: {gap}")));
+        }
+        if self.next_step != end.steps.saturating_add(1) {
+            let have = self.next_step;
+            return Some(Flaw::Gap(format!("found {have} rows; the result claims {} steps", end.steps)));
+        }
+        if !end.digest.eq_ignore_ascii_case(digest) {
+            return Some(Flaw::Altered { rows: digest.into(), result: end.digest.clone() });
+        }
+        if !self.judges.in_force().summary().control_effort.is_finite() {
+            return Some(Flaw::NotFinite);
+        }
+        if self.rejudged { None } else { self.result_flaw(result, digest) }
+    }
+
+    /// A contradiction within header, result and signature, whatever the rows.
+    fn stated_flaw(&self, result: &v3::EpisodeResult, end: &v3::EpisodeEnd, signer: Signer) -> Option<Flaw> {
         // Only the operator of a take ends an episode where its rows do not.
         if end.cause == ABORTED || (end.cause == STOPPED && !self.is_take) {
             return Some(Flaw::Aborted);
@@ -238,20 +289,14 @@ impl Grader {
         if signer == Signer::Mismatch {
             return Some(Flaw::Signature);
         }
-        if let Some(gap) = &self.gap {
-            return Some(Flaw::Gap(format!("rows are missing: {gap}")));
-        }
-        if self.next_step != end.steps.saturating_add(1) {
-            let have = self.next_step;
-            return Some(Flaw::Gap(format!("found {have} rows; the result claims {} steps", end.steps)));
-        }
-        if !end.digest.eq_ignore_ascii_case(digest) {
-            return Some(Flaw::Altered { rows: digest.into(), result: end.digest.clone() });
-        }
-        if !self.judges.in_force().summary().control_effort.is_finite() {
-            return Some(Flaw::NotFinite);
-        }
-        if self.rejudged { None } else { self.result_flaw(result, digest) }
+        // Only the actions of a real-time episode show which of them came too late.
+        (self.is_lockstep && result.missed_steps != 0).then(|| {
+            Flaw::Result(Difference {
+                field: "missed_steps".into(),
+                found: "0".into(),
+                recorded: result.missed_steps.to_string(),
+            })
+        })
     }
 
     /// The first number of the result that contradicts the rows.

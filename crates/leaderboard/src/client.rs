@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use fiatlux_bag::run::journals;
-use fiatlux_bag::{Bag, BagError, BagFiles, FindError};
+use fiatlux_bag::{Bag, BagError, BagFiles, Completeness, FindError};
 use serde::Deserialize;
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
@@ -116,6 +116,26 @@ impl Upload {
             ..Manifest::default()
         };
         Ok(Self { manifest, files })
+    }
+
+    /// Puts thin copies, in a folder, in the place of full bags; cut ones stay as they are. The same bag gives the same copy, so that an
+    /// interrupted upload can be resumed. `progress` receives the bags done and the bags in all.
+    ///
+    /// # Errors
+    /// [`SubmitError::Bag`]: a bag cannot be read, or a copy not written.
+    pub fn make_thin(&mut self, folder: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<(), SubmitError> {
+        let all = self.files.len();
+        for (index, (name, path)) in self.files.iter_mut().enumerate() {
+            progress(index, all);
+            if Path::new(name).extension().is_none_or(|extension| extension != "mcap") {
+                continue;
+            }
+            let bag = Bag::open(&path)?;
+            if !bag.is_thin() && *bag.completeness() == Completeness::Whole {
+                *path = bag.write_thin(&folder.join(name))?;
+            }
+        }
+        Ok(())
     }
 
     /// Number of files to send, bags and journals together.

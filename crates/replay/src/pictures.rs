@@ -18,6 +18,10 @@ pub(crate) fn pictures(bag: &Bag, notes: &mut Vec<String>) -> Vec<(u32, Vec<u8>)
     if !bag.header().sensors.iter().any(|sensor| sensor.recorded && sensor.name == "camera") {
         return found;
     }
+    if bag.is_thin() {
+        notes.push("The camera's pictures of a thin bag are left out; scorer fill draws them again.".into());
+        return found;
+    }
     let (mut size, mut stride) = (0, 1);
     for (index, image) in bag.images().enumerate() {
         let image = match image {

@@ -15,7 +15,7 @@ use crate::{Outcome, evaluate};
 /// Folder of everything that was played, inside the output folder.
 pub const PLAYED: &str = "played";
 /// Folder of the demonstrations, inside the output folder.
-pub const BAGS: &str = "bags";
+pub const BAGS: &str = fiatlux_bag::BAGS;
 
 /// Settings of demonstrations. `evaluation` says how to play: its folder is the output folder, its tasks and seeds are not read.
 #[derive(Debug, Clone)]
@@ -94,7 +94,7 @@ pub fn demonstrate(
 
 /// Refuses a folder with episodes of another task: a data set would mix them unseen.
 fn check_task(task: Task, played: &Path) -> Result<(), EvaluateError> {
-    let Ok(entries) = fs::read_dir(played.join("bags")) else { return Ok(()) };
+    let Ok(entries) = fs::read_dir(played.join(BAGS)) else { return Ok(()) };
     for entry in entries.flatten() {
         if let Some(job) = entry.file_name().to_str().and_then(Job::of_bag)
             && job.task != task

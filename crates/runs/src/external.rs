@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fiatlux_bag::run::{EpisodeState, Ledger, journal_of};
 use fiatlux_carrier::Carrier;
-use fiatlux_client::{EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress, Shard};
+use fiatlux_client::{EpisodeFate, EpisodeOutcome, Playing, RunError, RunOutcome, RunProgress, Shard};
 use fiatlux_rules::Task;
 use fiatlux_server::{Server, ServerOptions};
 use fiatlux_world::SceneConfig;
@@ -29,6 +29,8 @@ pub struct ExternalOptions {
     pub name: String,
     /// Folder for bags, results and report. It holds one run; an unfinished one is resumed.
     pub out: PathBuf,
+    /// Keep bags thin, as of [`EvaluateOptions`](crate::EvaluateOptions).
+    pub thin: bool,
     /// Threads that step episodes.
     pub workers: usize,
     /// Folder of weights that a session may name.
@@ -82,6 +84,7 @@ pub fn evaluate_external(
         meshes: options.meshes.clone(),
         scene: options.scene.clone(),
         record: Some(runs.clone()),
+        thin: options.thin,
         ..ServerOptions::default()
     };
     let server = Server::start(carrier, server)?;
@@ -123,11 +126,17 @@ pub fn evaluate_run(
         over.store(!is_whole, Ordering::Relaxed);
         (played, server.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     });
+    let reason = |one: &EpisodeOutcome| format!("{} seed {}: {}", one.task, one.seed.unwrap_or(0), one.cause);
     match (played.transpose()?, outcome) {
         // The client knows more about it than the server's journal.
         (Some(run), Err(EvaluateError::Nothing { .. })) => {
-            let reason = |one: &EpisodeOutcome| format!("{} seed {}: {}", one.task, one.seed.unwrap_or(0), one.cause);
             Err(EvaluateError::Unplayed { lost: run.episodes.iter().map(reason).collect::<Vec<_>>().join("\n  ") })
+        }
+        // What the policy could not play is in the journal without a reason.
+        (Some(run), Ok(mut outcome)) if !run.stopped => {
+            let lost = run.episodes.iter().filter(|one| one.fate == EpisodeFate::Lost).map(reason);
+            outcome.lost.extend(lost);
+            Ok(outcome)
         }
         (_, outcome) => outcome,
     }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use fiatlux_bag::bag_name;
 use fiatlux_client::{Policy, PolicyError, RunError, SessionArgs, Shard, ShardRecord, request_of};
 use fiatlux_grading::{GradeOptions, Results, ScoreError};
 use fiatlux_policies::Policies;
@@ -28,6 +29,8 @@ pub struct EvaluateOptions {
     /// Folder for bags, results and report, which are of everything in it. Whole bags of the same evaluation and version are
     /// kept; what an earlier call with other tasks or seeds left there belongs to this one.
     pub out: PathBuf,
+    /// Keep bags thin: without the rows, which are simulated again when they are read.
+    pub thin: bool,
     /// Number of episodes to play at once.
     pub workers: usize,
     /// Folder of weights that a session may name.
@@ -80,13 +83,13 @@ impl EvaluateOptions {
 impl Job {
     /// Name of the job's bag inside the folder.
     pub(super) fn bag_name(self) -> String {
-        format!("{}-s{}-e0.mcap", self.task, self.seed)
+        bag_name(self.task.short_id(), self.seed, 0)
     }
 
     /// The job whose bag has this name.
     pub(super) fn of_bag(name: &str) -> Option<Self> {
         let (task, seed) = name.split_once("-s")?;
-        let job = Self { task: task.parse().ok()?, seed: seed.strip_suffix("-e0.mcap")?.parse().ok()? };
+        let job = Self { task: task.parse().ok()?, seed: seed.split_once('-')?.0.parse().ok()? };
         (job.bag_name() == name).then_some(job)
     }
 }

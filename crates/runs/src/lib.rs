@@ -57,7 +57,7 @@ pub fn evaluate(
     let policy = options.policies.make(&options.policy)?;
     check_tasks(policy.as_ref(), &options.tasks)?;
     check_names(options)?;
-    let bags = options.out.join("bags");
+    let bags = options.out.join(fiatlux_bag::BAGS);
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = lock(&options.out)?;
     let mut jobs = options.jobs()?;

@@ -22,7 +22,7 @@ pub(super) fn play(
     let (unwritten, reports) = mpsc::channel();
     // The bags themselves show which of them are whole.
     let on_bag = Box::new(move |report| note_cut(&report, &unwritten));
-    let bags = LocalBags { out: bags.into(), naming: Naming::Flat, on_bag };
+    let bags = LocalBags { out: bags.into(), naming: Naming::Flat, thin: options.thin, on_bag };
     let server = LocalServer::start(fiatlux_carrier::memory(), server, Some(bags))?;
     let wanted = |job: &Job| WantedEpisode {
         task: job.task.to_string(),

@@ -17,6 +17,8 @@ pub struct LocalBags {
     pub out: PathBuf,
     pub naming: Naming,
     /// As of [`RecorderOptions`].
+    pub thin: bool,
+    /// As of [`RecorderOptions`].
     pub on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
 }
 
@@ -35,12 +37,13 @@ impl LocalServer {
     /// [`ServerError`], that the recorder does not start among them.
     pub fn start(carrier: Carrier, options: ServerOptions, bags: Option<LocalBags>) -> Result<Self, ServerError> {
         let key = RecorderKey::generate()?;
-        let record = |LocalBags { out, naming, on_bag }| {
+        let record = |LocalBags { out, naming, thin, on_bag }| {
             let options = RecorderOptions {
                 out,
                 server: Some(options.name.clone()),
                 name: options.name.clone(),
                 naming,
+                thin,
                 records: RecordsFrom::ThisProcess(key.clone()),
                 on_bag,
                 // The bag that lacks them is reported as cut.

@@ -11,10 +11,10 @@ mod bags;
 mod greeter;
 mod inlet;
 mod locks;
+mod poses;
 mod shelf;
 mod worker;
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex};
@@ -25,14 +25,14 @@ use fiatlux_access::RecorderKey;
 use fiatlux_carrier::{Carrier, CarrierError, Declaration, Reach};
 use fiatlux_proto::keys::{SessionKeys, any_live, any_truth_live, any_truth_row, is_name};
 use fiatlux_proto::v3::{EpisodeHeader, EpisodeResult};
-use fiatlux_robot::{Robot, RobotError};
+use fiatlux_robot::RobotError;
 use thiserror::Error;
 
 use bags::Names;
-use fiatlux_wire::Frames;
 use greeter::{Greeter, Greeting, ToGreeter};
 use inlet::{Inlet, Inlets, Lookup, Outlets, WorkerEvent, unseal_all};
 use locks::lock;
+pub(crate) use poses::Poses;
 use shelf::{Shelf, prepare_all};
 use worker::Worker;
 
@@ -74,6 +74,8 @@ pub struct RecorderOptions {
     /// Name of the recorder, which servers log.
     pub name: String,
     pub naming: Naming,
+    /// Keep bags of whole episodes thin: without the rows, which are simulated again when they are read.
+    pub thin: bool,
     /// Whose records to write.
     pub records: RecordsFrom,
     /// Called with each bag that ends, by the thread that wrote it, so it must not block.
@@ -115,6 +117,7 @@ struct RecorderState {
     out: PathBuf,
     name: String,
     naming: Naming,
+    thin: bool,
     reach: Reach,
     /// Proves whose a session is, and unseals its records.
     key: RecorderKey,
@@ -125,7 +128,7 @@ struct RecorderState {
     /// When the log last told of sessions of unknown servers.
     told_at: Mutex<Option<Instant>>,
     /// Frames of the robot with each kind of hands.
-    frames: BTreeMap<&'static str, Frames>,
+    poses: Poses,
     on_bag: Box<dyn Fn(BagReport) + Send + Sync>,
     on_loss: OnLoss,
     inlets: Inlets,
@@ -165,7 +168,7 @@ impl Recorder {
     /// Follows all sessions, including those that are already open. Continues an unfinished bag if its session still
     /// exists.
     pub fn start(carrier: Carrier, options: RecorderOptions) -> Result<Self, RecorderError> {
-        let RecorderOptions { out, server, name, naming, records, on_bag, on_loss } = options;
+        let RecorderOptions { out, server, name, naming, thin, records, on_bag, on_loss } = options;
         let (reach, is_sealed, key) = match records {
             RecordsFrom::ThisProcess(key) => (Reach::ThisProcess, false, key),
             RecordsFrom::Servers(key) => (Reach::Everywhere, true, key),
@@ -173,18 +176,18 @@ impl Recorder {
         if let Some(server) = server.as_ref().filter(|name| !is_name(name)) {
             return Err(RecorderError::Name(server.clone()));
         }
-        let frames_of = |name| Ok((name, Frames::new(&Robot::by_name(name)?)));
-        let frames = Robot::NAMES.into_iter().map(frames_of).collect::<Result<_, RobotError>>()?;
+        let poses = Poses::load()?;
         let shared = Arc::new(RecorderState {
             out,
             name,
             naming,
+            thin,
             reach,
             key,
             is_sealed,
             start: Instant::now(),
             told_at: Mutex::default(),
-            frames,
+            poses,
             on_bag,
             on_loss,
             inlets: Inlets::default(),

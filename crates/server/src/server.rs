@@ -24,12 +24,14 @@ mod runs;
 mod scenes;
 mod sessions;
 mod shell;
+mod simulate;
 mod state;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use runs::RecordError;
 pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
+pub use simulate::simulate_thin_bags;
 
 /// Locks a mutex even if another thread panicked with it: what it guards is then closed, not shared.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

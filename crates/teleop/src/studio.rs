@@ -90,7 +90,7 @@ impl OwnServer {
         let (sender, reports) = mpsc::channel();
         // Nobody waits for it if the program ends.
         let on_bag = Box::new(move |report| drop(sender.send(report)));
-        let bags = LocalBags { out: out.into(), naming: Naming::Flat, on_bag };
+        let bags = LocalBags { out: out.into(), naming: Naming::Flat, thin: false, on_bag };
         let options =
             ServerOptions { name: SERVER.into(), workers: 1, action_timeout: PATIENCE, ..ServerOptions::default() };
         let server = LocalServer::start(fiatlux_carrier::memory(), options, Some(bags))?;

@@ -41,6 +41,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     let options = ExternalOptions {
         name: args.name.clone(),
         out: args.out.clone().unwrap_or_else(|| PathBuf::from("results").join(&args.name)),
+        thin: args.bags.is_thin(),
         workers: args.workers(),
         weights,
         meshes: args.meshes.clone(),

@@ -28,6 +28,7 @@ fn options(name: &str, policy: &str, task: Task, flags: &[&str]) -> DemonstrateO
             tasks: Vec::new(),
             seeds: Vec::new(),
             out: folder(name),
+            thin: false,
             workers: 2,
             weights: None,
             meshes: None,

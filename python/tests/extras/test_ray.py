@@ -1,5 +1,6 @@
 """Tests evaluation and rollouts on a cluster of two nodes, one of which is killed."""
 
+import json
 import os
 import sys
 import time
@@ -84,3 +85,65 @@ def test_a_policy_that_fails_is_told(cluster):
 
     with pytest.raises(ValueError, match=r"action: shape \(52,\)"):
         fiatlux.ray.evaluate(wrong, ["S05"], [0])
+
+
+def plain(folder):
+    """The results of a folder, without the names of servers and files. A busy machine may need a second attempt at an episode."""
+    results = json.loads((folder / "results.json").read_text())
+    for name in ("servers", "name", "folder", "repeated"):
+        results["run"].pop(name, None)
+    for episode in results["episodes"]:
+        episode.pop("bag")
+    return results
+
+
+@pytest.mark.parametrize("bags", ["full", "thin"])
+def test_a_recorded_evaluation_is_that_of_one_process(cluster, tmp_path, bags):
+    tasks, seeds = ["S05", "S09"], [0, 1, 2]
+    fiatlux.evaluate(Waver, tasks, seeds, out=tmp_path / "one")
+    seen = []
+    out = tmp_path / "ray"
+    first = fiatlux.ray.evaluate(Waver, tasks, seeds, out=out, shard_size=4, bags=bags, progress=seen.append)
+    assert first.lost == () and seen == [{"shards": 2, "done": done} for done in (1, 2)]
+    assert plain(out) == plain(tmp_path / "one")
+    assert {fiatlux.Bag(path).is_thin for path in out.rglob("*.mcap")} == {bags == "thin"}
+    # What is lost comes again, and no more.
+    (bag,) = [path for path in out.rglob("*.mcap") if "S09-s2" in path.name]
+    kept = {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")}
+    again = fiatlux.ray.evaluate(Waver, tasks, seeds, out=out, shard_size=4, bags=bags)
+    assert again.episodes == first.episodes and {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert bag in kept
+
+
+class Uneven(Waver):
+    """A policy that cannot play one room."""
+
+    def reset(self, info):
+        super().reset(info)
+        if info["seed"] == 1:
+            raise RuntimeError("room 1 is too dark")
+
+
+def test_an_episode_that_fails_is_a_line_and_the_rest_stays(cluster, tmp_path):
+    evaluation = fiatlux.ray.evaluate(Uneven, ["S05"], [0, 1, 2], out=tmp_path, shard_size=3)
+    assert [bool(episode["bag"]) for episode in evaluation.episodes] == [True, False, True]
+    (line,) = evaluation.lost
+    assert line.startswith("S05 seed 1: ") and "room 1 is too dark" in line
+
+
+def test_wrong_arguments_fail_before_anything_is_sent(cluster, tmp_path, monkeypatch):
+    fiatlux.ray.evaluate(Waver, ["S05"], [0, 1, 2], out=tmp_path / "begun", shard_size=2)
+    monkeypatch.setattr(ray, "put", lambda _: pytest.fail("it was sent"))
+    for wrong, reason in [
+        ({"tasks": ["S99"]}, "there is no task 'S99'"),
+        ({"tasks": []}, "at least one each"),
+        ({"shard_size": 0}, "at least 1 episode"),
+        ({"gains": "nope"}, "gain set 'nope'"),
+        ({"sensors": ["nose"]}, "sensor 'nose' does not exist"),
+        ({"bags": "fat"}, "use 'full' or 'thin'"),
+        ({"max_steps": 3}, "whole episode"),
+        ({"out": tmp_path / "begun", "shard_size": 1}, "is not of 3 shards"),
+    ]:
+        call = {"tasks": ["S05"], "seeds": [0, 1, 2], "out": tmp_path / "new", **wrong}
+        with pytest.raises(ValueError, match=reason):
+            fiatlux.ray.evaluate(Waver, **call)

@@ -16,3 +16,4 @@ mod python_client;
 mod readme;
 mod runs;
 mod teleop;
+mod thin;

@@ -5,3 +5,4 @@ mod common;
 mod hostile;
 mod ledger;
 mod round_trip;
+mod thin;

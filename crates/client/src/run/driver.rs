@@ -367,7 +367,7 @@ fn setback(error: &ClientError) -> AttemptFailure {
         ClientError::Refused { code: Code::Busy, .. } => AttemptFailure::Busy,
         ClientError::Refused { .. } => AttemptFailure::Refused(error.to_string()),
         // A deterministic policy would fail again.
-        ClientError::Policy(_) => AttemptFailure::Hopeless(error.to_string()),
+        ClientError::Policy(_) => AttemptFailure::Hopeless(fiatlux_cli::in_full(error)),
         _ => AttemptFailure::Failed(error.to_string()),
     }
 }

@@ -4,23 +4,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, Resumed, part_of, topic};
+use fiatlux_bag::{Bag, BagError, BagWriter, Completeness, Resumed, bag_name, convert, part_of};
 use fiatlux_cli::in_full;
-use fiatlux_proto::decode;
 use fiatlux_proto::keys::is_name;
-use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
-use fiatlux_proto::v3::{EpisodeHeader, RunTicket, State, StepRecord};
-use fiatlux_robot::Robot;
+use fiatlux_proto::v3::{EpisodeHeader, RunTicket, StepRecord};
 use fiatlux_rules::Task;
 use fiatlux_session::recorder::Write;
 use tracing::warn;
 
 use super::locks::lock;
 use super::{BagEnd, BagReport, Naming, RecorderState};
-use fiatlux_wire::{Frames, layout_of, read_row};
-
-/// Number of rows from one set of poses to the next: 25 Hz.
-const ROWS_PER_FRAMES: u64 = 2;
 
 /// Largest number of bags with the same name in a folder.
 const MAX_SAME_NAME: u32 = 10_000;
@@ -148,7 +141,10 @@ impl Bags {
             Some(RunTicket { run, attempt, .. }) => {
                 (self.shared.out.join(run), format!("{}-{task}-s{}-a{attempt}", header.server, header.seed))
             }
-            None => (self.folder.clone(), format!("{task}-s{}-e{}", header.seed, header.episode)),
+            None => {
+                let file = bag_name(task, header.seed, header.episode);
+                (self.folder.clone(), file.trim_end_matches(".mcap").to_owned())
+            }
         };
         // An earlier recorder finished this bag and died before it told the server: these rows are on disk.
         if self.finished.contains(header) {
@@ -189,19 +185,14 @@ impl Bags {
 
     fn row(&mut self, record: &StepRecord) -> Result<(), BagError> {
         let Some(OpenBag { header, writer }) = &mut self.open else { return Ok(()) };
-        if record.step.is_multiple_of(ROWS_PER_FRAMES)
-            && let Some(frames) = frames(&self.shared.frames, header, &record.state)
-        {
-            writer.message(topic::TF, record.step, &frames)?;
-        }
-        writer.push(record)
+        self.shared.poses.write(writer, header, record)
     }
 
     fn end(&mut self, end: BagEnd) -> Result<(), BagError> {
         let Some(OpenBag { header, writer }) = self.open.take() else { return Ok(()) };
         let part = part_of(writer.path());
         let done = match &end {
-            BagEnd::Whole(result) => writer.finish(result),
+            BagEnd::Whole(result) => writer.finish(result).inspect(|path| self.thin(path)),
             BagEnd::Cut(reason) => writer.finish_cut(reason),
         };
         match done {
@@ -215,6 +206,15 @@ impl Bags {
         Ok(())
     }
 
+    /// Makes a whole bag thin where that is wanted. What cannot be thin stays full, so nothing is lost.
+    fn thin(&self, path: &Path) {
+        if self.shared.thin
+            && let Err(error) = convert(path, true)
+        {
+            warn!(error = &error as &dyn std::error::Error, "a bag stays full");
+        }
+    }
+
     /// Reports a bag that cannot be written; its file stays unfinished.
     fn fail(&mut self, error: &BagError) {
         match self.open.take() {
@@ -226,15 +226,4 @@ impl Bags {
             None => warn!(error = error as &dyn std::error::Error, "cannot record an episode"),
         }
     }
-}
-
-/// Encoded poses of a row; `None` if the record has no readable row, or the robot is unknown here.
-fn frames(known: &BTreeMap<&'static str, Frames>, header: &EpisodeHeader, state: &[u8]) -> Option<Vec<u8>> {
-    if state.is_empty() {
-        return None;
-    }
-    let state: State = decode(state, MAX_SERVER_MESSAGE).ok()?;
-    let row = read_row(&state, layout_of(header).ok()?).ok()?;
-    let frames = known.get(Robot::known(&header.robot).ok()?)?;
-    Some(frames.encode(&row))
 }

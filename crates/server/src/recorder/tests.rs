@@ -128,6 +128,7 @@ fn record(carrier: &Carrier, out: &Path) -> (Recorder, mpsc::Receiver<BagReport>
         server: Some("lab".into()),
         name: "test".into(),
         naming: Naming::BySession,
+        thin: false,
         records: RecordsFrom::ThisProcess(key()),
         on_bag: Box::new(move |report| drop(sender.send(report))),
         on_loss: Box::new(|_, _| ()),

@@ -80,6 +80,8 @@ pub struct ServerOptions {
     pub meshes: Option<PathBuf>,
     /// Folder into which the server itself records all sessions, and in which it keeps its runs.
     pub record: Option<PathBuf>,
+    /// Keep its bags of whole episodes thin, as of [`RecorderOptions`].
+    pub thin: bool,
     /// Recipients of records if the server does not record itself.
     pub records_to: RecordsTo,
     /// Identity by which clients recognise the server; drawn at the start if `None`.
@@ -104,6 +106,7 @@ impl Default for ServerOptions {
             weights: None,
             meshes: None,
             record: None,
+            thin: false,
             records_to: RecordsTo::default(),
             identity: None,
             tokens: None,
@@ -215,7 +218,7 @@ impl Server {
         if let Some(out) = options.record
             && let Some(key) = server.shared.credentials.token_key.clone()
         {
-            server.record(out, key)?;
+            server.record(out, options.thin, key)?;
         }
         server.listen()?;
         for key in [server.shared.keys.alive(), ServerKeys::legacy(&server.shared.name).alive()] {
@@ -288,13 +291,14 @@ impl Server {
         Ok(())
     }
 
-    fn record(&mut self, out: PathBuf, key: RecorderKey) -> Result<(), ServerError> {
+    fn record(&mut self, out: PathBuf, thin: bool, key: RecorderKey) -> Result<(), ServerError> {
         let shared = Arc::clone(&self.shared);
         let options = RecorderOptions {
             out,
             server: Some(self.shared.name.clone()),
             name: self.shared.name.clone(),
             naming: Naming::ByRun,
+            thin,
             records: RecordsFrom::ThisProcess(key),
             on_bag: Box::new(move |report| shared.take_bag(&report)),
             on_loss: Box::new(|session, records| {

@@ -97,6 +97,7 @@ fn recorder(link: &Session, out: PathBuf, key: &RecorderKey) -> (Recorder, Recei
         server: None,
         name: "recorder".into(),
         naming: Naming::Flat,
+        thin: false,
         records: RecordsFrom::Servers(key.clone()),
         on_bag: Box::new(move |report| drop(sender.lock().unwrap().send(report))),
         on_loss: Box::new(|session, records| panic!("{session} lost {records} records")),

@@ -56,6 +56,7 @@ pub fn recorder(link: &Session, out: &Path, key: &RecorderKey) -> (Recorder, Rec
         server: None,
         name: "recorder".into(),
         naming: Naming::Flat,
+        thin: false,
         records: RecordsFrom::Servers(key.clone()),
         on_bag: Box::new(move |report| drop(sender.lock().unwrap().send(report))),
         on_loss: Box::new(move |_, records| {

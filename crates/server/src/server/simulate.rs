@@ -1,0 +1,159 @@
+//! Simulates the rows of thin bags: plays their actions again, without a session.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use fiatlux_bag::{Bag, BagWriter, Simulated, simulate_with};
+use fiatlux_cli::in_full;
+use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, OpenRequest, Refusal};
+use fiatlux_proto::{PROTOCOL, STOPPED, encode, plain};
+use fiatlux_robot::RobotError;
+use fiatlux_sensing::Sensors;
+use fiatlux_session::{Command, Host};
+use fiatlux_world::SceneConfig;
+
+use super::host::Simulation;
+use super::networks::Networks;
+use super::plan;
+use super::scenes::{Robots, Scenes};
+use crate::recorder::Poses;
+
+/// Makes every reader of bags in this process read thin ones as well: their rows are simulated.
+pub fn simulate_thin_bags() {
+    simulate_with(simulate);
+}
+
+/// Shared by all simulations in the benchmark's own room.
+struct Shared {
+    scenes: Scenes,
+    poses: Poses,
+}
+
+fn shared() -> Result<&'static Shared, String> {
+    static SHARED: OnceLock<Result<Shared, String>> = OnceLock::new();
+    let load = || -> Result<Shared, RobotError> {
+        Ok(Shared { scenes: scenes(SceneConfig::default())?, poses: Poses::load()? })
+    };
+    SHARED.get_or_init(|| load().map_err(|error| in_full(&error))).as_ref().map_err(Clone::clone)
+}
+
+fn scenes(config: SceneConfig) -> Result<Scenes, RobotError> {
+    Ok(Scenes::new(config, Robots::load()?, Vec::new()))
+}
+
+/// Plays the actions of a bag, and writes the episode.
+fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), String> {
+    let (header, all) = (bag.header(), wanted == Simulated::Everything);
+    let Shared { scenes: own, poses } = shared()?;
+    let other = match header.scene_config.as_str() {
+        "" => None,
+        text => {
+            let config = SceneConfig::from_toml(text).map_err(|error| in_full(&error))?;
+            Some(scenes(config).map_err(|error| in_full(&error))?)
+        }
+    };
+    let mut simulation = prepare(header, other.as_ref().unwrap_or(own), all)?;
+    let result = bag.result().ok_or("it has no result")?;
+    simulation.stage(header.episode).map_err(said)?;
+    let first = simulation.record(None, all).map_err(said)?;
+    let found = first.header.as_ref().ok_or("its first row has no header")?;
+    check_world(found, header)?;
+    let mut writer = BagWriter::create(path, header).map_err(|error| in_full(&error))?;
+    let mut record = first;
+    let mut actions = bag.actions();
+    loop {
+        let written = if all { poses.write(&mut writer, header, &record) } else { writer.push(&record) };
+        written.map_err(|error| in_full(&error))?;
+        if record.result.is_some() {
+            break;
+        }
+        if !bag.goes_on() {
+            return Err("it takes longer than the limit".into());
+        }
+        let Some(action) = actions.next() else { break };
+        let action: ActionRecord = action.map_err(|error| in_full(&error))?;
+        let step = record.step + 1;
+        let at = |refusal| format!("the action of step {step} is refused: {}", said(refusal));
+        simulation.step(&command_of(&action)).map_err(at)?;
+        let kept = encode(&action);
+        record = simulation.record(Some(action), all).map_err(at)?;
+        // As it was received: the second time it was a joint target at most.
+        record.action = kept;
+    }
+    if actions.next().is_some() {
+        return Err(format!("it has actions after its end, which is step {}", record.step));
+    }
+    let is_stopped = result.end.as_ref().is_some_and(|end| end.cause == STOPPED);
+    let found = match record.result {
+        Some(found) => found,
+        None if is_stopped => simulation.cut_short(STOPPED, "its operator ended it"),
+        None => return Err(format!("its actions end at step {}, before the episode does", record.step)),
+    };
+    check_result(&found, result)?;
+    writer.finish(result).map(drop).map_err(|error| in_full(&error))
+}
+
+/// The simulation of a header's episode; without its sensors unless `all` are wanted: they change no row, and some take long.
+fn prepare(header: &EpisodeHeader, scenes: &Scenes, all: bool) -> Result<Simulation, String> {
+    let request = OpenRequest { protocol: Some(PROTOCOL), recorded: true, ..header.request_again() };
+    let request = match all {
+        true => request,
+        false => OpenRequest { sensors: vec!["last_action".into()], weights: String::new(), ..request },
+    };
+    if all && !header.meshes.is_empty() {
+        return Err("its cameras saw meshes of the robot that are not in the bag".into());
+    }
+    let plan = plan::check(&request).map_err(said)?;
+    let built = scenes.get(plan.robot, plan.episode(0).scene(scenes.robot(plan.robot).gains(plan.gains)));
+    let built = built.map_err(|error| in_full(&error))?;
+    let network = plan.sensors.all().meets(Sensors::WITH_FEATURES).then(|| Networks::new(None).get(&request.weights));
+    let network = network.transpose().map_err(said)?;
+    Ok(Simulation::new(&header.server, &header.session, plan, built, network))
+}
+
+fn said(refusal: Refusal) -> String {
+    match refusal.field.as_str() {
+        "" => refusal.message,
+        field => format!("{field}: {}", refusal.message),
+    }
+}
+
+fn command_of(record: &ActionRecord) -> Command {
+    let action = record.action.clone().unwrap_or_default();
+    match action.action.is_empty() && !action.joint_target.is_empty() {
+        true => Command::JointTarget(action.joint_target),
+        false => Command::Action(action.action),
+    }
+}
+
+/// Refuses an episode of another world than this program's.
+fn check_world(found: &EpisodeHeader, header: &EpisodeHeader) -> Result<(), String> {
+    let parts = [
+        ("robot", &found.model_digest, &header.model_digest),
+        ("room", &found.scene_digest, &header.scene_digest),
+        ("start or rules", &found.digest_context, &header.digest_context),
+    ];
+    match parts.into_iter().find(|(_, found, header)| !found.eq_ignore_ascii_case(header)) {
+        None => Ok(()),
+        Some((what, ..)) => Err(format!(
+            "it was recorded by version {} with another {what} than this program of version {} has; use the program of that version",
+            plain(&header.version),
+            env!("CARGO_PKG_VERSION")
+        )),
+    }
+}
+
+/// Refuses a simulated episode that is not the recorded one. The signature, its header's digest and steps missed in real time are not
+/// simulated.
+fn check_result(found: &EpisodeResult, recorded: &EpisodeResult) -> Result<(), String> {
+    let EpisodeResult { header_digest, missed_steps, signature, .. } = recorded.clone();
+    let digest = |result: &EpisodeResult| result.end.as_ref().map(|end| end.digest.clone()).unwrap_or_default();
+    let (simulated, said) = (digest(found), digest(recorded));
+    if !simulated.eq_ignore_ascii_case(&said) {
+        return Err(format!("its actions make rows with the digest {simulated}, its result says {}", plain(&said)));
+    }
+    match (EpisodeResult { header_digest, missed_steps, signature, ..found.clone() }) == *recorded {
+        true => Ok(()),
+        false => Err("its result is not that of its rows".into()),
+    }
+}
