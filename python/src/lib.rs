@@ -13,6 +13,8 @@ mod fault;
 mod kinematics;
 mod numbers;
 mod painter;
+#[cfg(feature = "programs")]
+mod program;
 mod score;
 mod settings;
 mod state;
@@ -66,6 +68,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
     module.add_function(wrap_pyfunction!(assets::asset_trials, module)?)?;
     module.add_function(wrap_pyfunction!(available_threads, module)?)?;
+    #[cfg(feature = "programs")]
+    module.add_function(wrap_pyfunction!(program::run_program, module)?)?;
     Ok(())
 }
 

@@ -7,11 +7,13 @@ use std::str::FromStr;
 
 use clap::{Arg, Command, CommandFactory, Parser};
 
+use crate::command_line::command_line;
+
 /// Parses the command line of this process. Unlike clap alone it accepts `-1` as the value of a flag, so that the flag
 /// can say what is wrong with it. On an error it exits with a message and code 2.
 pub fn parse<C: Parser>() -> C {
     let mut command = lets_flags_judge_numbers(C::command());
-    let matches = command.get_matches_mut();
+    let matches = command.try_get_matches_from_mut(command_line()).unwrap_or_else(|error| error.exit());
     C::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
 }
 

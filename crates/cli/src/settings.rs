@@ -16,6 +16,8 @@ use clap::{Arg, ArgAction, Command, CommandFactory, Parser};
 use thiserror::Error;
 use toml::{Spanned, Value};
 
+use crate::command_line::command_line;
+
 /// Largest settings file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 const SETTINGS: &str = "settings";
@@ -35,7 +37,7 @@ enum SettingsError {
 /// Parses the command line of this process. Adds a flag `--settings FILE`: the file's values apply where the command
 /// line has no flag. On an error it exits with a message and code 2.
 pub fn parse_with_settings<C: Parser>() -> C {
-    parse_with_settings_from(std::env::args_os()).unwrap_or_else(|error: clap::Error| error.exit())
+    parse_with_settings_from(command_line()).unwrap_or_else(|error: clap::Error| error.exit())
 }
 
 /// As [`parse_with_settings`], for given arguments; the first one is the program's name. An error names file and line.
