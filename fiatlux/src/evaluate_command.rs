@@ -190,7 +190,8 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
 
 /// The command line of this process, with the name of its program alone.
 fn command_line() -> impl Iterator<Item = String> {
-    std::iter::once("fiatlux".to_owned()).chain(std::env::args().skip(1))
+    let words = fiatlux_cli::command_line().into_iter().map(|word| word.to_string_lossy().into_owned());
+    std::iter::once("fiatlux".to_owned()).chain(words.skip(1))
 }
 
 fn look(line: &ProgressLine, progress: &RunProgress) -> String {

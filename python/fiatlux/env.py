@@ -20,8 +20,8 @@ from .tasks import TASKS, Task
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-TRAINING_SEEDS = (1000, 2**31)
-"""Seeds for training, from the first up to but not including the second. Lower ones are for fixtures, tests and judging."""
+TRAINING_SEEDS: tuple[int, int] = _native.TRAINING_SEEDS
+"""Seeds for training, from the first up to but not including the second. All others are for fixtures, tests and judging."""
 
 
 _JUDGED = {"success": "success", "clean": "clean", "gate_progress": "progress", "steps": "steps", "end": "end"}

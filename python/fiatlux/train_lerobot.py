@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from . import dataset
+from . import _native, dataset
 from .bag import Bag, files_below
 
 STATE = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height", "joint_position")
@@ -140,6 +140,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     bags = files_below(given.bags)
     if not bags:
         parser.error(f"there is no bag in {given.bags}")
+    for path in bags:
+        try:
+            _native.check_training(Bag(path).header["seed"])
+        except ValueError as error:
+            parser.error(f"{path}: {error}; fiatlux demonstrate plays such rooms")
     if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
         parser.error("--minutes, --batch, --chunk and --workers are above 0")
 

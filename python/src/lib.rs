@@ -22,6 +22,7 @@ mod teacher;
 mod watch;
 mod wbc;
 
+use fiatlux_rules::SeedOwner;
 use pyo3::prelude::*;
 
 use fault::FiatluxError;
@@ -37,6 +38,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("BODY_COMMAND", fiatlux_wbc::BodyCommand::NAMES)?;
     module.add("STANDS_BELOW", fiatlux_wbc::BodyCommand::STANDS_BELOW)?;
     module.add("BODY_COMMAND_KEYS", fiatlux_wbc::BodyCommand::CHUNK_KEYS)?;
+    let training = SeedOwner::Training.seeds();
+    module.add("TRAINING_SEEDS", (*training.start(), training.end() + 1))?;
     module.add("BENCHMARK_VERSION", fiatlux_rules::BENCHMARK_VERSION)?;
     module.add_class::<bag::Bag>()?;
     module.add_class::<batch::Batch>()?;
@@ -68,9 +71,16 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
     module.add_function(wrap_pyfunction!(assets::asset_trials, module)?)?;
     module.add_function(wrap_pyfunction!(available_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(check_training, module)?)?;
     #[cfg(feature = "programs")]
     module.add_function(wrap_pyfunction!(program::run_program, module)?)?;
     Ok(())
+}
+
+/// Returns a seed that training may use, and refuses those for judging.
+#[pyfunction]
+fn check_training(seed: u64) -> PyResult<u64> {
+    SeedOwner::check_training(seed).map_err(|error| fault::refused(&error))
 }
 
 /// Number of threads that this process may keep busy: by its affinity and by the quota of its control groups, as `docker run --cpus` sets

@@ -2,11 +2,12 @@
 
 import importlib.util
 
+import fiatlux
 import numpy as np
 import pytest
 from fiatlux import lerobot
 from fiatlux.dataset import _commands, _features, _frames
-from fiatlux.train_lerobot import MAX_PAUSE, shortened
+from fiatlux.train_lerobot import MAX_PAUSE, main, shortened
 
 ROWS, JOINTS = 8, 3
 TERMS = ["base_height", "joint_position"]
@@ -142,3 +143,15 @@ def test_rows_without_a_command_are_refused_by_task():
     bag.header["task"] = "S02"
     with pytest.raises(ValueError, match=f"no command with every action: S02 by x has one with {ROWS - 1} of {ROWS}"):
         _features(bag, "bag", TERMS, "command", "image")
+
+
+@pytest.mark.parametrize(
+    "seed, purpose", [(3, "the published protocol"), (64, "comparisons"), (100_000, "drawn afresh")]
+)
+def test_a_policy_is_not_trained_in_rooms_for_judging(tmp_path, capsys, seed, purpose):
+    fiatlux.evaluate(lambda _: np.zeros(53), ["S05"], [seed], max_steps=3, out=tmp_path / "run")
+    with pytest.raises(SystemExit) as ended:
+        main([str(tmp_path / "run"), "--out", str(tmp_path / "act")])
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert f"seed {seed} is for" in message and purpose in message and "use seeds 1000 to 99999" in message

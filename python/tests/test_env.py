@@ -134,3 +134,12 @@ def test_pictures_show_something():
     env.reset(seed=0)
     picture = env.render()
     assert picture.shape == (60, 80, 3) and picture.dtype == np.uint8 and picture.std() > 10
+
+
+def test_a_reset_without_a_seed_draws_a_room_for_training():
+    assert fiatlux.env.TRAINING_SEEDS == (1000, 100_000)
+    drawn = set()
+    for _ in range(8):
+        env = fiatlux.Env("S05")
+        drawn.add(env.reset()[1]["seed"])
+    assert len(drawn) > 4 and all(1000 <= seed < 100_000 for seed in drawn)

@@ -12,6 +12,6 @@ pub fn set_command_line(words: Vec<OsString>) {
 }
 
 /// The command line of the program, with its name first.
-pub(crate) fn command_line() -> Vec<OsString> {
+pub fn command_line() -> Vec<OsString> {
     GIVEN.get().cloned().unwrap_or_else(|| std::env::args_os().collect())
 }

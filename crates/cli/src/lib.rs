@@ -16,7 +16,7 @@ mod whole_file;
 
 pub use bag_form::BagForm;
 pub use browser::{Redirect, open_browser, open_browser_secretly};
-pub use command_line::set_command_line;
+pub use command_line::{command_line, set_command_line};
 pub use in_full::in_full;
 pub use log::{init_log, init_quiet_log, is_news};
 pub use nearest::{did_you_mean, nearest};

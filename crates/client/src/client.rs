@@ -61,7 +61,8 @@ const KEEPING_TIMEOUT_S: f64 = 1.0;
 /// Number of times that such a message is sent before the server counts as gone.
 const KEEPING_TRIES: u32 = 5;
 
-/// Longest time for each attempt to claim a session, s: the server closes a session that is not claimed within 2 s.
+/// Number of attempts to claim a session, and the longest time for each, s: the server closes a session that is not claimed within 5 s.
+const CLAIM_TRIES: u32 = 8;
 const CLAIM_TIMEOUT_S: f64 = 0.5;
 
 /// Time for which sessions are opened again that the server closes before they are used.
@@ -201,7 +202,7 @@ impl Client {
     /// Tells the server that the session is in use; otherwise the server soon closes it.
     fn claim(&self) -> Result<(), ClientError> {
         let (server, key) = (&self.info.server, self.keys.observation());
-        for _ in 0..3 {
+        for _ in 0..CLAIM_TRIES {
             let said = self.sealing.ask(&self.link, server, &key, "observation", "", &CloseRequest {}, CLAIM_TIMEOUT_S);
             match said {
                 Err(ClientError::Unanswered { .. }) => {}

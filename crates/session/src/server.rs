@@ -204,7 +204,7 @@ impl<H: Host, R> ServerSession<H, R> {
             recording: Recording::default(),
             closing: None,
             notices: NoticeLimiter::default(),
-            client_gone: Some(now),
+            client_gone: Some(now + timeouts.claim.saturating_sub(timeouts.grace)),
             client_silent: now,
             events: Vec::new(),
             refused: 0,

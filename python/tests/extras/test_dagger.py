@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import subprocess
 
 import fiatlux
@@ -53,6 +54,27 @@ def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
     assert {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file()} == before
     _, record = load(run / "round-1.pt", "cpu")
     assert record["demonstrated"] == record["labelled"] == 2 * 2 * 60 // 5
+
+
+@pytest.mark.parametrize(
+    "other, message",
+    [
+        (["--worlds", "3"], "a run with --worlds 2, not 3: repeat its settings, or name another folder with --out"),
+        (["--steps", "80"], "--steps 60, not 80"),
+        (["--picture", "48", "48"], r"--picture \[32, 48\], not \[48, 48\]"),
+        (["--blind", "--seed", "2"], "--seed 1, not 2; --blind False, not True"),
+        (["--rounds", "60000"], "there are 99000 rooms for training; give fewer"),
+    ],
+)
+def test_a_run_goes_on_by_its_own_settings_alone(run, capsys, other, message):
+    assert main(["train", "--tasks", "S05", "S09", "--out", str(run), "--rounds", "1", *SMALL, *other]) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_lessons_of_unknown_settings_are_left_alone(tmp_path, capsys):
+    (tmp_path / "lessons-0-S05").mkdir()
+    assert main(["train", "--tasks", "S05", "--out", str(tmp_path), *SMALL]) == 2
+    assert "has lessons but no settings.json" in capsys.readouterr().err
 
 
 def test_lessons_repeat_to_the_bit_and_labels_are_the_teachers():

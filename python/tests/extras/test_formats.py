@@ -14,7 +14,7 @@ if "FIATLUX_EXTRAS" not in os.environ:
 
 import numpy as np
 import trimesh
-from fiatlux.assets import AssetError, articulation, files, mesh, urdf, verify
+from fiatlux.assets import AssetError, articulation, files, mesh, pieces, urdf, verify
 from fiatlux.assets.build import build
 from fiatlux.assets.object import Settings, calibrate
 from fiatlux.assets.unread import unread
@@ -33,6 +33,44 @@ def volume_of(path, **options):
 
 
 RIGHT = (24.0, [2.0, 3.0, 4.0])
+
+
+def box_at(x, y, z, extents=(2.0, 2.0, 2.0)):
+    """A box with its lowest corner there."""
+    box = trimesh.creation.box(extents)
+    box.apply_translation(np.array([x, y, z]) + np.array(extents) / 2)
+    return box
+
+
+@pytest.mark.parametrize("ending", [".stl", ".obj", ".ply", ".glb"])
+@pytest.mark.parametrize(
+    "boxes",
+    [
+        [box_at(0, 0, 0), box_at(0, 0, 2)],
+        [box_at(0, 0, 0), box_at(2, 0, 0), box_at(0, 2, 0), box_at(2, 2, 0)],
+        [box_at(0, 0, 0), box_at(2, 0, 2)],
+        [box_at(0, 0, 0), box_at(2, 2, 2)],
+        [box_at(0, 0, 0), box_at(0, 0, 2, (1.0, 2.0, 1.0))],
+        [box_at(0, 0, 0), box_at(0, 0, 2), box_at(5, 0, 0)],
+    ],
+    ids=["face", "four at an edge", "edge", "corner", "half of a face", "one apart"],
+)
+def test_solids_that_touch_stay_apart(tmp_path, boxes, ending):
+    file = tmp_path / f"a{ending}"
+    trimesh.util.concatenate(boxes).export(file)
+    solid = mesh.read(file, up="z").solid()
+    assert solid.volume == pytest.approx(sum(box.volume for box in boxes))
+    found = pieces.pieces(solid, "a")
+    spans = lambda corners: [round(float(at), 6) for at in (*corners.min(axis=0), *corners.max(axis=0))]  # noqa: E731
+    assert sorted(map(spans, found)) == sorted(spans(box.vertices) for box in boxes)
+
+
+def test_a_flat_part_is_named(tmp_path):
+    square = trimesh.Trimesh([[5, 0, 0], [6, 0, 0], [6, 1, 0], [5, 1, 0]], [[0, 1, 2], [0, 2, 3], [0, 2, 1], [0, 3, 2]])
+    file = tmp_path / "a.stl"
+    trimesh.util.concatenate([BOX, square]).export(file)
+    with pytest.raises(AssetError, match=r"a part of 4 triangles at \(5.5, 0.5, 0\) m is flat; delete it"):
+        pieces.pieces(mesh.read(file).solid(), "a")
 
 
 def refused(path, message):

@@ -147,3 +147,39 @@ def test_wrong_arguments_fail_before_anything_is_sent(cluster, tmp_path, monkeyp
         call = {"tasks": ["S05"], "seeds": [0, 1, 2], "out": tmp_path / "new", **wrong}
         with pytest.raises(ValueError, match=reason):
             fiatlux.ray.evaluate(Waver, **call)
+
+
+class Beating(SlowWaver):
+    """A policy whose every action can be seen from outside."""
+
+    def __init__(self, file):
+        self.file = file
+
+    def __call__(self, observation):
+        with open(self.file, "ab") as file:
+            file.write(b".")
+        return super().__call__(observation)
+
+
+@pytest.mark.parametrize("ended_by", [KeyboardInterrupt, RuntimeError, GeneratorExit])
+def test_work_ends_with_its_caller(cluster, tmp_path, ended_by):
+    file = tmp_path / "beats"
+
+    def progress(summary):
+        raise ended_by
+
+    policy = Beating(str(file))
+    if ended_by is GeneratorExit:
+        rollouts = fiatlux.ray.rollouts(policy, "S05", range(1000, 1006), max_steps=20)
+        next(rollouts)
+        rollouts.close()
+    else:
+        with pytest.raises(ended_by):
+            fiatlux.ray.evaluate(policy, ["S05"], range(1000, 1006), max_steps=20, progress=progress)
+    # Cancelled work may act once more. Six episodes would have 120 actions.
+    until, size = time.monotonic() + 60, -1
+    while (now := file.stat().st_size) != size:
+        assert time.monotonic() < until, "it goes on"
+        size = now
+        time.sleep(2.0)
+    assert 20 <= size < 100

@@ -16,7 +16,7 @@ use super::credentials::IdentifiedClient;
 use super::gate::Gate;
 use super::host::Simulation;
 use super::opens::{Begun, Digest};
-use super::places::{CLAIM_TIME, NoPlace};
+use super::places::NoPlace;
 use super::plan::{self, Plan};
 use super::pool::AnswerKind;
 use super::runs::AssignedEpisode;
@@ -138,7 +138,7 @@ impl ServerState {
         let rows = rows.transpose().map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
         let channel = Channel::new(&secrets, End::Server);
         let channel = channel.map_err(|error| Refusal::new(Code::Value, "hello", error.to_string()))?;
-        let mut actor = Actor::new(id.into(), session, Gate::new(channel), self.now() + CLAIM_TIME);
+        let mut actor = Actor::new(id.into(), session, Gate::new(channel), self.now() + self.timeouts.claim);
         (actor.attempt, actor.rows, actor.is_replay) = (attempt, rows, is_replay);
         let actor = Arc::new(actor);
         self.sessions.add(&actor);

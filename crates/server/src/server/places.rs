@@ -5,9 +5,6 @@ use std::time::Duration;
 
 use super::lock;
 
-/// Time after which a session is closed if none of its client's messages has arrived.
-pub(super) const CLAIM_TIME: Duration = Duration::from_secs(2);
-
 /// Time for which an unclaimed session keeps its place when the server is full.
 const PATIENCE: Duration = Duration::from_millis(500);
 

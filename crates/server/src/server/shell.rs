@@ -92,7 +92,7 @@ pub struct ServerOptions {
 
 impl Default for ServerOptions {
     fn default() -> Self {
-        let Timeouts { grace, action, lockstep, resend, recorder } = Timeouts::default();
+        let Timeouts { claim: _, grace, action, lockstep, resend, recorder } = Timeouts::default();
         Self {
             name: "local".into(),
             workers: std::thread::available_parallelism().map_or(1, usize::from),
@@ -199,6 +199,7 @@ impl Server {
                 lockstep: lockstep_timeout,
                 resend: options.resend,
                 recorder: options.recorder_timeout,
+                ..Timeouts::default()
             },
             scenes: Scenes::new(options.scene, robots, meshes),
             networks: Networks::new(options.weights),

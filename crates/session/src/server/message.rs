@@ -6,6 +6,8 @@ use fiatlux_proto::{Bytes, limits};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timeouts {
+    /// Time within which a client is to use a new session. It has that long to show its token, even where the grace time is shorter.
+    pub claim: Duration,
     /// Time for which the session waits for a client whose token is gone.
     pub grace: Duration,
     /// Time for which the session waits for an action in real time.
@@ -21,6 +23,7 @@ pub struct Timeouts {
 impl Default for Timeouts {
     fn default() -> Self {
         Self {
+            claim: Duration::from_secs(5),
             grace: Duration::from_secs(10),
             action: Duration::from_secs(60),
             lockstep: Duration::from_secs(600),

@@ -205,6 +205,27 @@ fn only_a_take_can_be_stopped() {
     assert_eq!(cause(true, Input::Tick, Duration::from_secs(3600)), ABORTED);
 }
 
+/// Guards a client on a busy machine, whose token comes later than the grace time of its server.
+#[test]
+fn a_new_session_waits_for_its_client_as_long_as_for_its_claim() {
+    let (ms, grace) = (Duration::from_millis, Duration::from_millis(500));
+    let timeouts = Timeouts { grace, ..Timeouts::default() };
+    let ends_after = |seen: bool| {
+        let mut session: ServerSession<Counter, ()> =
+            ServerSession::new(Counter::default(), SessionInfo::default(), false, timeouts, NOW);
+        if seen {
+            session.handle(Input::ClientSeen, NOW + ms(4_999));
+            session.handle(Input::ClientGone, NOW + ms(6_000));
+        }
+        session.wake_at().map(|at| at - NOW)
+    };
+    assert_eq!((ends_after(false), ends_after(true)), (Some(ms(5_000)), Some(ms(6_500))));
+    let patient = Timeouts { grace: ms(9_000), ..timeouts };
+    let session: ServerSession<Counter, ()> =
+        ServerSession::new(Counter::default(), SessionInfo::default(), false, patient, NOW);
+    assert_eq!(session.wake_at(), Some(NOW + ms(9_000)));
+}
+
 /// Guards an episode of a policy that thinks for long: in lockstep it goes on as long as its client is there, up to the limit that
 /// the session states. A client that is gone ends it after the grace time, and in real time nobody is waited for.
 #[test]

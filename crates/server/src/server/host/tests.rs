@@ -31,6 +31,7 @@ pub(in crate::server) const PANICS: &str = "panics";
 
 const MS: Duration = Duration::from_millis(1);
 const TIMEOUTS: Timeouts = Timeouts {
+    claim: Duration::from_secs(5),
     grace: Duration::from_secs(10),
     action: Duration::from_secs(60),
     lockstep: Duration::from_secs(60),
