@@ -125,6 +125,8 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   check(gamepad.read(true).connected, "a pad that does not say that it is connected");
   with_(() => [{ mapping: "standard", connected: false, axes: [0.5], buttons: [] }]);
   check(!gamepad.read(true).connected, "a pad that was unplugged");
+  with_(() => [{ mapping: "standard" }]);
+  check(same(gamepad.read(true), rest) && !gamepad.isMoved(), "a pad without axes and buttons");
 }
 
 // The token: the address bar, and what a tab keeps.
@@ -261,6 +263,8 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   };
   check(read({ gripSpace: {}, gamepad: { buttons: [{ value: 0.5 }], axes: [0, 0, 0.1, 0.2] } }).left.buttons[0] === 0.5, "a controller");
   check(read({ gripSpace: {} }).left.axes.length === 0, "a controller without buttons");
+  const odd = read({ gripSpace: {}, gamepad: { buttons: [{ value: NaN }, null], axes: [NaN, undefined] } }).left;
+  check(same([odd.buttons, odd.axes], [[0, 0], [0, 0]]), "a controller with numbers that are none");
   check(read({ gripSpace: undefined }).left.pose === null, "a controller without a grip");
   check(read({ gripSpace: {} }, { getPose: () => null }).left.pose === null, "a controller that is not tracked");
   check(read({ gripSpace: {} }, { getPose: () => ({ ...pose, emulatedPosition: true }) }).left.pose === null, "a position that is only guessed");

@@ -13,7 +13,7 @@ export class Gamepad {
     } catch {
       return null;
     }
-    return Array.from(pads).find((pad) => pad?.mapping === "standard") ?? null;
+    return Array.from(pads).find((pad) => pad?.mapping === "standard" && pad.axes && pad.buttons) ?? null;
   }
 
   // True while it is moved.

@@ -14,6 +14,8 @@ const CLICK = 3;
 const LOOKED_AT = 10;
 const MIN_RATE = 45;
 
+const finite = (value) => (Number.isFinite(value) ? value : 0);
+
 export class Headset {
   constructor(stage) {
     this.stage = stage;
@@ -150,9 +152,9 @@ export class Headset {
     const { position: p, orientation: q } = grip?.transform ?? {};
     return {
       pose: isTracked ? [p.x, p.y, p.z, q.x, q.y, q.z, q.w] : null,
-      buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => button?.value ?? 0),
+      buttons: [...(gamepad?.buttons ?? [])].slice(0, 8).map((button) => finite(button?.value)),
       // Inputs that a controller lacks are 0.
-      axes: [...(gamepad?.axes ?? [])].slice(0, 4).map((axis) => axis ?? 0),
+      axes: [...(gamepad?.axes ?? [])].slice(0, 4).map(finite),
     };
   }
 }

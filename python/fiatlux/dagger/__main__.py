@@ -16,16 +16,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from .._native import TRAINING_SEEDS
 from .lessons import GOALS, Lesson, play, state_of
 from .network import GOAL, SPEEDS, Network, Shape, export, normalised
-
-FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
-"""Rooms of lessons; all others are for judging."""
-
-SETTINGS = "settings.json"
-KEPT = ("tasks", "worlds", "steps", "minutes", "batch", "rate", "picture", "ages", "seed", "blind")
-"""What all rounds of a run have in common."""
+from .settings import FIRST_ROOM, keep
 
 EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
@@ -81,53 +74,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write.add_argument("--stands-from", type=float, default=0.0, help="the number from which it stands [default: 0]")
     write.set_defaults(run=export_file)
     given = parser.parse_args(arguments)
+    if given.run is train_rounds:
+        try:
+            keep(given)
+        except ValueError as error:
+            train.error(str(error))
     try:
         return int(given.run(given) or 0)
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
         print("stopped; the same command goes on after the last round that was finished", file=sys.stderr)
         return 3
 
 
-def keep_settings(given: argparse.Namespace) -> None:
-    """Notes the settings of a new run, or compares them with those of the run in that folder.
-
-    Raises:
-        ValueError: The folder has a run with others.
-    """
-    file = given.out / SETTINGS
-    # As JSON has them: lists for tuples.
-    settings = json.loads(json.dumps({name: getattr(given, name) for name in KEPT}))
-    if not file.exists():
-        if any(given.out.glob("lessons-*")):
-            raise ValueError(f"{given.out} has lessons but no {SETTINGS}; name another folder with --out")
-        given.out.mkdir(parents=True, exist_ok=True)
-        part_file = file.with_suffix(".part")
-        part_file.write_text(json.dumps(settings, indent=1) + "\n")
-        os.replace(part_file, file)
-        return
-    try:
-        kept = json.loads(file.read_text())
-        others = [f"--{name} {kept[name]}, not {settings[name]}" for name in KEPT if kept[name] != settings[name]]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{file} is damaged; name another folder with --out") from error
-    if others:
-        raise ValueError(
-            f"{given.out} has a run with {'; '.join(others)}: repeat its settings, or name another folder with --out"
-        )
-
-
 def train_rounds(given: argparse.Namespace) -> None:
     """Plays and trains, round by round."""
-    if given.rounds < 0 or min(given.worlds, given.steps, given.batch) < 1 or not given.minutes > 0:
-        raise ValueError("--worlds, --steps, --batch and --minutes are above 0, and --rounds is not below")
-    if FIRST_ROOM + (given.rounds + 1) * given.worlds > END_OF_ROOMS:
-        raise ValueError(
-            f"{given.rounds + 1} rounds of {given.worlds} worlds: there are {END_OF_ROOMS - FIRST_ROOM} rooms for training; give fewer"
-        )
-    keep_settings(given)
     device = "cuda" if torch.cuda.is_available() else "cpu"
     shape = Shape(tuple(given.tasks), picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
     student: Network | None = None

@@ -1,0 +1,52 @@
+"""What all rounds of a run have in common."""
+
+import argparse
+import json
+import os
+
+from .._native import TRAINING_SEEDS
+
+FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
+"""Rooms of lessons; all others are for judging."""
+FILE = "settings.json"
+FREE = ("out", "rounds", "threads", "hardware", "run")
+"""What may differ between calls that go on with a run."""
+
+
+def keep(given: argparse.Namespace) -> None:
+    """Notes the settings of a new run in its folder, or compares them with those of the run that is there.
+
+    Raises:
+        ValueError: They are not possible, or the folder has a run with others.
+    """
+    if given.rounds < 0 or min(given.worlds, given.steps, given.batch) < 1:
+        raise ValueError("--worlds, --steps and --batch are above 0, and --rounds is not below")
+    rooms, wanted = END_OF_ROOMS - FIRST_ROOM, (given.rounds + 1) * given.worlds
+    if wanted > rooms:
+        raise ValueError(
+            f"{given.rounds} rounds after the first, in {given.worlds} rooms each: training has {rooms} rooms"
+        )
+    # As JSON has them: lists for tuples.
+    settings = json.loads(json.dumps({name: value for name, value in vars(given).items() if name not in FREE}))
+    file = given.out / FILE
+    if not file.exists():
+        if any(given.out.glob("lessons-*")):
+            raise ValueError(f"{given.out} has lessons but no {FILE}; name another folder with --out")
+        given.out.mkdir(parents=True, exist_ok=True)
+        part_file = file.with_suffix(".part")
+        part_file.write_text(json.dumps(settings, indent=1) + "\n")
+        os.replace(part_file, file)
+        return
+    try:
+        kept = dict(json.loads(file.read_text()))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{file} is damaged; name another folder with --out") from error
+    others = [
+        f"--{name} {kept.get(name)}, not {settings.get(name)}"
+        for name in {**kept, **settings}
+        if kept.get(name) != settings.get(name)
+    ]
+    if others:
+        raise ValueError(
+            f"{given.out} has a run with {'; '.join(others)}: repeat its settings, or name another folder with --out"
+        )
