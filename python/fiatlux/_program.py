@@ -6,6 +6,7 @@ commands to run.
 
 import importlib.machinery
 import importlib.util
+import os
 import pathlib
 import signal
 import sys
@@ -29,6 +30,12 @@ def native() -> ModuleType:
     )
 
 
+# A descriptor that is closed would be the next file that is opened, and a result would be printed into it.
+for number in range(3):
+    try:
+        os.fstat(number)
+    except OSError:
+        os.open(os.devnull, os.O_RDWR)
 name = pathlib.Path(sys.argv[0]).name
 library = native()
 # Python's own handler would only note the signal. One that is ignored, as under nohup, stays so.

@@ -105,6 +105,12 @@ class Contacts:
         return cls(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:8], made[:, 8:])
 
 
+_SAMPLED = 256
+"""States that say how many contact points all of them have."""
+_POINT_BYTES = 700
+"""Of a contact point while it is read: two names of shapes, twice, and its numbers."""
+
+
 class Kinematics:
     """Readings of a robot's states: poses, Jacobians, the equation of motion, distances, postures and contact forces.
 
@@ -376,7 +382,12 @@ class Kinematics:
 
     def contacts(self, qpos: ArrayLike, margin: float = 0.0) -> Contacts:
         """Contact points with a gap of at most ``margin``, m; their forces follow only from a step: see :meth:`VectorEnv.contacts`."""
-        shapes, numbers = self._native.contacts(self._rows("qpos", qpos)[0], margin)
+        states = self._rows("qpos", qpos)[0]
+        if len(states) > _SAMPLED:
+            sampled = states[:: len(states) // _SAMPLED]
+            points = len(self._native.contacts(np.ascontiguousarray(sampled), margin)[0]) * len(states) // len(sampled)
+            check_memory(_POINT_BYTES * points, f"qpos: no memory for about {points} contact points")
+        shapes, numbers = self._native.contacts(states, margin)
         made = Contacts.of_numbers(shapes, numbers)
         made.force[:] = np.nan
         return made

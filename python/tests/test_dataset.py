@@ -149,7 +149,7 @@ def test_rows_without_a_command_are_refused_by_task():
     "seed, purpose", [(3, "the published protocol"), (64, "comparisons"), (100_000, "drawn afresh")]
 )
 def test_a_policy_is_not_trained_in_rooms_for_judging(tmp_path, capsys, seed, purpose):
-    fiatlux.evaluate(lambda _: np.zeros(53), ["S05"], [seed], max_steps=3, out=tmp_path / "run")
+    fiatlux.evaluate(lambda _: np.zeros(53), ["S08"], [seed], out=tmp_path / "run")
     with pytest.raises(SystemExit) as ended:
         main([str(tmp_path / "run"), "--out", str(tmp_path / "act")])
     assert ended.value.code == 2

@@ -3,6 +3,7 @@
 import fiatlux
 import fiatlux._memory
 import fiatlux.vector
+import numpy as np
 import pytest
 
 GIB = 1 << 30
@@ -65,3 +66,14 @@ def test_worlds_beyond_the_limit_are_refused_and_others_made(monkeypatch):
     with pytest.raises(MemoryError, match="no memory for 64 worlds"):
         fiatlux.VectorEnv("S07", 64, seeds=[1000], sensors=["camera"], image_size=(640, 480))
     fiatlux.VectorEnv("S07", 2, seeds=[1000]).reset(seed=0)
+
+
+def test_contacts_of_many_states_are_counted_first(monkeypatch):
+    kinematics = fiatlux.Kinematics("S05", seed=1000)
+    states = np.tile(kinematics.reference, (20_000, 1))
+    few = kinematics.contacts(states[:300], margin=1.0)
+    assert len(few.distance) % 300 == 0 and len(few.distance) > 3000
+    monkeypatch.setattr(fiatlux._memory, "available", lambda: (100 << 20, "/sys/fs/cgroup/memory.max"))
+    points = len(few.distance) // 300 * 20_000
+    with pytest.raises(MemoryError, match=f"no memory for about {points} contact points"):
+        kinematics.contacts(states, margin=1.0)

@@ -18,7 +18,7 @@ use crate::Packed;
 use crate::cache::PackedReplay;
 use crate::page::Page;
 use crate::served::ServedBags;
-use crate::site::{download, for_ever, guarded, is_own, page_part};
+use crate::site::{download, for_ever, guarded, host_of, is_own, page_part};
 
 const HTML: &str = "text/html; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
@@ -45,8 +45,7 @@ pub(crate) fn router(served: Arc<ServedBags>) -> Router {
 
 /// Lets only requests to this machine pass, and adds the headers of every answer.
 async fn guard(request: Request, next: Next) -> Response {
-    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
-    let mut answer = if is_own(host, &[]) {
+    let mut answer = if is_own(host_of(request.headers()), &[]) {
         next.run(request).await
     } else {
         problem(StatusCode::MISDIRECTED_REQUEST, "this server answers only to addresses of this machine and localhost")

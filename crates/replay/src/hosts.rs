@@ -6,11 +6,22 @@
 
 use std::net::IpAddr;
 
+use axum::http::{HeaderMap, header};
+
+/// The header `Host` of a request; empty where there is none, or more than one: a proxy before this server may have looked at another.
+pub fn host_of(headers: &HeaderMap) -> &str {
+    let mut hosts = headers.get_all(header::HOST).iter();
+    match (hosts.next(), hosts.next()) {
+        (Some(host), None) => host.to_str().unwrap_or_default(),
+        _ => "",
+    }
+}
+
 /// The name in `name:port`, without the brackets of an IPv6 address; `None` if it is not one of that form.
 fn name_of(authority: &str) -> Option<&str> {
-    let is_port = |rest: &str| {
-        rest.is_empty() || rest.strip_prefix(':').is_some_and(|port| port.bytes().all(|byte| byte.is_ascii_digit()))
-    };
+    let is_number = |port: &str| port.bytes().all(|byte| byte.is_ascii_digit()) && port.parse::<u16>().is_ok();
+    let is_port =
+        |rest: &str| rest.is_empty() || rest.strip_prefix(':').is_some_and(|port| port.is_empty() || is_number(port));
     if let Some(rest) = authority.strip_prefix('[') {
         let (name, rest) = rest.split_once(']')?;
         return is_port(rest).then_some(name);
@@ -74,6 +85,8 @@ mod tests {
             "user@localhost:8420",
             "localhost:8420@evil.example",
             "localhost:8420/",
+            "localhost:99999",
+            "localhost:+80",
             "::1",
             "[::1",
             "[localhost]x",

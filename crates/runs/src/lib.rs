@@ -122,7 +122,7 @@ fn earlier(jobs: &[Job], bags: &Path) -> Result<Vec<Job>, EvaluateError> {
     let mut earlier = Vec::new();
     for entry in std::fs::read_dir(bags).map_err(|error| folder(bags, error))? {
         let path = entry.map_err(|error| folder(bags, error))?.path();
-        if path.extension().is_none_or(|ending| ending != "mcap") {
+        if path.extension().is_none_or(|ending| ending != "mcap") || fiatlux_bag::is_leftover(&path) {
             continue;
         }
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();

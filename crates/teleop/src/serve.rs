@@ -156,7 +156,7 @@ fn router(site: Arc<Site>) -> Router {
 /// Lets only requests to this machine pass, adds the headers of every answer, and ends connections whose request was refused: an idle
 /// one would keep its place.
 async fn guard(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
-    let mut answer = if site::is_own(text_of(request.headers(), &header::HOST), &site.names) {
+    let mut answer = if site::is_own(site::host_of(request.headers()), &site.names) {
         next.run(request).await
     } else {
         let text = "this server answers only to its addresses, to localhost, and to the names that --host gives it";
@@ -237,7 +237,7 @@ async fn drive(State(site): State<Arc<Site>>, request: Request) -> Response {
     let headers = request.headers();
     // Browsers say from which page a connection comes; other programs say nothing, and have the token.
     let is_own = headers.get(header::ORIGIN).is_none_or(|origin| {
-        origin.to_str().is_ok_and(|origin| site::is_same_origin(origin, text_of(headers, &header::HOST), &site.names))
+        origin.to_str().is_ok_and(|origin| site::is_same_origin(origin, site::host_of(headers), &site.names))
     });
     if !is_own {
         let text =

@@ -130,7 +130,9 @@ fn the_server_answers_to_its_own_names_on_every_port() {
     for host in ["localhost:9000", "127.0.0.1:1", "[::1]:9000", "localhost", "robot.example.org"] {
         assert_eq!(served.get(&path, host), 200, "{host}");
     }
-    for host in ["example.org", "localhost.example.org:9000", "evil.robot.example.org", ""] {
+    for host in
+        ["example.org", "localhost.example.org:9000", "evil.robot.example.org", "", "localhost\r\nHost: example.org"]
+    {
         assert_eq!(served.get(&path, host), 421, "{host}");
     }
 }
