@@ -9,7 +9,7 @@ import pytest
 
 
 class Call:
-    """What a remote function returns: the work, which is done when it is asked for."""
+    """The result of a remote function: the work, which is done when somebody asks for it."""
 
     def __init__(self, work):
         self.work = work

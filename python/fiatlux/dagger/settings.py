@@ -1,4 +1,4 @@
-"""What all rounds of a run have in common."""
+"""Settings that all rounds of a run have in common."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
 """Rooms of lessons; all others are for judging."""
 FILE = "settings.json"
 FREE = ("out", "rounds", "threads", "hardware", "run")
-"""What may differ between calls that go on with a run."""
+"""Settings that may differ between calls that go on with a run."""
 
 
 def keep(given: argparse.Namespace) -> None:
