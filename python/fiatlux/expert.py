@@ -1,7 +1,7 @@
 """Asks the benchmark's scripted expert what it would do, in any state of an environment, for learning from it."""
 
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import gymnasium
 import numpy as np
@@ -117,6 +117,11 @@ class Expert:
     def __repr__(self) -> str:
         return f"<fiatlux.Expert of {self._env!r}>"
 
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "Expert cannot be copied or pickled: copy its Env, and make Expert of the copy, which begins at the present state"
+        )
+
     def reset(self) -> None:
         """Makes the expert begin anew at the present state, as if it had seen nothing before."""
         self._native.restart()
@@ -163,6 +168,11 @@ class Experts:
 
     def __repr__(self) -> str:
         return f"<fiatlux.Experts of {self._env!r}>"
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "Experts cannot be copied or pickled: copy its VectorEnv, and make Experts of the copy, which begins at the present state"
+        )
 
     def reset(self, mask: Any = None) -> None:
         """Makes the experts of the marked worlds begin anew at their present states; by default all."""

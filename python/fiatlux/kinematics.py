@@ -105,6 +105,8 @@ class Contacts:
         return cls(made[:, 0].astype(np.int64), shapes, made[:, 1], made[:, 2:5], made[:, 5:8], made[:, 8:])
 
 
+_PART = 1024
+"""States of one call of the library, which takes some tenths of a second at most."""
 _SAMPLED = 256
 """States that say how many contact points all of them have."""
 _POINT_BYTES = 700
@@ -521,7 +523,13 @@ class Kinematics:
                 raise ValueError(f"{name}: leading axes {lead} are not those of qpos, {rows[0][1]}")
         numbers = math.prod((*rows[0][1], *shape))
         check_memory(8 * numbers, f"qpos: no memory for a result of {numbers} numbers")
-        made: Array = getattr(self._native, method)(*(row for row, _ in rows), *arguments)
+        call, count = getattr(self._native, method), len(rows[0][0])
+        made = np.empty((count, math.prod(shape)))
+        # Ctrl-C is seen from one part to the next.
+        for first in range(0, count, _PART):
+            part = slice(first, first + _PART)
+            given = (each[part] if isinstance(each, np.ndarray) else each for each in arguments)
+            made[part] = call(*(row[part] for row, _ in rows), *given).reshape(made[part].shape)
         return made.reshape(*rows[0][1], *shape)
 
     @staticmethod

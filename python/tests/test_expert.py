@@ -1,7 +1,9 @@
 """Tests that the scripted expert answers a learner as it plays by itself."""
 
+import copy
 import json
 import os
+import pickle
 import subprocess
 
 import fiatlux
@@ -204,3 +206,14 @@ def test_it_says_where_it_cannot_go_on():
     label = experts.label()
     assert not label.can_label[0] and "no posture of the plan" in label.reason[0]
     assert np.isnan(label.joint_target).all() and np.isnan(label.action).all()
+
+
+def test_a_copy_of_an_environment_gets_an_expert_of_its_own():
+    env = fiatlux.Env("S07")
+    env.reset(seed=1000)
+    worlds = fiatlux.VectorEnv("S07", 2, seeds=[1000])
+    worlds.reset(seed=1)
+    for expert, named in ((fiatlux.Expert(env), "copy its Env"), (fiatlux.Experts(worlds), "copy its VectorEnv")):
+        for copied in (copy.deepcopy, pickle.dumps):
+            with pytest.raises(TypeError, match=f"cannot be copied or pickled: {named}, and make"):
+                copied(expert)

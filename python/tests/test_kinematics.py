@@ -1,5 +1,9 @@
 """Tests readings of states, batched."""
 
+import signal
+import threading
+import time
+
 import fiatlux
 import numpy as np
 import pytest
@@ -150,3 +154,22 @@ def test_a_solution_says_how_far_its_joints_are_from_their_ends(room):
     both = kinematics.inverse(np.stack([qpos, qpos]), {"right_palm": goal}, joints=arm)
     assert both.angles.shape == (2, 7) and both.limit_distance.shape == (2,)
     np.testing.assert_array_equal(both.angles[1], by_place.angles)
+
+
+def test_ctrl_c_ends_a_call_of_many_states():
+    kinematics = fiatlux.Kinematics()
+    states = np.tile(kinematics.reference, (8_000, 1))
+    states[:, kinematics.joint_qpos[3]] = np.linspace(-0.2, 0.2, len(states))
+    poses = kinematics.poses(states, ["left_palm"])
+    np.testing.assert_array_equal(
+        poses[[0, 1023, 1024, -1]], kinematics.poses(states[[0, 1023, 1024, -1]], ["left_palm"])
+    )
+    began = time.monotonic()
+    kinematics.mass_matrix(states)
+    whole, began = time.monotonic() - began, time.monotonic()
+    timer = threading.Timer(0.05, signal.raise_signal, [signal.SIGINT])
+    with pytest.raises(KeyboardInterrupt):
+        timer.start()
+        kinematics.mass_matrix(states)
+    timer.join()
+    assert time.monotonic() - began < 0.6 * whole
