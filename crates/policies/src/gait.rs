@@ -1,13 +1,13 @@
-//! Walks on command with the whole-body controller: velocities set in gently, free arms hang and swing, hands that hold keep the staged
-//! posture.
+//! Walks on command with the whole-body controller: velocities set in gently, and free arms hang and swing while hands that hold keep the
+//! staged posture; or arms and hands move as a policy says.
 
 use std::sync::Arc;
 
 use fiatlux_client::{Command, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 use fiatlux_rules::Thresholds;
-use fiatlux_skills::Slew;
-use fiatlux_wbc::{BodyCommand, Network, Swing};
+use fiatlux_skills::{Slew, towards};
+use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network, Swing};
 
 use crate::WholeBody;
 
@@ -15,13 +15,20 @@ use crate::WholeBody;
 pub(crate) const SENSORS: [&str; 3] = ["proprioception", "hand_contact", "last_action"];
 /// Largest changes of the velocity.
 const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
+/// Largest rates of the targets that a policy gives to arms and to hands, rad/s.
+const RATES: [f64; 2] = [1.2, 3.0];
 /// Control steps for which the robot stands first, while the controller takes over the staged posture.
 const SETTLES: u64 = 25;
 
 /// A body that walks.
 pub(crate) struct Gait {
     body: WholeBody,
-    swing: Swing,
+    /// `None` where the policy moves the arms.
+    swing: Option<Swing>,
+    /// Where the policy wants arms and hands, rad, as far as it said.
+    wanted: Vec<f64>,
+    /// Least and greatest angles of all joints, rad.
+    limits: Vec<[f64; 2]>,
     /// Hands that no bulb has touched yet, left first.
     is_free: [bool; 2],
     velocity: [f64; 3],
@@ -39,7 +46,30 @@ impl Gait {
         first: &Observation,
     ) -> Result<Self, PolicyError> {
         let body = WholeBody::own(policy, network, info, first)?;
-        Ok(Self { swing: Swing::new(&body.targets), body, is_free: [true; 2], velocity: [0.0; 3] })
+        let swing = Some(Swing::new(&body.targets));
+        Ok(Self { body, swing, wanted: Vec::new(), limits: Vec::new(), is_free: [true; 2], velocity: [0.0; 3] })
+    }
+
+    /// Starts an episode in which the policy moves arms and hands, and the robot may bend low where it stands.
+    ///
+    /// # Errors
+    /// As [`WholeBody::own`].
+    pub fn with_hands(
+        policy: &'static str,
+        network: Arc<Network>,
+        info: &SessionInfo,
+        first: &Observation,
+    ) -> Result<Self, PolicyError> {
+        let body = WholeBody::own(policy, network, info, first)?.bending_low();
+        let limits = info.joints.iter().map(|joint| [joint.lower, joint.upper]).collect();
+        Ok(Self { body, swing: None, wanted: Vec::new(), limits, is_free: [true; 2], velocity: [0.0; 3] })
+    }
+
+    /// Wants other targets of arms and hands, rad, to which each step comes nearer.
+    pub fn moves(&mut self, wanted: &[f32]) {
+        let joints = self.limits.iter().skip(MOVED).zip(wanted);
+        // Not clamp: limits come from the network, and need not be in order.
+        self.wanted = joints.map(|([lower, upper], angle)| f64::from(*angle).max(*lower).min(*upper)).collect();
     }
 
     /// Answers an observation; the velocity comes nearer to the wanted one, but a stop is at once.
@@ -50,9 +80,14 @@ impl Gait {
         let goes = wanted.walks() && observation.step >= SETTLES;
         self.velocity = if goes { SLEW.step(self.velocity, wanted.velocity) } else { [0.0; 3] };
         let command = BodyCommand { velocity: self.velocity, ..wanted };
-        let touched = touched(&observation.hand_contact_force);
-        self.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
-        self.swing.step(&command, self.body.stride(), self.is_free, &mut self.body.targets);
+        if let Some(swing) = &mut self.swing {
+            let touched = touched(&observation.hand_contact_force);
+            self.is_free.iter_mut().zip(touched).for_each(|(is_free, touched)| *is_free &= !touched);
+            swing.step(&command, self.body.stride(), self.is_free, &mut self.body.targets);
+        }
+        for (joint, (target, wanted)) in (MOVED..).zip(self.body.targets.iter_mut().skip(MOVED).zip(&self.wanted)) {
+            *target = towards(*target, *wanted, RATES[usize::from(joint >= BODY)]);
+        }
         self.body.step(observation, &command)
     }
 

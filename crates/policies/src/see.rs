@@ -1,4 +1,4 @@
-//! The policy `see`: walks by what the cameras see, with a network that learned it from the expert.
+//! The policy `see`: walks, and works with its hands, by what the cameras see, with a network that learned it from the expert.
 
 mod network;
 #[cfg(test)]
@@ -13,7 +13,7 @@ use fiatlux_proto::v3::{Chunk, Image, Observation, Proprioception, Sensor, Sessi
 use fiatlux_rules::Task;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 
-use self::network::{CAMERAS, Contract, Network};
+use self::network::{CAMERAS, Contract, Network, POSTURE, WALKS};
 use crate::body;
 use crate::entry::Entry;
 use crate::gait::{self, Gait};
@@ -21,16 +21,18 @@ use crate::gait::{self, Gait};
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "see:FILE",
-    does: "walks by what its cameras see, with a network that python -m fiatlux.dagger trained",
+    does: "acts by what its cameras see, with a network that python -m fiatlux.dagger trained",
     make: |file| Ok(Box::new(See::new(file)?)),
 };
 
 /// Ranges of the commanded velocity: ahead and to the left, m/s, and about the vertical, rad/s.
 const RANGES: [[f64; 2]; 3] = [[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]];
+/// A force on a body of a hand that counts as the largest, N.
+const MAX_TOUCH_N: f32 = 20.0;
 /// Control steps of a second.
 const HZ: f64 = 1.0 / CONTROL_DT;
 
-/// Walks to where its task ends, by pictures.
+/// Acts by pictures.
 pub struct See {
     name: String,
     network: Network,
@@ -49,6 +51,7 @@ struct Episode {
     last: Option<u64>,
     /// Frames that were seen, the newest last, as far back as the network looks.
     memory: VecDeque<Frame>,
+    /// What it decided last.
     command: BodyCommand,
 }
 
@@ -128,8 +131,14 @@ impl Policy for See {
             let reason = format!("it learned {}, but this is {task}; use another policy", contract.tasks.join(", "));
             return Err(PolicyError::Unfit { policy: "see", reason });
         };
+        let names = info.joints.iter().map(|joint| &joint.name);
+        if contract.has_hands() && !names.eq(&contract.joints) {
+            let reason = "it learned on a robot with other joints; use a network of this robot".into();
+            return Err(PolicyError::Unfit { policy: "see", reason });
+        }
+        let gait = if contract.has_hands() { Gait::with_hands } else { Gait::new };
         self.episode = Some(Episode {
-            gait: Gait::new("see", Arc::clone(&self.body), info, first)?,
+            gait: gait("see", Arc::clone(&self.body), info, first)?,
             task,
             place: Place::default(),
             last: None,
@@ -141,10 +150,14 @@ impl Policy for See {
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("see"))?;
-        let sensed = Sensed::read(observation)?;
+        let sensed = sensed(self.network.contract(), observation)?;
         episode.reckon(observation.step, &sensed);
-        if let Some(pictures) = pictures(self.network.contract(), observation)? {
-            episode.decide(&mut self.network, observation.step, &pictures, &sensed);
+        let pictures = pictures(self.network.contract(), observation)?;
+        if let Some(pictures) = &pictures {
+            episode.look(&mut self.network, observation.step, pictures);
+        }
+        if pictures.is_some() || self.network.contract().has_hands() {
+            episode.decide(&mut self.network, observation.step, &sensed);
         }
         episode.gait.step(observation, episode.command)
     }
@@ -154,22 +167,29 @@ impl Policy for See {
     }
 }
 
-/// The part of proprioception that the network reads, all in the pelvis frame: turning, rad/s, direction of gravity, velocity, m/s, and height, m.
-struct Sensed([f32; 10]);
-
-impl Sensed {
-    fn read(observation: &Observation) -> Result<Self, PolicyError> {
-        let missing = PolicyError::Sensor { policy: "see", sensor: "proprioception" };
-        let Some(Proprioception {
-            base_angular_velocity, projected_gravity, base_linear_velocity, base_height, ..
-        }) = &observation.proprioception
-        else {
-            return Err(missing);
-        };
-        let vectors = [base_angular_velocity, projected_gravity, base_linear_velocity];
-        let numbers: Vec<f32> = vectors.into_iter().flatten().copied().chain([*base_height]).collect();
-        numbers.try_into().map(Self).map_err(|_| missing)
+/// The senses of the body that the network reads: of the pelvis, in its frame, turning, rad/s, direction of gravity, velocity, m/s, and
+/// height, m; and where it has hands, the angles of all joints, rad, and the forces on the bodies of its hands, N.
+fn sensed(contract: &Contract, observation: &Observation) -> Result<Vec<f32>, PolicyError> {
+    let missing = |sensor| PolicyError::Sensor { policy: "see", sensor };
+    let body = observation.proprioception.as_ref().ok_or_else(|| missing("proprioception"))?;
+    let Proprioception { base_angular_velocity, projected_gravity, base_linear_velocity, base_height, .. } = body;
+    let vectors = [base_angular_velocity, projected_gravity, base_linear_velocity];
+    if vectors.iter().any(|vector| vector.len() != 3) {
+        return Err(missing("proprioception"));
     }
+    let mut numbers: Vec<f32> = vectors.into_iter().flatten().copied().chain([*base_height]).collect();
+    if contract.has_hands() {
+        let forces = observation.hand_contact_force.as_chunks::<3>().0;
+        if body.joint_position.len() != contract.joints.len() {
+            return Err(missing("proprioception"));
+        }
+        if forces.len() != contract.touched {
+            return Err(missing("hand_contact"));
+        }
+        let norm = |force: &[f32; 3]| force.iter().map(|part| part * part).sum::<f32>().sqrt().min(MAX_TOUCH_N);
+        numbers.extend(body.joint_position.iter().copied().chain(forces.iter().map(norm)));
+    }
+    Ok(numbers)
 }
 
 /// Pictures of all cameras; `None` at a step that lacks one.
@@ -190,35 +210,46 @@ fn pictures<'a>(contract: &Contract, observation: &'a Observation) -> Result<Opt
 
 impl Episode {
     /// Keeps count of where the robot is.
-    fn reckon(&mut self, step: u64, Sensed(sensed): &Sensed) {
+    fn reckon(&mut self, step: u64, sensed: &[f32]) {
         let steps = step.saturating_sub(self.last.unwrap_or(step));
-        let [_, _, turning, _, _, _, ahead, left, ..] = sensed.map(f64::from);
+        let [turning, ahead, left] = [2, 6, 7].map(|index| f64::from(sensed[index]));
         self.place.step([ahead, left], turning, steps as f64 * CONTROL_DT);
         self.last = Some(step);
     }
 
-    /// Takes a decision.
-    fn decide(&mut self, network: &mut Network, step: u64, pictures: &[&[u8]], Sensed(sensed): &Sensed) {
+    /// Keeps what the cameras see.
+    fn look(&mut self, network: &mut Network, step: u64, pictures: &[&[u8]]) {
         let seen = pictures.iter().enumerate();
         let embedding = seen.flat_map(|(camera, rgb)| network.encode(camera, rgb)).collect();
         self.memory.push_back(Frame { step, place: self.place, embedding });
-        let contract = network.contract();
-        let oldest = contract.ages.last().copied().unwrap_or_default();
+        let oldest = network.contract().ages.last().copied().unwrap_or_default();
         while self.memory.get(1).is_some_and(|frame| frame.step + oldest <= step) {
             self.memory.pop_front();
         }
+    }
+
+    /// Takes a decision; before the first picture, none.
+    fn decide(&mut self, network: &mut Network, step: u64, sensed: &[f32]) {
         let newest_at = |age: u64| {
             let old = self.memory.iter().rev().find(|frame| frame.step + age <= step);
             old.or(self.memory.front())
         };
+        let contract = network.contract();
         let frames: Vec<&Frame> = contract.ages.iter().filter_map(|age| newest_at(*age)).collect();
+        if frames.is_empty() {
+            return;
+        }
         let moved = frames.iter().skip(1).flat_map(|frame| self.place.of(&frame.place));
         let tasks = (0..contract.tasks.len()).map(|task| f32::from(u8::from(task == self.task)));
         let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(tasks).collect();
         let ages: Vec<&[f32]> = frames.iter().map(|frame| frame.embedding.as_slice()).collect();
-        let [ahead, left, turning, stands] = network.decide(&ages, &state);
-        let velocity = [ahead, left, turning].map(f64::from);
-        let within = |axis: usize| velocity[axis].clamp(RANGES[axis][0], RANGES[axis][1]);
-        self.command.velocity = if stands > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
+        let (walks, hands) = network.decide(&ages, &state).split_at(WALKS);
+        let within = |axis: usize| f64::from(walks[axis]).clamp(RANGES[axis][0], RANGES[axis][1]);
+        self.command.velocity = if walks[WALKS - 1] > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
+        if let Some((&[height, roll, pitch, yaw], targets)) = hands.split_first_chunk::<POSTURE>() {
+            self.command.height = f64::from(height);
+            self.command.torso = [roll, pitch, yaw].map(f64::from);
+            self.gait.moves(targets);
+        }
     }
 }

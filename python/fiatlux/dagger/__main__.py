@@ -8,6 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,19 @@ import numpy as np
 import torch
 from torch import nn
 
-from .lessons import GOALS, Lesson, play, state_of
-from .network import GOAL, SPEEDS, Network, Shape, export, normalised
+from .lessons import GOALS, Lesson, play, shape_of, state_of
+from .network import GOAL, WALKS, Network, Shape, export, normalised
 from .settings import FIRST_ROOM, keep
 
+LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 2.0}
+"""Weights of what is learned: velocity, whether to stand, where the goal is, and what arms and hands do."""
+SHIFTED = 2
+"""Largest shift of a picture in training, pixels."""
+SURE = 0.02
+"""How far from sure it learns to be whether to stand: the teacher stops within millimetres that no picture shows."""
 EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
-  python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --minutes 5 --rounds 2
+  python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --updates 2000 --rounds 2
   python -m fiatlux.dagger export runs/walks/round-3.pt walks.safetensors
   fiatlux evaluate --policy see:walks.safetensors --tasks S05,S07,S09 --seeds fresh:48
 
@@ -43,16 +50,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--rounds", type=int, default=3, help="rounds in which a student drives [default: 3]")
     train.add_argument(
-        "--worlds", type=int, default=128, help="worlds of each task, each in a room of its own [default: 128]"
+        "--worlds",
+        type=int,
+        nargs="+",
+        default=[96],
+        help="worlds of each task, one number or one a task, each in a room of its own [default: 96]",
+    )
+    train.add_argument("--first-room", type=int, default=FIRST_ROOM, help="first of the rooms [default: 1000]")
+    train.add_argument(
+        "--start", type=Path, help="checkpoint of another run to begin with; the teacher then drives in no round"
     )
     train.add_argument("--steps", type=int, default=1250, help="control steps of a round in each world [default: 1250]")
-    train.add_argument("--minutes", type=float, default=2.0, help="minutes of training in each round [default: 2]")
-    train.add_argument(
-        "--updates",
-        type=int,
-        default=0,
-        help="steps of training in each round, in place of minutes: the run then follows from the seed",
-    )
+    train.add_argument("--updates", type=int, default=5000, help="steps of training in each round [default: 5000]")
     train.add_argument(
         "--takes-over",
         type=float,
@@ -89,46 +98,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def train_rounds(given: argparse.Namespace) -> None:
     """Plays and trains, round by round."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    shape = Shape(tuple(given.tasks), picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
+    try:
+        shape = shape_of(given.tasks, picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
+    except ValueError as error:
+        raise SystemExit(f"--tasks: {error}") from error
     student: Network | None = None
     lessons: list[Lesson] = []
-    record: dict[str, Any] = {
-        "seed": given.seed,
-        "hardware": given.hardware,
-        "minutes": 0.0,
-        "demonstrated": 0,
-        "labelled": 0,
-    }
+    record: dict[str, Any] = {"minutes": 0.0, "demonstrated": 0, "labelled": 0}
+    if given.start:
+        student, record = load(given.start, device)
+    record |= {"seed": given.seed, "hardware": given.hardware}
     for number in range(given.rounds + 1):
         checkpoint = given.out / f"round-{number}.pt"
-        for task in shape.tasks:
-            folder = given.out / f"lessons-{number}-{task}"
-            if not (folder / "done").exists():
-                began = time.monotonic()
-                first = FIRST_ROOM + number * given.worlds
-                lesson, ended, successes, unended = play(
-                    task,
-                    range(first, first + given.worlds),
-                    given.steps,
-                    shape=shape,
-                    student=student,
-                    takes_over=given.takes_over,
-                    threads=given.threads,
-                    seed=given.seed + number,
-                    device=device,
-                )
-                lesson.save(folder)
-                (folder / "done").write_text(
-                    json.dumps({"episodes": ended, "successes": successes, "unended": unended})
-                )
-                driver = "student" if student else "teacher"
-                print(
-                    f"round {number} {task}: {driver} succeeded in {successes} of {ended} episodes, {unended} worlds ended none, "
-                    f"{len(lesson.back)} decisions, {time.monotonic() - began:.0f} s",
-                    flush=True,
-                )
-            lessons.append(Lesson.load(folder))
-            record["labelled" if number else "demonstrated"] += len(lessons[-1].back)
+        # One task's worlds work while another's wait for the slowest of theirs.
+        with ThreadPoolExecutor() as pool:
+            new = list(pool.map(lambda task: lesson_of(task, number, shape, student, given, device), shape.tasks))  # noqa: B023
+        lessons += new
+        record["labelled" if student else "demonstrated"] += sum(len(each.back) for each in new)
         if checkpoint.exists():
             student, record = load(checkpoint, device)
             continue
@@ -139,6 +125,37 @@ def train_rounds(given: argparse.Namespace) -> None:
         part_file = checkpoint.with_suffix(".part")
         torch.save({"shape": asdict(shape), "network": student.state_dict(), "record": record}, part_file)
         os.replace(part_file, checkpoint)
+
+
+def lesson_of(
+    task: str, number: int, shape: Shape, student: Network | None, given: argparse.Namespace, device: str
+) -> Lesson:
+    """A task's lesson in a round, which is played where the run has none yet."""
+    folder = given.out / f"lessons-{number}-{task}"
+    if not (folder / "done").exists():
+        began, first = time.monotonic(), given.first_room + number * max(given.worlds)
+        worlds = given.worlds[shape.tasks.index(task) % len(given.worlds)]
+        played = play(
+            task,
+            range(first, first + worlds),
+            given.steps,
+            shape=shape,
+            student=student,
+            takes_over=given.takes_over,
+            threads=given.threads,
+            seed=given.seed + number,
+            device=device,
+        )
+        played.lesson.save(folder)
+        ends = {"episodes": played.ended, "successes": played.successes, "without_end": played.without_end}
+        (folder / "done").write_text(json.dumps(ends))
+        print(
+            f"round {number} {task}: {'student' if student else 'teacher'} succeeded in {played.successes} of "
+            f"{played.ended} episodes, none ended in {played.without_end} of {worlds} worlds, "
+            f"{len(played.lesson.back)} decisions, {time.monotonic() - began:.0f} s",
+            flush=True,
+        )
+    return Lesson.load(folder)
 
 
 def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
@@ -158,12 +175,15 @@ def export_file(given: argparse.Namespace) -> None:
 
 
 def varied(pictures: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Normalised pictures with another contrast, brightness and tint for each decision; count x ages x cameras x 3 x height x width."""
+    """Normalised pictures with another contrast, brightness and tint for each decision, all shifted alike by some pixels; count x ages x
+    cameras x 3 x height x width."""
 
     def drawn(most: float, *shape: int) -> torch.Tensor:
         number = torch.rand((len(pictures), 1, 1, *shape, 1, 1), device=pictures.device, generator=generator)
         return most * (2 * number - 1)
 
+    down, right = torch.randint(-SHIFTED, SHIFTED + 1, (2,), device=pictures.device, generator=generator).tolist()
+    pictures = torch.roll(pictures, (down, right), dims=(-2, -1))
     return pictures * (1 + drawn(0.2, 1)) + drawn(0.4, 1) + drawn(0.2, 3)
 
 
@@ -175,32 +195,35 @@ def fit(
     generator = torch.Generator(device).manual_seed(given.seed + number)
     columns = {
         name: np.concatenate([getattr(lesson, name) for lesson in lessons])
-        for name in ("body", "place", "back", "task", "velocity", "stands", "goal", "settles")
+        for name in ("body", "place", "where", "back", "task", "velocity", "stands", "moves", "goal", "settles")
     }
-    back, place = columns["back"].astype(np.int64), columns["place"].astype(np.float64)
-    rows = np.arange(len(back))
-    # Each episode is in its lesson from its first decision on, so that what it looks back at is there.
-    olds = [rows - np.minimum(age // shape.every, back) for age in shape.ages]
-    state = state_of(shape.tasks, columns["body"], place, [place[old] for old in olds[1:]], columns["task"])
+    back, where = columns["back"].astype(np.int64), columns["where"].astype(np.float64)
+    looks = np.cumsum([0, *(len(lesson.where) for lesson in lessons)])
+    newest = np.concatenate([first + lesson.frame for first, lesson in zip(looks, lessons)])
+    # Each episode is in its lesson from its first look on, so that what it looks back at is there.
+    olds = [newest - np.minimum(age // shape.every, back) for age in shape.ages]
+    place = columns["place"].astype(np.float64)
+    state = state_of(shape.tasks, columns["body"], place, [where[old] for old in olds[1:]], columns["task"])
     learned = np.flatnonzero(~columns["settles"].astype(bool))
     to = lambda array, kind=torch.float32: torch.from_numpy(np.ascontiguousarray(array)).to(device, kind)  # noqa: E731
     pictures = torch.cat([torch.from_numpy(np.array(lesson.pictures)).to(device) for lesson in lessons])
     ages, states, learned_rows = to(np.stack(olds, 1), torch.int64), to(state), to(learned, torch.int64)
-    velocity = to(columns["velocity"]) / torch.tensor(SPEEDS, device=device)
-    stands, goal = to(columns["stands"]), (to(columns["goal"]) / GOAL).clamp(-2, 2)
+    wanted = torch.cat((to(columns["velocity"]), to(columns["stands"])[:, None], to(columns["moves"])), dim=1)
+    goal = (to(columns["goal"]) / GOAL).clamp(-2, 2)
     network = Network(shape).to(device)
-    network.normalise(states[learned_rows])
+    network.normalise(states[learned_rows], wanted[learned_rows, WALKS:])
     if start is not None:
         network.load_state_dict(start.state_dict())
+    wanted = (wanted - network.centre) / network.scale
+    worth = torch.tensor(list(LEARNED.values()), device=device)
     optimizer = torch.optim.AdamW(network.parameters(), lr=given.rate, weight_decay=1e-4)
     network.train()
-    began, step, totals, counted = time.monotonic(), 0, torch.zeros(3, device=device), 0
+    began, totals = time.monotonic(), torch.zeros(len(LEARNED), device=device)
     print(f"round {number}: {len(learned)} decisions to learn, {device}", flush=True)
-    every = max(1, min(500, given.updates // 20)) if given.updates else 500
-    curve = (given.out / f"curve-{number}.csv").open("w", buffering=1)
-    print("step,velocity,stands,goal", file=curve)
-    while (part := step / given.updates if given.updates else (time.monotonic() - began) / (60 * given.minutes)) < 1:
-        rate = given.rate * min(1, (step + 1) / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * part)))
+    every, curve = max(1, min(500, given.updates // 20)), (given.out / f"curve-{number}.csv").open("w", buffering=1)
+    print("step", *LEARNED, sep=",", file=curve)
+    for step in range(1, given.updates + 1):
+        rate = given.rate * min(1, step / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * step / given.updates)))
         for group in optimizer.param_groups:
             group["lr"] = rate
         drawn = torch.randint(len(learned_rows), (given.batch,), device=device, generator=generator)
@@ -211,32 +234,30 @@ def fit(
         )
         with torch.autocast(device, torch.bfloat16, enabled=device == "cuda"):
             embedding = network.encode(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])
-            output, where = network.decide(embedding, sensed)
-        output, where = output.float(), where.float()
-        moves = (1 - stands[at])[:, None]
+            output, found = network.decide(embedding, sensed)
+        errors, stands = (output.float() - wanted[at]).abs(), wanted[at, WALKS - 1]
         losses = torch.stack(
             (
-                ((output[:, :3] - velocity[at]).abs() * moves).mean(),
-                nn.functional.binary_cross_entropy_with_logits(output[:, 3], stands[at]),
-                (where - goal[at]).abs().mean(),
+                (errors[:, : WALKS - 1] * (1 - stands)[:, None]).mean(),
+                nn.functional.binary_cross_entropy_with_logits(
+                    output[:, WALKS - 1].float(), stands.clamp(SURE, 1 - SURE)
+                ),
+                (found.float() - goal[at]).abs().mean(),
+                errors[:, WALKS:].sum() / max(errors[:, WALKS:].numel(), 1),
             )
         )
         optimizer.zero_grad(set_to_none=True)
-        (losses * torch.tensor((1.0, 0.5, 0.5), device=device)).sum().backward()
+        (losses * worth).sum().backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimizer.step()
-        totals, counted, step = totals + losses.detach(), counted + 1, step + 1
+        totals += losses.detach()
         if step % every == 0:
-            means = [f"{loss:.4f}" for loss in (totals / counted).tolist()]
+            means = [f"{loss:.4f}" for loss in (totals / every).tolist()]
             print(step, *means, sep=",", file=curve)
-            of = " ".join(means)
-            print(
-                f"  step {step}: velocity, stands, goal {of}; {step / (time.monotonic() - began):.1f} steps/s",
-                flush=True,
-            )
-            totals, counted = torch.zeros(3, device=device), 0
+            of, rate = " ".join(means), step / (time.monotonic() - began)
+            print(f"  step {step}: {', '.join(LEARNED)} {of}; {rate:.1f} steps/s", flush=True)
+            totals.zero_()
     curve.close()
-    print(f"  {step} steps, {sum(parameter.numel() for parameter in network.parameters())} parameters", flush=True)
     return network.eval()
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from .. import poses
 from ..expert import Experts
 from ..hand import CONTROL_DT
+from ..kinematics import Kinematics
 from ..vector import VectorEnv
-from ..whole_body import DEAD_ZONE, LEGS_AND_WAIST, WholeBodies
-from .network import Network, Shape, normalised
+from ..whole_body import ARMS, DEAD_ZONE, LEGS_AND_WAIST, WholeBodies
+from .network import POSTURE, WALKS, Network, Shape, normalised
 
 SETTLES = 25
 """Control steps for which the robot stands first, and that are not learned."""
@@ -22,8 +23,21 @@ SLEW = np.array([0.6, 0.6, 1.2])
 """Largest changes of the velocity, m/s^2 and rad/s^2, as in ``crates/policies/src/gait.rs``."""
 RANGES = np.array([[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]])
 """Of the commanded velocity, m/s and rad/s, as in ``crates/policies/src/see.rs``."""
-GOALS = {"S05": "crate", "S07": "fresh_bulb", "S09": "ladder"}
-"""The thing to which each task walks."""
+GOALS = {"S05": "crate", "S07": "fresh_bulb", "S09": "ladder", "S06": "crate", "S08": "fresh_bulb"}
+"""The thing to which each task walks, or at which it works."""
+WITH_HANDS = "S06", "S08"
+"""Tasks for a network that has hands."""
+RATES = 1.2, 3.0
+"""Largest rates of the targets of arms and of hands, rad/s, as in ``crates/policies/src/see.rs``."""
+MAX_TOUCH_N = 20.0
+"""A force that counts as the largest."""
+UPRIGHT = np.array([0.75, 0.0, 0.0, 0.0])
+"""Height, m, roll, pitch and yaw, rad, of a robot that only walks."""
+SLOW_NOISE = 0.02, 1.0
+"""In a lesson with hands that the teacher drives: largest deviation of its noise on the targets of arms and hands, rad, and the time
+in which that changes, s."""
+HANDED_OVER = 0.5, 12.0
+"""In a lesson with hands that a student drives: share of the episodes that the teacher begins, and for how long at most, s."""
 SENSED = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height")
 SENSORS = ("proprioception", "hand_contact", "last_action", "privileged")
 STUMBLES = 0.02, (15, 75)
@@ -34,20 +48,26 @@ Array = NDArray[Any]
 
 @dataclass
 class Lesson:
-    """Decisions of many episodes; a row of each array is one."""
+    """Pictures and decisions of many episodes."""
 
     pictures: Array
-    """Bytes, cameras x height x width x 3."""
+    """Bytes, a row for each look: cameras x height x width x 3."""
+    frame: Array
+    """Of each decision, the row of its newest picture."""
     body: Array
-    """The part of proprioception that is read."""
+    """The part of the body's senses that is read."""
     place: Array
     """x, y, m, and heading, rad, by the robot's own reckoning."""
+    where: Array
+    """The same at each look."""
     back: Array
-    """Decisions of its episode before it."""
+    """Looks of its episode before its newest one."""
     task: Array
     velocity: Array
     """The teacher's, m/s and rad/s."""
     stands: Array
+    moves: Array
+    """The teacher's posture and targets of arms and hands, for a network that has hands."""
     goal: Array
     """Where the goal is, ahead and to the left, m."""
     settles: Array
@@ -65,8 +85,58 @@ class Lesson:
         return cls(**{field.name: np.load(folder / f"{field.name}.npy", mmap_mode="r") for field in fields(cls)})
 
 
+class Notebook:
+    """Takes down the looks and decisions of many worlds, in memory that is there from the beginning."""
+
+    def __init__(self, worlds: int, looks: int, decisions: int, shape: Shape) -> None:
+        width, height = shape.picture
+        self.looked, self.decided = np.zeros(worlds, np.int64), np.zeros(worlds, np.int64)
+        self.pictures = np.zeros((worlds, looks, len(shape.cameras), height, width, 3), np.uint8)
+        self.where = np.zeros((worlds, looks, 3), np.float32)
+        widths = {
+            "body": (shape.sensed,),
+            "place": (3,),
+            "velocity": (3,),
+            "moves": (shape.outputs - WALKS,),
+            "goal": (2,),
+        }
+        kinds = {"frame": np.int64, "back": np.int64, "stands": np.bool_, "settles": np.bool_}
+        names = [field.name for field in fields(Lesson) if field.name not in ("pictures", "where", "task")]
+        self.columns: dict[str, Array] = {
+            name: np.zeros((worlds, decisions, *widths.get(name, ())), kinds.get(name, np.float32)) for name in names
+        }
+
+    def look(self, at: Array, pictures: Sequence[Array], place: Array) -> Array:
+        """Takes down what these worlds see, and where they are. Arguments are of all worlds, pictures from each camera. Returns the
+        pictures, count x cameras x height x width x 3."""
+        rows = self.looked[at]
+        for world, row in zip(at, rows):
+            for camera, seen in enumerate(pictures):
+                # Numbers of pictures are whole.
+                np.copyto(self.pictures[world, row, camera], seen[world], casting="unsafe")
+        self.where[at, rows] = place[at]
+        self.looked[at] += 1
+        return self.pictures[at, rows]
+
+    def decide(self, at: Array, **numbers: Any) -> None:
+        """Takes down a decision of these worlds; numbers are of all worlds."""
+        for name, column in numbers.items():
+            self.columns[name][at, self.decided[at]] = column[at]
+        self.columns["frame"][at, self.decided[at]] = self.looked[at] - 1
+        self.decided[at] += 1
+
+    def lesson(self, task: int) -> Lesson:
+        """All, world after world, so that what an episode saw before stands before it."""
+        looks = np.arange(self.where.shape[1]) < self.looked[:, None]
+        decisions = np.arange(self.columns["back"].shape[1]) < self.decided[:, None]
+        self.columns["frame"] += (np.cumsum(self.looked) - self.looked)[:, None]
+        columns = {name: column[decisions] for name, column in self.columns.items()}
+        tasks = np.full(int(self.decided.sum()), task)
+        return Lesson(pictures=self.pictures[looks], where=self.where[looks], task=tasks, **columns)
+
+
 class Memory:
-    """The pictures that a student has seen in each world, as far back as it looks."""
+    """What a student has seen in each world, as far back as it looks."""
 
     def __init__(self, network: Network, worlds: int, device: str) -> None:
         self.network, self.device = network, device
@@ -77,22 +147,25 @@ class Memory:
         self.places = np.zeros((worlds, self.room, 3))
 
     @torch.inference_mode()
-    def decide(self, worlds: Array, pictures: Array, body: Array, place: Array, back: Array, task: int) -> Array:
-        """The network's answer in these worlds: velocity, m/s and rad/s, and whether to stand."""
-        network = self.network
+    def look(self, worlds: Array, pictures: Array, place: Array, back: Array) -> None:
+        """Keeps the pictures of these worlds, each in the look of its episode that ``back`` looks were before."""
         now = back % self.room
         with torch.autocast(self.device, torch.bfloat16, enabled=self.device == "cuda"):
-            given = normalised(torch.from_numpy(pictures).to(self.device))
-            embedding = network.encode(given).float()
-        at = torch.from_numpy(worlds).to(self.device)
-        self.seen[at, torch.from_numpy(now).to(self.device)] = embedding
+            embedding = self.network.encode(normalised(torch.from_numpy(pictures).to(self.device))).float()
+        at, slot = torch.from_numpy(worlds).to(self.device), torch.from_numpy(now).to(self.device)
+        self.seen[at, slot] = embedding
         self.places[worlds, now] = place
+
+    @torch.inference_mode()
+    def decide(self, worlds: Array, body: Array, place: Array, back: Array, task: int) -> Array:
+        """The network's answer in these worlds, m/s, rad/s, m and rad; ``back`` is of the newest look."""
+        at = torch.from_numpy(worlds).to(self.device)
         slots = [(back - np.minimum(age, back)) % self.room for age in self.ages]
         seen = torch.stack([self.seen[at, torch.from_numpy(slot).to(self.device)] for slot in slots], dim=1)
         old = [self.places[worlds, slot] for slot in slots[1:]]
-        state = torch.from_numpy(state_of(network.shape.tasks, body, place, old, np.full(len(worlds), task)))
-        output, _ = network.decide(seen, state.to(self.device))
-        return network.speeds(output).cpu().numpy()
+        state = torch.from_numpy(state_of(self.network.shape.tasks, body, place, old, np.full(len(worlds), task)))
+        output, _ = self.network.decide(seen, state.to(self.device))
+        return self.network.answer(output).cpu().numpy()
 
 
 def state_of(tasks: Sequence[str], body: Array, place: Array, old: Sequence[Array], task: Array) -> NDArray[np.float32]:
@@ -105,14 +178,12 @@ def state_of(tasks: Sequence[str], body: Array, place: Array, old: Sequence[Arra
     return np.concatenate([*parts, np.eye(len(tasks))[task]], axis=1).astype(np.float32)
 
 
-class Gaits:
-    """Walks of many worlds on command, as ``crates/policies/src/gait.rs`` does it; arms and hands are the teacher's."""
+class Bodies:
+    """Robots on command, as ``crates/policies/src/gait.rs`` has them: legs and waist are the controller's."""
 
-    def __init__(self, worlds: int, threads: int) -> None:
-        self.bodies = WholeBodies(worlds, threads)
+    def __init__(self, worlds: int, threads: int, bends_low: bool = False) -> None:
+        self.bodies = WholeBodies(worlds, threads, bends_low=bends_low)
         self.velocity = np.zeros((worlds, 3))
-        self.commands = np.zeros((worlds, 7))
-        self.commands[:, 3] = 0.75
         self.goals = np.full((worlds, 2, 7), np.nan)
 
     def reset(self, marks: Array) -> None:
@@ -120,15 +191,43 @@ class Gaits:
         self.bodies.reset(marks)
         self.velocity[marks] = 0.0
 
-    def targets(self, sensed: Array, wanted: Array, steps: Array, others: Array) -> Array:
-        """Joint targets, rad; ``others`` are those of a teacher."""
+    def targets(self, sensed: Array, wanted: Array, steps: Array, others: Array, posture: Array = UPRIGHT) -> Array:
+        """Joint targets, rad; those of arms and hands are ``others``."""
         goes = (np.abs(wanted) >= DEAD_ZONE).any(axis=1) & (steps >= SETTLES)
         change = np.clip(wanted - self.velocity, -SLEW * CONTROL_DT, SLEW * CONTROL_DT)
         self.velocity = np.where(goes[:, None], self.velocity + change, 0.0)
-        self.commands[:, :3] = self.velocity
+        commands = np.concatenate([self.velocity, np.broadcast_to(posture, (len(wanted), POSTURE))], axis=1)
         targets = others.copy()
-        targets[:, :LEGS_AND_WAIST] = self.bodies(sensed, self.commands, self.goals)[:, :LEGS_AND_WAIST]
+        targets[:, :LEGS_AND_WAIST] = self.bodies(sensed, commands, self.goals)[:, :LEGS_AND_WAIST]
         return targets
+
+
+def shape_of(tasks: Sequence[str], **settings: Any) -> Shape:
+    """The shape of a network for these tasks.
+
+    Raises:
+        ValueError: Some need hands and others do not.
+    """
+    if not set(tasks) & set(WITH_HANDS):
+        return Shape(tuple(tasks), **settings)
+    if others := [task for task in tasks if task not in WITH_HANDS]:
+        raise ValueError(f"{' and '.join(WITH_HANDS)} need a network that has hands; train {' '.join(others)} apart")
+    env = VectorEnv(tasks[0], 1, sensors=["hand_contact"])
+    touched = touch(env.reset()[0]).shape[1]
+    env.close()
+    return Shape(tuple(tasks), joints=tuple(env.action_names), touched=touched, **settings)
+
+
+@dataclass
+class Played:
+    """A lesson, and how its episodes ended."""
+
+    lesson: Lesson
+    ended: int
+    successes: int
+    """By the strict judge."""
+    without_end: int
+    """Worlds in which none ended: the slow ones, which the share of successes leaves out."""
 
 
 def play(
@@ -142,12 +241,11 @@ def play(
     seed: int,
     device: str,
     takes_over: float = 0.0,
-) -> tuple[Lesson, int, int, int]:
-    """Plays episodes in a world for each room, one after the other, for some control steps, and returns what was seen, the number of
-    episodes that ended, how many of them succeeded by the strict judge, and the number of worlds in which none ended.
+) -> Played:
+    """Plays episodes in a world for each room, one after the other, for some control steps.
 
-    Without a student the teacher drives, and stumbles now and then. With one, the teacher takes over in a share of the episodes, at a
-    time drawn from the whole, and ends them.
+    Without a student the teacher drives, and is disturbed now and then. With one, the teacher ends a share of the episodes, from a time
+    on that is drawn from the whole; and of those with hands it begins some.
     """
     worlds, cameras, every = len(rooms), shape.cameras, shape.every
     env = VectorEnv(
@@ -164,74 +262,148 @@ def play(
         copy=False,
         final_obs=False,
     )
-    random, number = np.random.default_rng([seed, worlds]), shape.tasks.index(task)
-    late = np.random.default_rng([seed, worlds, 1])
-    gaits, experts = Gaits(worlds, env.num_threads), Experts(env, num_threads=env.num_threads)
+    random, number, has_hands = np.random.default_rng([seed, worlds]), shape.tasks.index(task), bool(shape.joints)
+    bodies, experts = Bodies(worlds, env.num_threads, has_hands), Experts(env, num_threads=env.num_threads)
     memory = None if student is None else Memory(student, worlds, device)
-    count, place, wanted = np.zeros(worlds, np.int64), np.zeros((worlds, 3)), np.zeros((worlds, 3))
-    stumbles, has_ended = np.zeros(worlds, np.int64), np.zeros(worlds, np.bool_)
+    disturbs = Stumbles(random, worlds, every) if not has_hands else SlowNoise(random, worlds, len(env.action_names))
+    count, ended, everyone = np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.arange(worlds)
+    place, wanted, successes = np.zeros((worlds, 3)), np.zeros((worlds, 3)), 0
+    posture, arms = np.tile(UPRIGHT, (worlds, 1)), np.zeros((worlds, len(env.action_names) - LEGS_AND_WAIST))
+    # An episode looks at its first step, too, and none ends while it settles.
+    looks = steps // every + steps // SETTLES + 1
+    notebook = Notebook(worlds, looks, steps if has_hands else looks, shape)
+    robot = Kinematics()
+    lower, upper = robot.joint_limits[LEGS_AND_WAIST:].T
+    rates = CONTROL_DT * np.repeat(RATES, (ARMS, arms.shape[1] - ARMS))
 
-    def until() -> Array:
-        """The control step of each world's episode from which the teacher drives."""
-        return np.where(late.random(worlds) < takes_over, late.integers(0, steps, worlds), steps)
+    def student_drives() -> Array:
+        """The control steps of each world's episode from which, and until which, the student drives."""
+        if memory is None:
+            return np.full((2, worlds), steps)
+        share, longest = HANDED_OVER if has_hands else (0.0, 0.0)
+        begins = (random.random(worlds) < share) * random.uniform(0, longest / CONTROL_DT, worlds)
+        ends = np.where(random.random(worlds) < takes_over, random.integers(0, steps, worlds), steps)
+        return np.stack((begins.astype(np.int64), ends))
 
-    drives_until = until()
-    rows: list[tuple[Array, ...]] = []
-    ended = successes = 0
     seen, _ = env.reset(seed=seed)
+    drives = student_drives()
     for _ in range(steps):
         label = experts.label()
-        body = np.concatenate([np.reshape(seen[field], (worlds, -1)) for field in SENSED], axis=1).astype(np.float64)
-        turning, ahead, left = body[:, 2], body[:, 6], body[:, 7]
+        pelvis = _columns(seen, SENSED)
+        turning, ahead, left = pelvis[:, 2], pelvis[:, 6], pelvis[:, 7]
         moving = (count > 0) * CONTROL_DT
         cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
         place += moving[:, None] * np.stack((cos * ahead - sin * left, sin * ahead + cos * left, turning), axis=1)
-        velocity = np.nan_to_num(label.body_command[:, :3])
+        command = np.nan_to_num(label.body_command)
+        velocity, moves = command[:, :3], np.zeros((worlds, 0))
+        body, back = pelvis.astype(np.float32), count // every
+        if has_hands:
+            moves = np.nan_to_num(np.concatenate([command[:, 3:], label.joint_target[:, LEGS_AND_WAIST:]], axis=1))
+            body = np.concatenate([body, _columns(seen, ("joint_position",)), touch(seen)], axis=1).astype(np.float32)
         at = np.flatnonzero(count % every == 0)
         if len(at):
-            pictures = np.stack([seen[camera][at] for camera in cameras], axis=1).astype(np.uint8)
-            back = count[at] // every
-            stands = ~(np.abs(velocity[at]) >= DEAD_ZONE).any(axis=1)
-            settles = (count[at] < SETTLES) | ~label.can_label[at]
-            row = (
-                at,
-                pictures,
-                body[at],
-                place[at],
-                back,
-                velocity[at],
-                stands,
-                _ahead(seen, GOALS[task])[at],
-                settles,
-            )
-            rows.append(tuple(np.array(part, np.float32 if part.dtype == np.float64 else None) for part in row))
+            pictures = notebook.look(at, [seen[camera] for camera in cameras], place)
             if memory is not None:
-                answer = memory.decide(at, pictures, body[at].astype(np.float32), place[at], back, number)
+                memory.look(at, pictures, place[at], back[at])
+        if has_hands:
+            at = everyone
+        if len(at):
+            notebook.decide(
+                at,
+                body=body,
+                place=place,
+                back=back,
+                velocity=velocity,
+                stands=np.all(np.abs(velocity) < DEAD_ZONE, axis=1),
+                moves=moves,
+                goal=_ahead(seen, GOALS[task]),
+                settles=((count < SETTLES) & (not has_hands)) | ~label.can_label,
+            )
+            if memory is not None:
+                answer = memory.decide(at, body[at], place[at], back[at], number)
                 within = np.clip(answer[:, :3], RANGES[:, 0], RANGES[:, 1])
-                wanted[at] = np.where(answer[:, 3:] > 0, 0.0, within)
-                taken = at[count[at] >= drives_until[at]]
-                wanted[taken] = velocity[taken]
-        if memory is None:
-            begins = (random.random(worlds) < STUMBLES[0] / every) & (stumbles == 0) & (count > SETTLES)
-            stumbles[begins] = random.integers(*STUMBLES[1], begins.sum())
-            drawn = random.uniform(RANGES[:, 0], RANGES[:, 1], (worlds, 3))
-            wanted[begins] = drawn[begins]
-            steady = stumbles == 0
-            wanted[steady] = velocity[steady]
-            stumbles = np.maximum(stumbles - 1, 0)
-        sensed = np.concatenate([body, seen["joint_position"], seen["joint_velocity"]], axis=1)
-        targets = gaits.targets(sensed, wanted, count, label.joint_target)
-        seen, _, terminated, truncated, info = env.step(targets)
+                wanted[at] = np.where(answer[:, 3:WALKS] > 0, 0.0, within)
+                if has_hands:
+                    posture, arms = np.split(answer[:, WALKS:].astype(np.float64), [POSTURE], axis=1)
+                    arms = np.clip(arms, lower, upper)
+        # A teacher that cannot answer says NaN.
+        last = robot.q0 + 0.5 * seen["last_action"]
+        taught = np.where(np.isfinite(label.joint_target), label.joint_target, last)
+        others = taught.copy()
+        if has_hands:
+            reached = last[:, LEGS_AND_WAIST:]
+            others[:, LEGS_AND_WAIST:] = reached + np.clip(arms - reached, -rates, rates)
+        led = (count < drives[0]) | (count >= drives[1])
+        if led.any():
+            disturbed, noise = disturbs(velocity, led & (count > SETTLES))
+            wanted[led], posture[led] = disturbed[led], command[led, 3:] if has_hands else UPRIGHT
+            others[led] = (taught + noise)[led]
+        sensed = np.concatenate([pelvis, _columns(seen, ("joint_position", "joint_velocity"))], axis=1)
+        seen, _, terminated, truncated, info = env.step(bodies.targets(sensed, wanted, count, others, posture))
         over = terminated | truncated
         count += 1
         if over.any():
-            ended, successes = ended + int(over.sum()), successes + int(info["success"][over].sum())
-            has_ended |= over
-            drives_until[over] = until()[over]
-            count[over], place[over], wanted[over], stumbles[over] = 0, 0.0, 0.0, 0
-            gaits.reset(over)
+            ended[over] += 1
+            successes += int(info["success"][over].sum())
+            count[over], place[over], wanted[over] = 0, 0.0, 0.0
+            disturbs.reset(over)
+            bodies.reset(over)
+            drives[:, over] = student_drives()[:, over]
     env.close()
-    return _lesson(rows, number), ended, successes, int((~has_ended).sum())
+    return Played(notebook.lesson(number), int(ended.sum()), successes, int((ended == 0).sum()))
+
+
+class Stumbles:
+    """Now and then a random velocity in place of the teacher's, for a while."""
+
+    def __init__(self, random: np.random.Generator, worlds: int, every: int) -> None:
+        self.random, self.chance = random, STUMBLES[0] / every
+        self.left, self.drawn = np.zeros(worlds, np.int64), np.zeros((worlds, 3))
+
+    def __call__(self, velocity: Array, marks: Array) -> tuple[Array, Array]:
+        """Velocities to walk with, and noise on the targets; new stumbles begin in marked worlds."""
+        begins = (self.random.random(len(marks)) < self.chance) & (self.left == 0) & marks
+        self.left[begins] = self.random.integers(*STUMBLES[1], begins.sum())
+        self.drawn[begins] = self.random.uniform(RANGES[:, 0], RANGES[:, 1], (len(marks), 3))[begins]
+        walked = np.where(self.left[:, None] > 0, self.drawn, velocity)
+        self.left = np.maximum(self.left - 1, 0)
+        return walked, np.zeros((len(marks), 1))
+
+    def reset(self, marks: Array) -> None:
+        """Begins an episode in these worlds."""
+        self.left[marks] = 0
+
+
+class SlowNoise:
+    """Noise on the targets of arms and hands that changes slowly, of another width in each episode."""
+
+    def __init__(self, random: np.random.Generator, worlds: int, joints: int) -> None:
+        self.random = random
+        self.noise, self.width = np.zeros((worlds, joints)), np.zeros((worlds, 1))
+        self.reset(np.ones(worlds, bool))
+
+    def __call__(self, velocity: Array, marks: Array) -> tuple[Array, Array]:
+        """Velocities to walk with, and noise on the targets; all are moved on."""
+        keeps = 1 - CONTROL_DT / SLOW_NOISE[1]
+        new = self.width * np.sqrt(1 - keeps**2) * self.random.standard_normal(self.noise.shape)
+        self.noise = keeps * self.noise + new
+        self.noise[:, :LEGS_AND_WAIST] = 0.0
+        return velocity, np.where(marks[:, None], self.noise, 0.0)
+
+    def reset(self, marks: Array) -> None:
+        """Begins an episode in these worlds."""
+        self.noise[marks] = 0.0
+        self.width[marks] = self.random.uniform(0, SLOW_NOISE[0], (int(marks.sum()), 1))
+
+
+def touch(seen: Any) -> Array:
+    """Forces on the bodies of both hands, N, in the order of the sensor ``hand_contact``."""
+    forces = np.concatenate([seen["right_hand_contact"], seen["left_hand_contact"]], axis=1)
+    return np.minimum(np.linalg.norm(forces, axis=2), MAX_TOUCH_N)
+
+
+def _columns(seen: Any, names: Sequence[str]) -> Array:
+    return np.concatenate([np.reshape(seen[name], (len(seen[name]), -1)) for name in names], axis=1).astype(np.float64)
 
 
 def _ahead(seen: Any, thing: str) -> Array:
@@ -239,11 +411,3 @@ def _ahead(seen: Any, thing: str) -> Array:
     robot, goal = poses.of(seen, "robot"), poses.of(seen, thing)
     (x, y), look = (goal[:, :2] - robot[:, :2]).T, poses.heading(robot[:, 3:])
     return np.stack((np.cos(look) * x + np.sin(look) * y, np.cos(look) * y - np.sin(look) * x), axis=1)
-
-
-def _lesson(rows: list[tuple[Array, ...]], task: int) -> Lesson:
-    """Rows in the order of worlds, then of time, so that what an episode saw before stands before it."""
-    columns = [np.concatenate(parts) for parts in zip(*rows)]
-    order = np.argsort(columns[0], kind="stable")
-    pictures, body, place, back, velocity, stands, goal, settles = (column[order] for column in columns[1:])
-    return Lesson(pictures, body, place, back, np.full(len(order), task), velocity, stands, goal, settles)

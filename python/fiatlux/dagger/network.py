@@ -11,21 +11,29 @@ import torch
 from safetensors.torch import save_file
 from torch import nn
 
+from ..whole_body import LEGS_AND_WAIST
+
 FORMAT = "fiatlux-see/1"
 """Name and version of the contract's layout, as ``crates/policies/src/see/network.rs`` reads it."""
 CENTRE, SPREAD = 127.5, 64.0
 """A byte of a picture counts as (byte - CENTRE) / SPREAD."""
 BODY = 10
-"""Numbers of proprioception that it reads: turning, rad/s, direction of gravity, velocity, m/s, all in the pelvis frame, and height, m."""
+"""Numbers of the pelvis that it reads: turning, rad/s, direction of gravity, velocity, m/s, all in the pelvis frame, and height, m."""
 MOVED = 4
 """Numbers that say where the robot was when it took an old picture."""
 SPEEDS = (0.3, 0.2, 0.4)
 """Velocities that count as 1: ahead and to the left, m/s, and about the vertical, rad/s."""
-OUTPUTS = 4
-"""The velocity, and above 0 where it rather stands."""
+WALKS = 4
+"""Numbers that come out first: the velocity, and above 0 where it rather stands."""
+POSTURE = 4
+"""Those of one that has hands come next: height, m, roll, pitch and yaw, rad; then the targets of arms and hands, rad."""
 GOAL = 2.0
 """Distance to the goal that counts as 1, m."""
 MIN_DEVIATION = 0.02
+DROPPED = 0.1
+"""Share of the numbers between layers that training leaves out at random."""
+MIN_MOVE = 0.05
+"""Least deviation of what it moves, m or rad, so that what hardly moves does not count more than it is worth."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +54,25 @@ class Shape:
     hidden: tuple[int, ...] = (256, 256)
     blind: bool = False
     """It sees grey instead of pictures: a twin that shows what they are worth."""
+    joints: tuple[str, ...] = ()
+    """Of a network that has hands: all joints of the robot, whose angles it reads in each control step. It moves arms and hands."""
+    touched: int = 0
+    """Bodies of the hands whose force it feels."""
+
+    @property
+    def sensed(self) -> int:
+        """Numbers of the body that it reads."""
+        return BODY + len(self.joints) + self.touched
 
     @property
     def state(self) -> int:
         """Numbers that the head reads beside embeddings."""
-        return BODY + MOVED * (len(self.ages) - 1) + len(self.tasks)
+        return self.sensed + MOVED * (len(self.ages) - 1) + len(self.tasks)
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that come out."""
+        return WALKS + (POSTURE + len(self.joints) - LEGS_AND_WAIST if self.joints else 0)
 
 
 class Eye(nn.Module):
@@ -78,6 +100,8 @@ class Network(nn.Module):
 
     mean: torch.Tensor
     deviation: torch.Tensor
+    centre: torch.Tensor
+    scale: torch.Tensor
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
@@ -85,16 +109,23 @@ class Network(nn.Module):
         self.eyes = nn.ModuleList(Eye(shape) for _ in shape.cameras)
         sizes = [shape.embedding * len(shape.cameras) * len(shape.ages) + shape.state, *shape.hidden]
         self.head = nn.ModuleList(nn.Linear(*pair) for pair in zip(sizes, sizes[1:]))
-        self.last = nn.Linear(sizes[-1], OUTPUTS)
+        self.last = nn.Linear(sizes[-1], shape.outputs)
         self.goal = nn.Linear(sizes[-1], 2)
         self.register_buffer("mean", torch.zeros(shape.state))
         self.register_buffer("deviation", torch.ones(shape.state))
+        # An answer is centre + scale x number.
+        self.register_buffer("centre", torch.zeros(shape.outputs))
+        self.register_buffer("scale", torch.ones(shape.outputs))
+        self.scale[: len(SPEEDS)] = torch.tensor(SPEEDS)
 
-    def normalise(self, states: torch.Tensor) -> None:
-        """Takes the scales of the state from data; those of the tasks stay as they are."""
+    def normalise(self, states: torch.Tensor, moves: torch.Tensor) -> None:
+        """Takes the scales of the state from data, but those of the tasks; and the scales of posture and joints."""
         numbers = self.shape.state - len(self.shape.tasks)
         self.mean[:numbers] = states[:, :numbers].mean(0)
         self.deviation[:numbers] = states[:, :numbers].std(0).clamp(min=MIN_DEVIATION)
+        if self.shape.joints:
+            self.centre[WALKS:] = moves.mean(0)
+            self.scale[WALKS:] = moves.std(0).clamp(min=MIN_MOVE)
 
     def encode(self, pictures: torch.Tensor) -> torch.Tensor:
         """Embeddings of pictures, which are normalised: count x cameras x 3 x height x width becomes count x numbers."""
@@ -103,16 +134,16 @@ class Network(nn.Module):
         return torch.cat([eye(pictures[:, camera]) for camera, eye in enumerate(self.eyes)], dim=1)
 
     def decide(self, seen: torch.Tensor, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Velocities in units of :data:`SPEEDS` with whether to stand, and where the goal is, from embeddings (count x ages x numbers)
-        and state."""
-        numbers = torch.cat([seen.flatten(1), (state - self.mean) / self.deviation], dim=1)
+        """The answer in units of :attr:`scale`, and where the goal is, from embeddings (count x ages x numbers) and state."""
+        seen = nn.functional.dropout(seen.flatten(1), DROPPED, self.training)
+        numbers = torch.cat([seen, (state - self.mean) / self.deviation], dim=1)
         for layer in self.head:
-            numbers = nn.functional.elu(layer(numbers))
+            numbers = nn.functional.dropout(nn.functional.elu(layer(numbers)), DROPPED, self.training)
         return self.last(numbers), self.goal(numbers)
 
-    def speeds(self, output: torch.Tensor) -> torch.Tensor:
-        """Velocity, m/s and rad/s, and whether to stand, of what :meth:`decide` gave."""
-        return output * torch.tensor([*SPEEDS, 1.0], dtype=output.dtype, device=output.device)
+    def answer(self, output: torch.Tensor) -> torch.Tensor:
+        """What :meth:`decide` gave, in m/s, rad/s, m and rad."""
+        return self.centre + self.scale * output
 
 
 def normalised(pictures: torch.Tensor) -> torch.Tensor:
@@ -139,9 +170,9 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
     seen = weight.shape[1] - shape.state
     scaled = weight[:, seen:] / layers["deviation"]
     head[0] = [torch.cat([weight[:, :seen], scaled], dim=1), bias - scaled @ layers["mean"]]
-    speeds = torch.tensor([*SPEEDS, 1.0], dtype=torch.float64)
-    weight, bias = head[-1]
-    head[-1] = [weight * speeds[:, None], bias * speeds - torch.tensor([0.0, 0.0, 0.0, stands_from])]
+    (weight, bias), centre = head[-1], layers["centre"].clone()
+    centre[WALKS - 1] -= stands_from
+    head[-1] = [weight * layers["scale"][:, None], bias * layers["scale"] + centre]
     for index, (weight, bias) in enumerate(head):
         tensors[f"head.{index}.weight"], tensors[f"head.{index}.bias"] = weight, bias
     tensors = {name: tensor.half().contiguous() for name, tensor in tensors.items()}

@@ -9,7 +9,7 @@ from .._native import TRAINING_SEEDS
 FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
 """Rooms of lessons; all others are for judging."""
 FILE = "settings.json"
-FREE = ("out", "rounds", "threads", "hardware", "run")
+FREE = ("out", "rounds", "updates", "threads", "hardware", "run")
 """Settings that may differ between calls that go on with a run."""
 
 
@@ -19,15 +19,20 @@ def keep(given: argparse.Namespace) -> None:
     Raises:
         ValueError: They are not possible, or the folder has a run with others.
     """
-    if given.rounds < 0 or min(given.worlds, given.steps, given.batch) < 1:
-        raise ValueError("--worlds, --steps and --batch are above 0, and --rounds is not below")
-    rooms, wanted = END_OF_ROOMS - FIRST_ROOM, (given.rounds + 1) * given.worlds
-    if wanted > rooms:
+    if given.rounds < 0 or min(*given.worlds, given.steps, given.batch, given.updates) < 1:
+        raise ValueError("--worlds, --steps, --batch and --updates are above 0, and --rounds is not below")
+    if len(given.worlds) not in (1, len(given.tasks)):
         raise ValueError(
-            f"{given.rounds} rounds after the first, in {given.worlds} rooms each: training has {rooms} rooms"
+            f"--worlds has {len(given.worlds)} numbers for {len(given.tasks)} tasks: give one, or one a task"
         )
+    if given.first_room < FIRST_ROOM:
+        raise ValueError(f"--first-room {given.first_room} is for judging; rooms of lessons begin at {FIRST_ROOM}")
+    rooms, each = END_OF_ROOMS - given.first_room, max(given.worlds)
+    if (given.rounds + 1) * each > rooms:
+        raise ValueError(f"{given.rounds} rounds after the first, in {each} rooms each: training has {rooms} rooms")
     # As JSON has them: lists for tuples.
-    settings = json.loads(json.dumps({name: value for name, value in vars(given).items() if name not in FREE}))
+    settings = {name: value for name, value in vars(given).items() if name not in FREE}
+    settings = json.loads(json.dumps(settings, default=str))
     file = given.out / FILE
     if not file.exists():
         if any(given.out.glob("lessons-*")):
@@ -42,7 +47,7 @@ def keep(given: argparse.Namespace) -> None:
     except (ValueError, TypeError) as error:
         raise ValueError(f"{file} is damaged; name another folder with --out") from error
     others = [
-        f"--{name} {kept.get(name)}, not {settings.get(name)}"
+        f"--{name.replace('_', '-')} {kept.get(name)}, not {settings.get(name)}"
         for name in {**kept, **settings}
         if kept.get(name) != settings.get(name)
     ]

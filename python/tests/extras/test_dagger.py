@@ -13,8 +13,9 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
+from fiatlux.dagger import lessons  # noqa: E402
 from fiatlux.dagger.__main__ import load, main  # noqa: E402
-from fiatlux.dagger.lessons import RANGES, SENSED, SETTLES, SLEW, Gaits, Lesson, Memory, play  # noqa: E402
+from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, play  # noqa: E402
 from fiatlux.dagger.network import Network, Shape, export  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
 
@@ -23,8 +24,8 @@ SMALL = [
     "2",
     "--steps",
     "60",
-    "--minutes",
-    "0.01",
+    "--updates",
+    "3",
     "--batch",
     "8",
     "--picture",
@@ -44,7 +45,7 @@ def run(tmp_path_factory):
 
 def lesson(student=None, seed=1):
     shape = Shape(("S05",), cameras=("chest_camera",), picture=(32, 32))
-    return play("S05", range(1000, 1002), 80, shape=shape, student=student, seed=seed, device="cpu", threads=2)[0]
+    return play("S05", range(1000, 1002), 80, shape=shape, student=student, seed=seed, device="cpu", threads=2).lesson
 
 
 def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
@@ -59,11 +60,16 @@ def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
 @pytest.mark.parametrize(
     "other, message",
     [
-        (["--worlds", "3"], "a run with --worlds 2, not 3: repeat its settings, or name another folder with --out"),
+        (
+            ["--worlds", "3"],
+            r"a run with --worlds \[2\], not \[3\]: repeat its settings, or name another folder with --out",
+        ),
         (["--steps", "80"], "--steps 60, not 80"),
         (["--picture", "48", "48"], r"--picture \[32, 48\], not \[48, 48\]"),
         (["--blind", "--seed", "2"], "--seed 1, not 2; --blind False, not True"),
         (["--rounds", "60000"], "in 2 rooms each: training has 99000 rooms"),
+        (["--worlds", "3", "4", "5"], "--worlds has 3 numbers for 2 tasks: give one, or one a task"),
+        (["--first-room", "64"], "--first-room 64 is for judging"),
     ],
 )
 def test_a_run_goes_on_by_its_own_settings_alone(run, capsys, other, message):
@@ -103,36 +109,57 @@ def test_a_saved_lesson_is_the_same(tmp_path):
 
 def test_a_blind_student_sees_no_picture():
     torch.manual_seed(0)
-    asks = dict(worlds=np.arange(1), body=np.zeros((1, 10), np.float32), place=np.zeros((1, 3)), back=np.zeros(1, int))
+    one, place, back = np.arange(1), np.zeros((1, 3)), np.zeros(1, int)
     for blind in (True, False):
         network = Network(Shape(("S05",), cameras=("camera",), picture=(32, 32), blind=blind))
-        memory, random = Memory(network, 1, "cpu"), np.random.default_rng(0)
+        memory, random = Memory(network.eval(), 1, "cpu"), np.random.default_rng(0)
         pictures = random.integers(0, 256, (2, 1, 1, 32, 32, 3), np.uint8)
-        one, two = (memory.decide(pictures=picture, task=0, **asks) for picture in pictures)
-        assert np.array_equal(one, two) == blind
+        answers = []
+        for picture in pictures:
+            memory.look(one, picture, place, back)
+            answers.append(memory.decide(one, np.zeros((1, 10), np.float32), place, back, 0))
+        assert np.array_equal(*answers) == blind
 
 
+@pytest.fixture(scope="module")
+def hands(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dagger") / "hands"
+    assert main(["train", "--tasks", "S06", "S08", "--out", str(folder), "--rounds", "1", *SMALL]) == 0
+    return folder
+
+
+def test_hands_and_walks_are_not_learned_by_one_network(tmp_path):
+    with pytest.raises(SystemExit, match="train S05 apart"):
+        main(["train", "--tasks", "S06", "S05", "--out", str(tmp_path), *SMALL])
+
+
+@pytest.mark.parametrize("task", ["S09", "S06"])
 @pytest.mark.parametrize("blind", [False, True])
-def test_the_file_plays_what_the_student_would(run, tmp_path, blind):
+def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind):
     program = os.environ.get("FIATLUX_TEST_PROGRAM")
     if program is None:
         pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
-    network, record = load(run / "round-1.pt", "cpu")
+    network, record = load((run if task == "S09" else hands) / "round-1.pt", "cpu")
     if blind:
         weights = network.state_dict()
         network = Network(dataclasses.replace(network.shape, blind=True)).eval()
         network.load_state_dict(weights)
-    file, out = tmp_path / "walks.safetensors", tmp_path / "out"
+    file, out, number = tmp_path / "sees.safetensors", tmp_path / "out", network.shape.tasks.index(task)
     export(network, file, record)
-    settings = ["--tasks", "S09", "--seeds", "1003", "--record", "camera@10,chest_camera@10", "--end-on", "time-out"]
+    settings = ["--tasks", task, "--seeds", "1003", "--record", "camera@10,chest_camera@10", "--end-on", "time-out"]
     played = [program, "evaluate", "--policy", f"see:{file}", "--out", str(out), *settings]
     subprocess.run(played, check=True, capture_output=True, timeout=600)
     (bag,) = (fiatlux.Bag(path) for path in out.rglob("*.mcap"))
-    assert "see:walks.safetensors@" in json.dumps(bag.header)
+    assert "see:sees.safetensors@" in json.dumps(bag.header)
     sensed = bag["/observation"]
-    body = np.concatenate(
-        [np.reshape(sensed[f"proprioception.{name}"], (len(sensed["step"]), -1)) for name in SENSED], 1
-    )
+    column = lambda name: np.reshape(sensed[name], (len(sensed["step"]), -1))  # noqa: E731
+    body = np.concatenate([column(f"proprioception.{name}") for name in lessons.SENSED], 1)
+    read = body
+    if network.shape.joints:
+        forces = column("hand_contact_force").reshape(len(body), -1, 3)
+        touched = np.minimum(np.linalg.norm(forces, axis=2), lessons.MAX_TOUCH_N)
+        read = np.concatenate([body, column("proprioception.joint_position"), touched], 1)
+    targets = bag["/state"]["joint_target"]
     images, commands = bag.images(), bag.commands()
     memory, place, velocity, wanted = Memory(network, 1, "cpu"), np.zeros(3), np.zeros(3), np.zeros(3)
     for step in range(min(400, len(commands))):
@@ -141,31 +168,38 @@ def test_the_file_plays_what_the_student_would(run, tmp_path, blind):
             cos, sin = np.cos(place[2]), np.sin(place[2])
             ahead, left = numbers[6:8]
             place = place + 0.02 * np.array([cos * ahead - sin * left, sin * ahead + cos * left, numbers[2]])
+        one, back = np.arange(1), np.array([step // 5])
         if step % 5 == 0:
             pictures = np.stack([images[camera][step] for camera in network.shape.cameras])[None]
-            answer = memory.decide(
-                np.arange(1), pictures, numbers[None].astype(np.float32), place[None], np.array([step // 5]), 1
-            )[0]
+            memory.look(one, pictures, place[None], back)
+        if step % 5 == 0 or network.shape.joints:
+            answer = memory.decide(one, read[step][None].astype(np.float32), place[None], back, number)[0]
             # Where it hardly prefers to stand or to go, rounding decides.
             assert abs(answer[3]) > 1e-3
             wanted = np.zeros(3) if answer[3] > 0 else np.clip(answer[:3], RANGES[:, 0], RANGES[:, 1])
         goes = (np.abs(wanted) >= DEAD_ZONE).any() and step >= SETTLES
         velocity = velocity + np.clip(wanted - velocity, -SLEW * 0.02, SLEW * 0.02) if goes else np.zeros(3)
         np.testing.assert_allclose(commands[step, :3], velocity, atol=2e-3, err_msg=str(step))
+        if network.shape.joints:
+            np.testing.assert_allclose(commands[step, 3:], answer[4:8], atol=2e-3, err_msg=str(step))
+            rates = 0.02 * np.repeat(lessons.RATES, (14, targets.shape[1] - 29))
+            within = np.clip(answer[8:], *fiatlux.Kinematics().joint_limits[15:].T)
+            moved = targets[step, 15:] + np.clip(within - targets[step, 15:], -rates, rates)
+            np.testing.assert_allclose(targets[step + 1, 15:], moved, atol=2e-3, err_msg=str(step))
 
 
-def test_gaits_set_in_gently_and_stop_at_once():
-    gaits = Gaits(1, 1)
+def test_velocities_set_in_gently_and_stop_at_once():
+    bodies = Bodies(1, 1)
     sensed = np.zeros((1, 10 + 2 * 53))
     sensed[0, 5], sensed[0, 9] = -1.0, 0.75
     ahead, others = np.array([[0.5, 0.0, 0.0]]), np.ones((1, 53))
-    gaits.targets(sensed, ahead, np.array([SETTLES - 1]), others)
-    assert (gaits.velocity == 0).all()
-    targets = gaits.targets(sensed, ahead, np.array([SETTLES]), others)
-    np.testing.assert_allclose(gaits.velocity, [[0.012, 0.0, 0.0]])
+    bodies.targets(sensed, ahead, np.array([SETTLES - 1]), others)
+    assert (bodies.velocity == 0).all()
+    targets = bodies.targets(sensed, ahead, np.array([SETTLES]), others)
+    np.testing.assert_allclose(bodies.velocity, [[0.012, 0.0, 0.0]])
     assert (targets[0, 15:] == 1.0).all() and not (targets[0, :15] == 1.0).any()
-    gaits.targets(sensed, 0 * ahead, np.array([SETTLES + 1]), others)
-    assert (gaits.velocity == 0).all()
+    bodies.targets(sensed, 0 * ahead, np.array([SETTLES + 1]), others)
+    assert (bodies.velocity == 0).all()
 
 
 def test_a_run_of_counted_updates_follows_from_its_seed(tmp_path, capsys):
@@ -176,9 +210,9 @@ def test_a_run_of_counted_updates_follows_from_its_seed(tmp_path, capsys):
         weights.append(load(tmp_path / name / "round-1.pt", "cpu")[0].state_dict())
     for name, numbers in weights[0].items():
         assert torch.equal(numbers, weights[1][name]), name
-    assert "2 worlds ended none" in capsys.readouterr().out
+    assert "none ended in 2 of 2 worlds" in capsys.readouterr().out
     curve = (tmp_path / "one" / "curve-1.csv").read_text().splitlines()
-    assert curve[0] == "step,velocity,stands,goal" and len(curve) == 7
+    assert curve[0] == "step,velocity,stands,goal,moves" and len(curve) == 7
 
 
 def test_the_teacher_takes_over_where_it_is_asked_to():
@@ -186,7 +220,7 @@ def test_the_teacher_takes_over_where_it_is_asked_to():
     torch.manual_seed(0)
     student, settings = Network(shape).eval(), dict(shape=shape, seed=1, device="cpu", threads=2)
     given_up, taken = (
-        play("S05", range(1000, 1004), 200, student=student, takes_over=share, **settings)[0] for share in (0, 1)
+        play("S05", range(1000, 1004), 200, student=student, takes_over=share, **settings).lesson for share in (0, 1)
     )
     # It walks at a time drawn from the first 200 steps on: what the robot does then is what the teacher says.
     assert np.abs(taken.body[:, 6] - given_up.body[:, 6]).max() > 0.1

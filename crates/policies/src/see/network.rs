@@ -20,12 +20,16 @@ const MAX_FILE_BYTES: u64 = 64 << 20;
 const TOLERANCE: f32 = 2e-3;
 /// Cameras that it may have.
 pub(super) const CAMERAS: [&str; 2] = ["camera", "chest_camera"];
-/// Numbers of an observation that it reads beside pictures: turning, gravity and velocity in the pelvis frame, and the pelvis's height.
-const BODY: usize = 10;
+/// Numbers of the pelvis that it reads beside pictures: turning, gravity and velocity in the pelvis frame, and height.
+const PELVIS: usize = 10;
 /// Numbers that say where the robot was when it took an old picture.
 const MOVED: usize = 4;
-/// Numbers that come out: vx, vy, m/s, wz, rad/s, and above 0 where it rather stands.
-pub(super) const OUTPUTS: usize = 4;
+/// Numbers that come out first: vx, vy, m/s, wz, rad/s, and above 0 where it rather stands.
+pub(super) const WALKS: usize = 4;
+/// Those of a network that has hands come next: height, m, roll, pitch and yaw, rad; then the targets of arms and hands, rad.
+pub(super) const POSTURE: usize = 4;
+/// Most joints of a robot, and most bodies of its hands.
+const MAX_PARTS: usize = 128;
 /// Largest number of products in the convolutions of a picture, and of numbers between them: some 0.1 s of a core, and 64 MB.
 const MAX_PRODUCTS: usize = 2_000_000_000;
 const MAX_NUMBERS: usize = 16 << 20;
@@ -73,6 +77,12 @@ pub(super) struct Contract {
     embedding: usize,
     /// Widths of the head's layers.
     hidden: Vec<usize>,
+    /// Of a network that has hands: all joints of the robot, whose angles it reads in each control step. It moves arms and hands.
+    #[serde(default)]
+    pub joints: Vec<String>,
+    /// Bodies of the hands whose force it feels.
+    #[serde(default)]
+    pub touched: usize,
 }
 
 impl Contract {
@@ -125,6 +135,12 @@ impl Contract {
         if self.hidden.len() > 4 || !self.hidden.iter().all(|width| (1..=2048).contains(width)) {
             return refuse("hidden", &self.hidden, "at most 4 widths of 1 to 2048");
         }
+        if !self.joints.is_empty() && !(fiatlux_wbc::BODY + 1..=MAX_PARTS).contains(&self.joints.len()) {
+            return refuse("joints", &self.joints.len(), "none, or those of a robot with hands");
+        }
+        if self.touched > if self.joints.is_empty() { 0 } else { MAX_PARTS } {
+            return refuse("touched", &self.touched, "0 without joints, at most 128 with them");
+        }
         Ok(())
     }
 
@@ -149,7 +165,17 @@ impl Contract {
 
     /// Numbers that the head reads beside embeddings.
     fn state(&self) -> usize {
-        BODY + MOVED * (self.ages.len() - 1) + self.tasks.len()
+        PELVIS + self.joints.len() + self.touched + MOVED * (self.ages.len() - 1) + self.tasks.len()
+    }
+
+    /// True if it moves arms and hands, too.
+    pub fn has_hands(&self) -> bool {
+        !self.joints.is_empty()
+    }
+
+    /// Numbers that come out.
+    fn outputs(&self) -> usize {
+        WALKS + if self.has_hands() { POSTURE + self.joints.len() - fiatlux_wbc::MOVED } else { 0 }
     }
 }
 
@@ -196,7 +222,7 @@ impl Network {
         let eyes = eyes.collect::<Result<Vec<_>, _>>()?;
         let inputs = contract.embedding * contract.cameras.len() * contract.ages.len() + contract.state();
         let sizes: Vec<usize> =
-            std::iter::once(inputs).chain(contract.hidden.iter().copied()).chain([OUTPUTS]).collect();
+            std::iter::once(inputs).chain(contract.hidden.iter().copied()).chain([contract.outputs()]).collect();
         let layer = |(index, pair): (usize, &[usize])| dense(&file, &format!("head.{index}"), pair[0], pair[1]);
         let head = sizes.windows(2).enumerate().map(layer).collect::<Result<Vec<_>, _>>()?;
         let widest = sizes.iter().max().copied().unwrap_or_default();
@@ -217,10 +243,10 @@ impl Network {
             seen.extend(self.encode(camera, &rgb));
         }
         let state = finite(file, "check.state", &[self.contract.state()])?;
-        let expected = finite(file, "check.output", &[OUTPUTS])?;
+        let expected = finite(file, "check.output", &[self.contract.outputs()])?;
         let ages = vec![seen.as_slice(); self.contract.ages.len()];
         let found = self.decide(&ages, &state);
-        match largest_difference(&found, &expected) {
+        match largest_difference(found, &expected) {
             difference if difference <= TOLERANCE => Ok(()),
             difference => Err(SeeError::Check(difference)),
         }
@@ -240,9 +266,9 @@ impl Network {
         self.eyes[camera].run(rgb)
     }
 
-    /// Velocity ahead, to the left and about the vertical, and whether to stand, from the embeddings of each age (cameras one after the
-    /// other) and the other numbers.
-    pub fn decide(&mut self, ages: &[&[f32]], state: &[f32]) -> [f32; OUTPUTS] {
+    /// Velocity ahead, to the left and about the vertical, whether to stand, and what a network that has hands does with them, from the
+    /// embeddings of each age (cameras one after the other) and the other numbers.
+    pub fn decide(&mut self, ages: &[&[f32]], state: &[f32]) -> &[f32] {
         let [from, to] = &mut self.rows;
         let numbers = ages.iter().copied().flatten().chain(state);
         from.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number);
@@ -254,7 +280,7 @@ impl Network {
             }
             std::mem::swap(from, to);
         }
-        std::array::from_fn(|index| self.rows[0][index])
+        &self.rows[0][..self.contract.outputs()]
     }
 }
 

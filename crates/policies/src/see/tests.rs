@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::network::{Network, OUTPUTS, SeeError};
+use super::network::{Network, SeeError, WALKS};
 
 const SIDE: usize = 16;
 const CHANNELS: usize = 16;
@@ -10,7 +10,8 @@ const EMBEDDING: usize = 4;
 const AGES: usize = 2;
 const STATE: usize = 10 + 4 + 2;
 const HIDDEN: usize = 5;
-const HEAD: usize = AGES * EMBEDDING + STATE;
+/// Joints of a robot that has hands, and bodies of these.
+const PARTS: [usize; 2] = [31, 3];
 
 fn numbers(count: usize, seed: usize) -> Vec<f32> {
     (0..count).map(|i| (((i + 13) * 2_654_435_761 + seed * 977) % 1000) as f32 * 4e-4 - 0.2).collect()
@@ -31,6 +32,15 @@ fn contract() -> Value {
     })
 }
 
+/// The contract of a network that has hands.
+fn with_hands() -> Value {
+    let [joints, touched] = PARTS;
+    let mut contract = contract();
+    contract["joints"] = (0..joints).map(|index| format!("joint_{index}")).collect();
+    contract["touched"] = json!(touched);
+    contract
+}
+
 /// Tensors of a network, in an order that their names do not have.
 struct Made {
     picture: Vec<f32>,
@@ -44,15 +54,24 @@ struct Made {
 
 impl Made {
     fn new() -> Self {
+        Self::of(STATE, WALKS)
+    }
+
+    fn with_hands() -> Self {
+        let [joints, touched] = PARTS;
+        Self::of(STATE + joints + touched, WALKS + 4 + joints - 15)
+    }
+
+    fn of(state: usize, outputs: usize) -> Self {
         let side = SIDE / 2;
         Self {
             picture: numbers(SIDE * SIDE * 3, 1).iter().map(|number| ((number + 0.2) * 637.0).floor()).collect(),
             kernel: numbers(CHANNELS * 3 * 9, 2),
             shift: numbers(CHANNELS, 3),
             embed: numbers(EMBEDDING * CHANNELS * side * side, 4),
-            hidden: numbers(HIDDEN * HEAD, 5),
-            last: numbers(OUTPUTS * HIDDEN, 6),
-            state: numbers(STATE, 7),
+            hidden: numbers(HIDDEN * (AGES * EMBEDDING + state), 5),
+            last: numbers(outputs * HIDDEN, 6),
+            state: numbers(state, 7),
         }
     }
 
@@ -90,19 +109,20 @@ impl Made {
     /// The file with another contract, and other expected outputs.
     fn file(&self, contract: &Value, output: &[f64]) -> Vec<u8> {
         let output: Vec<f32> = output.iter().map(|number| *number as f32).collect();
-        let zeros = vec![0.0; CHANNELS.max(HIDDEN)];
+        let outputs = self.last.len() / HIDDEN;
+        let zeros = vec![0.0; CHANNELS.max(HIDDEN).max(outputs)];
         let tensors: [(&str, Vec<usize>, &[f32]); 11] = [
             ("chest_camera.0.weight", vec![CHANNELS, 3, 3, 3], &self.kernel),
             ("chest_camera.0.bias", vec![CHANNELS], &self.shift),
             ("chest_camera.embedding.weight", vec![EMBEDDING, self.embed.len() / EMBEDDING], &self.embed),
             ("chest_camera.embedding.bias", vec![EMBEDDING], &zeros[..EMBEDDING]),
-            ("head.0.weight", vec![HIDDEN, HEAD], &self.hidden),
+            ("head.0.weight", vec![HIDDEN, self.hidden.len() / HIDDEN], &self.hidden),
             ("head.0.bias", vec![HIDDEN], &zeros[..HIDDEN]),
-            ("head.1.weight", vec![OUTPUTS, HIDDEN], &self.last),
-            ("head.1.bias", vec![OUTPUTS], &zeros[..OUTPUTS]),
+            ("head.1.weight", vec![outputs, HIDDEN], &self.last),
+            ("head.1.bias", vec![outputs], &zeros[..outputs]),
             ("check.chest_camera", vec![SIDE, SIDE, 3], &self.picture),
-            ("check.state", vec![STATE], &self.state),
-            ("check.output", vec![OUTPUTS], &output),
+            ("check.state", vec![self.state.len()], &self.state),
+            ("check.output", vec![output.len()], &output),
         ];
         let mut header = json!({"__metadata__": {"contract": contract.to_string()}});
         let mut data = Vec::new();
@@ -135,6 +155,21 @@ fn a_network_gives_the_sums_of_its_definition() {
 }
 
 #[test]
+fn a_network_with_hands_reads_joints_and_touch_and_moves_them() {
+    let made = Made::with_hands();
+    let mut network = Network::from_bytes(&made.file(&with_hands(), &made.output())).expect("a sound file");
+    let seen: Vec<f32> = made.embedding().iter().map(|number| *number as f32).collect();
+    let found = network.decide(&[&seen, &seen], &made.state).to_vec();
+    assert_eq!(found.len(), WALKS + 4 + 31 - 15);
+    for (found, expected) in found.iter().zip(made.output()) {
+        assert!((f64::from(*found) - expected).abs() < 1e-4, "{found} instead of {expected}");
+    }
+    // A file of one that only walks is too small for it.
+    let walks = Made::new();
+    assert!(Network::from_bytes(&walks.file(&with_hands(), &walks.output())).is_err());
+}
+
+#[test]
 fn a_file_that_does_not_fit_is_refused_by_name() {
     let made = Made::new();
     let refused = |contract: &Value, output: &[f64]| {
@@ -155,6 +190,8 @@ fn a_file_that_does_not_fit_is_refused_by_name() {
         ("convolutions", json!([[512, 7, 1], [512, 7, 1], [512, 7, 1]])),
         ("embedding", json!(0)),
         ("hidden", json!([1 << 20])),
+        ("joints", json!(["left_hip_pitch_joint"])),
+        ("touched", json!(3)),
     ] {
         let mut changed = contract();
         changed[field] = value;
