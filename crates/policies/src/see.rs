@@ -20,11 +20,14 @@ use crate::gait::{self, Gait};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
-    name: "see:FILE",
-    does: "acts by what its cameras see, with a network that python -m fiatlux.dagger trained",
+    name: "see[:FILE]",
+    does: "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by what its cameras see; see:FILE acts with a network that \
+           python -m fiatlux.dagger trained",
     make: |file| Ok(Box::new(See::new(file)?)),
 };
 
+/// The network that comes with this version; `weights/README.md` is its card.
+const SHIPPED: &[u8] = include_bytes!("../weights/walks.safetensors");
 /// Ranges of the commanded velocity: ahead and to the left, m/s, and about the vertical, rad/s.
 const RANGES: [[f64; 2]; 3] = [[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]];
 /// A force on a body of a hand that counts as the largest, N.
@@ -84,14 +87,16 @@ impl Place {
 }
 
 impl See {
-    /// Reads its network from a file.
+    /// Reads its network from a file, or takes the one that comes with this version if the file's name is empty.
     ///
     /// # Errors
     /// A file that cannot be read, or that is not such a network.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
-        let network = Network::read(Path::new(file)).map_err(PolicyError::of("see"))?;
-        let (_, body) = body::network("see", "", "")?;
-        let name = body::label("see", file, &[network.digest()]);
+        let shipped = file.is_empty();
+        let network = if shipped { Network::from_bytes(SHIPPED) } else { Network::read(Path::new(file)) };
+        let network = network.map_err(PolicyError::of("see"))?;
+        let (name, body) = body::network("see", "", "")?;
+        let name = if shipped { name } else { body::label("see", file, &[network.digest()]) };
         // A policy's tasks are borrowed for as long as the program runs; a program makes few.
         let tasks = Box::leak(network.contract().tasks().into_boxed_slice());
         Ok(Self { name, network, tasks, body, episode: None })
