@@ -29,7 +29,7 @@ def test_examples_run(page, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "page, section, worlds",
     [
-        ("training.md", "What is trained", fiatlux.WalkingVectorEnv),
+        ("notes/training.md", "What walking pays", fiatlux.WalkingVectorEnv),
         ("notes/training.md", "What following the plan pays", fiatlux.ClimbingVectorEnv),
     ],
 )

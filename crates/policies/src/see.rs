@@ -54,7 +54,7 @@ struct Episode {
     last: Option<u64>,
     /// Frames that were seen, the newest last, as far back as the network looks.
     memory: VecDeque<Frame>,
-    /// What it decided last.
+    /// The last decision.
     command: BodyCommand,
 }
 

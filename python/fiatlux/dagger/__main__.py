@@ -26,7 +26,7 @@ LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 2.0}
 SHIFTED = 2
 """Largest shift of a picture in training, pixels."""
 SURE = 0.02
-"""How far from sure it learns to be whether to stand: the teacher stops within millimetres that no picture shows."""
+"""It learns to be this far from sure whether to stand: the teacher stops within millimetres that no picture shows."""
 EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
   python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --updates 2000 --rounds 2

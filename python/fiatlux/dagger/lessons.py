@@ -136,7 +136,7 @@ class Notebook:
 
 
 class Memory:
-    """What a student has seen in each world, as far back as it looks."""
+    """The looks of a student in each world, as far back as it reads."""
 
     def __init__(self, network: Network, worlds: int, device: str) -> None:
         self.network, self.device = network, device

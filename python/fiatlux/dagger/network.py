@@ -142,7 +142,7 @@ class Network(nn.Module):
         return self.last(numbers), self.goal(numbers)
 
     def answer(self, output: torch.Tensor) -> torch.Tensor:
-        """What :meth:`decide` gave, in m/s, rad/s, m and rad."""
+        """Numbers of :meth:`decide` in m/s, rad/s, m and rad."""
         return self.centre + self.scale * output
 
 

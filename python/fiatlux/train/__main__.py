@@ -149,7 +149,9 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--hardware", default="", help="hardware it was trained on, for the contract")
     export.add_argument("--force", action="store_true", help="overwrite the file")
     add(
-        commands, "terms", "list the terms of the reward with their usual weights; docs/training.md says what each pays"
+        commands,
+        "terms",
+        "list the terms of the reward with their usual weights; docs/notes/training.md says what each pays",
     )
     return parser
 
