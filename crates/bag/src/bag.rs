@@ -1,6 +1,7 @@
 //! Reads a bag.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -24,9 +25,17 @@ pub enum Simulated {
     Everything,
 }
 
-/// Plays the actions of a thin bag again, and writes the episode as the bag at the path. Fails with the reason where the episode cannot
-/// be played, or has other rows or another result than the thin bag says.
-pub type Simulator = fn(&Bag, &Path, Simulated) -> Result<(), String>;
+/// Reasons for which there are no simulated rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Unsimulated {
+    /// The episode, played again, is not the one that the bag says.
+    Differs(String),
+    /// This program cannot play it: another version's, or no place for its rows. It says nothing against the bag.
+    Unable(String),
+}
+
+/// Plays the actions of a thin bag again, and writes the episode as the bag at the path.
+pub type Simulator = fn(&Bag, &Path, Simulated) -> Result<(), Unsimulated>;
 
 static SIMULATOR: OnceLock<Simulator> = OnceLock::new();
 
@@ -37,7 +46,7 @@ pub fn simulate_with(simulator: Simulator) {
 
 /// The simulated episodes of a thin bag, made when they are first read and shared by its clones.
 #[derive(Debug, Clone, Default)]
-struct Thin(Arc<[OnceLock<Result<Episode, String>>; 2]>);
+struct Thin(Arc<[OnceLock<Result<Episode, Unsimulated>>; 2]>);
 
 /// A simulated episode: a bag of its own, which is removed after its last reader.
 #[derive(Debug)]
@@ -46,13 +55,36 @@ pub(crate) struct Episode {
     _folder: Temporary,
 }
 
+/// A new folder among the temporary files, removed with its last user. Of a process that was forked, the first one removes it.
 #[derive(Debug)]
-struct Temporary(PathBuf);
+struct Temporary {
+    path: PathBuf,
+    process: u32,
+}
+
+impl Temporary {
+    fn new() -> io::Result<Self> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let process = std::process::id();
+        loop {
+            let name = format!("fiatlux-rows-{process}-{}", COUNT.fetch_add(1, Ordering::Relaxed));
+            let path = std::env::temp_dir().join(name);
+            match fs::create_dir(&path) {
+                Ok(()) => return Ok(Self { path, process }),
+                // Left by another process with this number, perhaps in another container.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // Left among the temporary files at worst.
-        let _ = fs::remove_dir_all(&self.0);
+        if self.process == std::process::id() {
+            // Left among the temporary files at worst.
+            let _ = fs::remove_dir_all(&self.path);
+        }
     }
 }
 
@@ -204,22 +236,28 @@ impl Bag {
         let made = if all.get().is_some() { all } else { &made[wanted as usize] };
         let episode = made.get_or_init(|| self.simulate(wanted)).as_ref();
         episode.map(|episode| &episode.bag).map_err(|reason| match self.goes_on() {
-            true => BagError::Simulated { path: self.path().into(), reason: reason.clone() },
+            true => self.unsimulated(reason.clone()),
             false => BagError::Slow { path: self.path().into() },
         })
     }
 
-    pub(crate) fn simulate(&self, wanted: Simulated) -> Result<Episode, String> {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        let simulator = SIMULATOR.get().ok_or("this program has no simulator; make a full bag with scorer fill")?;
-        let name = format!("fiatlux-rows-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let folder = std::env::temp_dir().join(name);
-        // What another process left there is not used.
-        fs::create_dir(&folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
-        let (path, folder) = (folder.join("rows.mcap"), Temporary(folder));
+    pub(crate) fn unsimulated(&self, reason: Unsimulated) -> BagError {
+        let path = self.path().into();
+        match reason {
+            Unsimulated::Differs(reason) => BagError::Simulated { path, reason },
+            Unsimulated::Unable(reason) => BagError::Unable { path, reason },
+        }
+    }
+
+    pub(crate) fn simulate(&self, wanted: Simulated) -> Result<Episode, Unsimulated> {
+        let unable = |reason: &str| Unsimulated::Unable(reason.into());
+        let simulator =
+            SIMULATOR.get().ok_or_else(|| unable("this program has no simulator; scorer fill makes it full"))?;
+        let folder = Temporary::new().map_err(|error| unable(&format!("no folder for its rows: {error}")))?;
+        let path = folder.path.join("rows.mcap");
         simulator(self, &path, wanted)?;
-        let bag = Self::open(&path).map_err(|error| error.to_string())?.with_patience(self.patience.clone());
-        Ok(Episode { bag, _folder: folder })
+        let bag = Self::open(&path).map_err(|error| unable(&error.to_string()))?;
+        Ok(Episode { bag: bag.with_patience(self.patience.clone()), _folder: folder })
     }
 
     fn messages<M: Message + Name + Default>(&self, topic: &'static str) -> Messages<'_, M> {
@@ -245,7 +283,8 @@ impl Bag {
 /// Refuses a file that says it is thin and has rows: readers would disagree about what counts.
 fn check_thin(path: &Path, chunks: &[ChunkAt], channels: &Channels) -> Result<(), BagError> {
     let is_kept = |id: &u16| channels.topic(*id).is_none_or(|topic| [topic::ACTION, topic::RESULT].contains(&topic));
-    match chunks.iter().filter_map(|chunk| chunk.channels.as_ref()).flatten().all(is_kept) {
+    // A chunk whose indexes disagree may have anything.
+    match chunks.iter().all(|chunk| chunk.channels.as_ref().is_some_and(|ids| ids.iter().all(is_kept))) {
         true => Ok(()),
         false => Err(BagError::not_a_bag(path, "it says that it is thin, and has more than actions and a result")),
     }

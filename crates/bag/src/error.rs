@@ -38,9 +38,12 @@ pub enum BagError {
     Disagrees { path: PathBuf, what: String },
     #[error("{path} cannot be made thin: {reason}")]
     Form { path: PathBuf, reason: String },
-    /// A bag whose rows cannot be simulated, or are not those of its digest.
+    /// A bag whose rows, simulated, are not those of its digest.
     #[error("the rows of {path} cannot be simulated: {reason}")]
     Simulated { path: PathBuf, reason: String },
+    /// This program cannot simulate it, which says nothing against the bag.
+    #[error("the rows of {path} cannot be simulated here: {reason}; or use the full bag")]
+    Unable { path: PathBuf, reason: String },
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message { path: PathBuf, topic: &'static str, step: u64, source: DecodeError },
 }

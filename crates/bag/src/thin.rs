@@ -16,10 +16,9 @@ impl Bag {
     /// Simulates its actions once, whatever its form, and compares their rows with its result.
     ///
     /// # Errors
-    /// [`BagError::Simulated`]
+    /// [`BagError::Simulated`], [`BagError::Unable`]
     pub fn check_actions(&self) -> Result<(), BagError> {
-        let differs = |reason| BagError::Simulated { path: self.path().into(), reason };
-        self.simulate(Simulated::Rows).map(drop).map_err(differs)
+        self.simulate(Simulated::Rows).map(drop).map_err(|reason| self.unsimulated(reason))
     }
 
     /// Writes this episode as a thin bag. The same episode gives the same bytes.
@@ -33,6 +32,10 @@ impl Bag {
             result.ok_or_else(|| refuse("it is cut, and an episode without its end cannot be simulated again"))?;
         if self.unknown_field.is_some() {
             return Err(refuse("its header has a field that this version does not know"));
+        }
+        let request = self.header().request.as_ref();
+        if !self.header().meshes.is_empty() || request.is_some_and(|request| !request.weights.is_empty()) {
+            return Err(refuse("its sensors used a file that is not in the bag, so they cannot be simulated again"));
         }
         let part = part_of(path);
         let file = File::create(&part).map_err(BagError::io("make", &part))?;
@@ -58,6 +61,17 @@ impl Bag {
         let full = self.holding(topic::OBSERVATION)?;
         fs::copy(full.path(), path).map(drop).map_err(BagError::io("write", path))
     }
+
+    /// Refuses a new form of this bag that cannot be read as this one, before it takes its place; then it is on the disk.
+    fn replaces(&self, new: &Path) -> Result<(), BagError> {
+        let written = Self::open(new)?;
+        if written.header() != self.header() || written.result() != self.result() {
+            let reason = "it does not read back as it was".into();
+            return Err(BagError::Form { path: self.path().into(), reason });
+        }
+        let synced = File::open(new).and_then(|file| file.sync_all());
+        synced.map_err(BagError::io("write", new))
+    }
 }
 
 /// Brings a bag into the other form, in its place; returns false if it has that form. The file is whole in one form or the other at any
@@ -72,13 +86,12 @@ pub fn convert(path: &Path, thin: bool) -> Result<bool, BagError> {
     }
     // Searches leave out what begins with a dot.
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let new = path.with_file_name(format!(".{name}.new"));
-    // Of a process that was killed.
-    let _ = fs::remove_file(&new);
+    let new = path.with_file_name(format!(".{name}.{}.new", std::process::id()));
     let done = match thin {
         true => bag.write_thin(&new).map(drop),
         false => bag.write_full(&new),
     };
+    let done = done.and_then(|()| bag.replaces(&new));
     let done = done.and_then(|()| fs::rename(&new, path).map_err(BagError::io("rename", &new)));
     if done.is_err() {
         for left in [&new, &part_of(&new)] {

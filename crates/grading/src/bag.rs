@@ -69,7 +69,7 @@ pub(crate) fn read(
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
     let damaged = |error: &BagError| match error {
-        BagError::Slow { .. } => unreadable(error),
+        BagError::Slow { .. } | BagError::Unable { .. } => unreadable(error),
         _ => (Fault::Altered, in_full(error)),
     };
     let mut damage = match bag.completeness() {

@@ -107,6 +107,10 @@ def train_rounds(given: argparse.Namespace) -> None:
     record: dict[str, Any] = {"minutes": 0.0, "demonstrated": 0, "labelled": 0}
     if given.start:
         student, record = load(given.start, device)
+        if student.shape != shape:
+            raise SystemExit(
+                f"--start: {given.start} is of another shape or other tasks; repeat its --tasks and --ages"
+            )
     record |= {"seed": given.seed, "hardware": given.hardware}
     for number in range(given.rounds + 1):
         checkpoint = given.out / f"round-{number}.pt"

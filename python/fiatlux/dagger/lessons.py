@@ -28,7 +28,7 @@ GOALS = {"S05": "crate", "S07": "fresh_bulb", "S09": "ladder", "S06": "crate", "
 WITH_HANDS = "S06", "S08"
 """Tasks for a network that has hands."""
 RATES = 1.2, 3.0
-"""Largest rates of the targets of arms and of hands, rad/s, as in ``crates/policies/src/see.rs``."""
+"""Largest rates of the targets of arms and of hands, rad/s, as in ``crates/policies/src/gait.rs``."""
 MAX_TOUCH_N = 20.0
 """A force that counts as the largest."""
 UPRIGHT = np.array([0.75, 0.0, 0.0, 0.0])

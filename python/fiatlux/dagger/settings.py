@@ -5,6 +5,7 @@ import json
 import os
 
 from .._native import TRAINING_SEEDS
+from .lessons import SETTLES
 
 FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
 """Rooms of lessons; all others are for judging."""
@@ -21,6 +22,8 @@ def keep(given: argparse.Namespace) -> None:
     """
     if given.rounds < 0 or min(*given.worlds, given.steps, given.batch, given.updates) < 1:
         raise ValueError("--worlds, --steps, --batch and --updates are above 0, and --rounds is not below")
+    if given.steps <= SETTLES:
+        raise ValueError(f"--steps {given.steps}: nothing is learned of the first {SETTLES} steps of an episode")
     if len(given.worlds) not in (1, len(given.tasks)):
         raise ValueError(
             f"--worlds has {len(given.worlds)} numbers for {len(given.tasks)} tasks: give one, or one a task"

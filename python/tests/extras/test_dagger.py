@@ -69,6 +69,7 @@ def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
         (["--blind", "--seed", "2"], "--seed 1, not 2; --blind False, not True"),
         (["--rounds", "60000"], "in 2 rooms each: training has 99000 rooms"),
         (["--worlds", "3", "4", "5"], "--worlds has 3 numbers for 2 tasks: give one, or one a task"),
+        (["--steps", "20"], "nothing is learned of the first 25 steps"),
         (["--first-room", "64"], "--first-room 64 is for judging"),
     ],
 )

@@ -206,7 +206,7 @@ impl Bags {
         Ok(())
     }
 
-    /// Makes a whole bag thin where that is wanted. What cannot be thin stays full, so nothing is lost.
+    /// Makes a whole bag thin where that is wanted. What cannot be thin stays full.
     fn thin(&self, path: &Path) {
         if self.shared.thin
             && let Err(error) = convert(path, true)

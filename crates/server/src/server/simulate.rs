@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use fiatlux_bag::{Bag, BagWriter, Simulated, simulate_with};
+use fiatlux_bag::{Bag, BagWriter, Simulated, Unsimulated, simulate_with};
 use fiatlux_cli::in_full;
-use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, OpenRequest, Refusal};
+use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, OpenRequest, Refusal, StepRecord};
 use fiatlux_proto::{PROTOCOL, STOPPED, encode, plain};
 use fiatlux_robot::RobotError;
 use fiatlux_sensing::Sensors;
@@ -41,10 +41,21 @@ fn scenes(config: SceneConfig) -> Result<Scenes, RobotError> {
     Ok(Scenes::new(config, Robots::load()?, Vec::new()))
 }
 
+/// Most steps of an episode: those of the longest task.
+const MAX_STEPS: u64 = 72_000;
+
 /// Plays the actions of a bag, and writes the episode.
-fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), String> {
-    let (header, all) = (bag.header(), wanted == Simulated::Everything);
-    let Shared { scenes: own, poses } = shared()?;
+fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), Unsimulated> {
+    let all = wanted == Simulated::Everything;
+    let Shared { scenes: own, poses } = shared().map_err(Unsimulated::Unable)?;
+    let (simulation, first) = begin(bag, own, all).map_err(Unsimulated::Unable)?;
+    let writer = BagWriter::create(path, bag.header()).map_err(|error| Unsimulated::Unable(in_full(&error)))?;
+    play(bag, simulation, first, writer, all.then_some(poses)).map_err(Unsimulated::Differs)
+}
+
+/// The episode of a bag at its start, with its first record.
+fn begin(bag: &Bag, own: &Scenes, all: bool) -> Result<(Simulation, StepRecord), String> {
+    let header = bag.header();
     let other = match header.scene_config.as_str() {
         "" => None,
         text => {
@@ -53,16 +64,31 @@ fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), String> {
         }
     };
     let mut simulation = prepare(header, other.as_ref().unwrap_or(own), all)?;
-    let result = bag.result().ok_or("it has no result")?;
     simulation.stage(header.episode).map_err(said)?;
     let first = simulation.record(None, all).map_err(said)?;
-    let found = first.header.as_ref().ok_or("its first row has no header")?;
-    check_world(found, header)?;
-    let mut writer = BagWriter::create(path, header).map_err(|error| in_full(&error))?;
-    let mut record = first;
+    check_world(first.header.as_ref().ok_or("its first row has no header")?, header)?;
+    Ok((simulation, first))
+}
+
+/// Plays the actions from the start on; with all that the recorder writes where it is given poses.
+fn play(
+    bag: &Bag,
+    mut simulation: Simulation,
+    mut record: StepRecord,
+    mut writer: BagWriter,
+    poses: Option<&Poses>,
+) -> Result<(), String> {
+    let (header, result) = (bag.header(), bag.result().ok_or("it has no result")?);
+    let end = result.end.as_ref().ok_or("its result has no end")?;
+    if end.steps > MAX_STEPS {
+        return Err(format!("it has {} steps; no task has more than {MAX_STEPS}", end.steps));
+    }
     let mut actions = bag.actions();
     loop {
-        let written = if all { poses.write(&mut writer, header, &record) } else { writer.push(&record) };
+        let written = match poses {
+            Some(poses) => poses.write(&mut writer, header, &record),
+            None => writer.push(&record),
+        };
         written.map_err(|error| in_full(&error))?;
         if record.result.is_some() {
             break;
@@ -73,20 +99,23 @@ fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), String> {
         let Some(action) = actions.next() else { break };
         let action: ActionRecord = action.map_err(|error| in_full(&error))?;
         let step = record.step + 1;
+        // What no honest bag has is not simulated.
+        if step > end.steps {
+            return Err(format!("it has actions after its end, which is step {}", end.steps));
+        }
         let at = |refusal| format!("the action of step {step} is refused: {}", said(refusal));
         simulation.step(&command_of(&action)).map_err(at)?;
         let kept = encode(&action);
-        record = simulation.record(Some(action), all).map_err(at)?;
+        record = simulation.record(Some(action), poses.is_some()).map_err(at)?;
         // As it was received: the second time it was a joint target at most.
         record.action = kept;
     }
     if actions.next().is_some() {
         return Err(format!("it has actions after its end, which is step {}", record.step));
     }
-    let is_stopped = result.end.as_ref().is_some_and(|end| end.cause == STOPPED);
     let found = match record.result {
         Some(found) => found,
-        None if is_stopped => simulation.cut_short(STOPPED, "its operator ended it"),
+        None if end.cause == STOPPED => simulation.cut_short(STOPPED, "its operator ended it"),
         None => return Err(format!("its actions end at step {}, before the episode does", record.step)),
     };
     check_result(&found, result)?;
