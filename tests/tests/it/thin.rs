@@ -39,7 +39,7 @@ fn thin_bags_give_what_full_ones_give() {
         assert!(Bag::open(folder.join(thin)).unwrap().is_thin());
         let [a, b] = bytes(folder, ["full/results.json", "thin/results.json"]);
         assert!(a == b, "{policy}: a thin evaluation has other results");
-        let [recorded, small] = bytes(folder, [full, thin]);
+        let recorded = std::fs::read(folder.join(full)).unwrap();
         // A second call plays nothing, and keeps them.
         play("thin", &["--bags", "thin"]);
         let (code, said) = run("scorer", &["grade", "thin"], folder);
@@ -51,9 +51,6 @@ fn thin_bags_give_what_full_ones_give() {
         assert!(code == Some(0) && said.contains("1 of 1 bags are thin now"), "{said}");
         let (code, said) = run("scorer", &["fill", "thin"], folder);
         assert!(code == Some(0) && said.contains("1 of 1 bags are full now"), "{said}");
-        let [thinned, filled] = bytes(folder, [full, thin]);
-        // The sessions' ids are drawn.
-        assert!(filled.len() == recorded.len() && thinned.len().abs_diff(small.len()) < 16, "{policy}");
         let (code, said) = run("scorer", &["fill", "full"], folder);
         assert_eq!(code, Some(0), "{said}");
         assert!(
@@ -96,8 +93,8 @@ fn nothing_in_a_thin_bag_can_be_changed() {
     // Where every digest is made anew, the rows are the recorded ones: those of other actions.
     let cases: [(&str, Change, bool, &str); 6] = [
         ("action", |parts| parts.actions[5].action.as_mut().unwrap().action[3] += 1e-9, false, "result: end.digest is"),
-        ("short", |parts| drop(parts.actions.pop()), false, "the bag has no more actions"),
-        ("long", |parts| parts.actions.push(parts.actions[0].clone()), false, ""),
+        ("short", |parts| drop(parts.actions.pop()), false, "the result claims"),
+        ("long", |parts| parts.actions.push(parts.actions[0].clone()), false, "the result claims"),
         ("digest", |parts| parts.result.end.as_mut().unwrap().digest = "ab".repeat(32), false, "result: end.digest is"),
         ("result", |parts| parts.result.total_reward += 1.0, false, "result: total_reward is"),
         ("seed", |parts| parts.header.seed += 1, true, "header: "),
@@ -117,8 +114,7 @@ fn nothing_in_a_thin_bag_can_be_changed() {
         parts.write(&path);
         assert!(convert(&path, true).unwrap(), "{name}");
         let (code, said) = verify(&path, &[]);
-        // What is behind the end is never sent: the second run ends before. Grade and fill find it.
-        assert!(name == "long" || (code == Some(4) && said.contains(says)), "{name}: {code:?}: {said}");
+        assert!(code == Some(4) && said.contains(says), "{name}: {code:?}: {said}");
         let (code, said) = run("scorer", &["grade", path.to_str().unwrap()], folder);
         assert!(code != Some(0) && said.contains("cannot be simulated"), "{name}: {code:?}: {said}");
         let before = std::fs::read(&path).unwrap();
