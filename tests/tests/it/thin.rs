@@ -15,10 +15,6 @@ fn run(name: &str, args: &[&str], folder: &Path) -> (Option<i32>, String) {
     (done.status.code(), said.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-fn bytes(folder: &Path, names: [&str; 2]) -> [Vec<u8>; 2] {
-    names.map(|name| std::fs::read(folder.join(name)).unwrap())
-}
-
 /// Guards both ways through every command: recorded thin, made thin, filled, graded, resumed, shown.
 #[test]
 fn thin_bags_give_what_full_ones_give() {
@@ -37,9 +33,12 @@ fn thin_bags_give_what_full_ones_give() {
         let paths = [format!("full/{bag}"), format!("thin/{bag}")];
         let [full, thin] = paths.each_ref().map(String::as_str);
         assert!(Bag::open(folder.join(thin)).unwrap().is_thin());
-        let [a, b] = bytes(folder, ["full/results.json", "thin/results.json"]);
-        assert!(a == b, "{policy}: a thin evaluation has other results");
-        let recorded = std::fs::read(folder.join(full)).unwrap();
+        let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+        assert!(
+            read("full/results.json") == read("thin/results.json"),
+            "{policy}: a thin evaluation has other results"
+        );
+        let recorded = read(full);
         // A second call plays nothing, and keeps them.
         play("thin", &["--bags", "thin"]);
         let (code, said) = run("scorer", &["grade", "thin"], folder);
@@ -53,10 +52,7 @@ fn thin_bags_give_what_full_ones_give() {
         assert!(code == Some(0) && said.contains("1 of 1 bags are full now"), "{said}");
         let (code, said) = run("scorer", &["fill", "full"], folder);
         assert_eq!(code, Some(0), "{said}");
-        assert!(
-            std::fs::read(folder.join(full)).unwrap() == recorded,
-            "{policy}: a filled bag is not the recorded one"
-        );
+        assert!(read(full) == recorded, "{policy}: a filled bag is not the recorded one");
         for out in ["full", "thin"] {
             std::fs::remove_dir_all(folder.join(out)).unwrap();
         }
