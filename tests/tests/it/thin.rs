@@ -43,7 +43,7 @@ fn thin_bags_give_what_full_ones_give() {
         play("thin", &["--bags", "thin"]);
         let (code, said) = run("scorer", &["grade", "thin"], folder);
         assert!(code == Some(0) && said.contains("says the same as its bags"), "{said}");
-        let (code, said) = run("fiatlux", &["view", thin, "--out", "page.html"], folder);
+        let (code, said) = run("fiatlux", &["view", thin, "--out", "page.html", "--force"], folder);
         assert!(code == Some(0) && folder.join("page.html").metadata().unwrap().len() > 100_000, "{said}");
 
         let (code, said) = run("scorer", &["thin", "full"], folder);
@@ -93,7 +93,15 @@ fn nothing_in_a_thin_bag_can_be_changed() {
         ("long", |parts| parts.actions.push(parts.actions[0].clone()), false, "the result claims"),
         ("digest", |parts| parts.result.end.as_mut().unwrap().digest = "ab".repeat(32), false, "result: end.digest is"),
         ("result", |parts| parts.result.total_reward += 1.0, false, "result: total_reward is"),
-        ("seed", |parts| parts.header.seed += 1, true, "header: "),
+        (
+            "seed",
+            |parts| {
+                parts.header.seed += 1;
+                parts.header.request.as_mut().unwrap().seed += 1;
+            },
+            true,
+            "header: ",
+        ),
     ];
     for (name, change, is_sealed, says) in cases {
         let mut parts = Parts::of(&recorded);
