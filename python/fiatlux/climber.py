@@ -7,16 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from .whole_body import _FIELDS
 
-_TERMS = (
-    "base_angular_velocity",
-    "projected_gravity",
-    "base_linear_velocity",
-    "base_height",
-    "joint_position",
-    "joint_velocity",
-    "last_action",
-)
+_TERMS = (*_FIELDS, "last_action")
 
 
 class Climber:

@@ -456,7 +456,7 @@ fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
 pub(crate) fn write_thin(py: Python<'_>, path: std::path::PathBuf, to: std::path::PathBuf) -> PyResult<bool> {
     let write = || {
         let bag = File::open(&path)?;
-        let wanted = !bag.is_thin() && *bag.completeness() == Completeness::Whole;
+        let wanted = !bag.is_thin() && bag.stays_full().is_none();
         if wanted { bag.write_thin(&to).map(|_| true) } else { Ok(false) }
     };
     py.detach(|| guarded(write))?.map_err(|error| failed(&error))

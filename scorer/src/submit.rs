@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use fiatlux_access::check_private;
+use fiatlux_bag::Temporary;
 use fiatlux_cli::{BagForm, ProgressLine};
 use fiatlux_leaderboard::{Manifest, Stage, Submit, SubmitProgress, Submitted, Upload};
 use fiatlux_proto::plain;
@@ -72,9 +73,10 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
         note: args.note.clone(),
     };
     let line = ProgressLine::default();
-    let copies = ThinCopies::new(args.bags)?;
-    if let Some(ThinCopies(folder)) = &copies {
-        upload.make_thin(folder, &mut |done, all| line.show(|| format!("made {done} of {all} bags thin")))?;
+    let copies =
+        args.bags.is_thin().then(|| Temporary::new("submit")).transpose().context("no folder for thin copies")?;
+    if let Some(folder) = &copies {
+        upload.make_thin(folder.path(), &mut |done, all| line.show(|| format!("made {done} of {all} bags thin")))?;
     }
     let mib = |bytes: u64| bytes >> 20;
     let mut progress = |progress| {
@@ -93,27 +95,6 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
     let submitted = done?;
     fiatlux_cli::print(said(&submitted, args)?)?;
     Ok(if submitted.state == Stage::Refused { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
-}
-
-/// A folder for thin copies of bags, until they are sent.
-struct ThinCopies(PathBuf);
-
-impl ThinCopies {
-    fn new(form: BagForm) -> Result<Option<Self>> {
-        if !form.is_thin() {
-            return Ok(None);
-        }
-        let folder = std::env::temp_dir().join(format!("fiatlux-submit-{}", std::process::id()));
-        std::fs::create_dir(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        Ok(Some(Self(folder)))
-    }
-}
-
-impl Drop for ThinCopies {
-    fn drop(&mut self) {
-        // Left among the temporary files at worst.
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 fn said(submitted: &Submitted, args: &SubmitArgs) -> Result<String> {

@@ -57,17 +57,21 @@ pub(crate) struct Episode {
 
 /// A new folder among the temporary files, removed with its last user. Of a process that was forked, the first one removes it.
 #[derive(Debug)]
-struct Temporary {
+pub struct Temporary {
     path: PathBuf,
     process: u32,
 }
 
 impl Temporary {
-    fn new() -> io::Result<Self> {
+    /// A folder `fiatlux-NAME-...`.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn new(name: &str) -> io::Result<Self> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let process = std::process::id();
         loop {
-            let name = format!("fiatlux-rows-{process}-{}", COUNT.fetch_add(1, Ordering::Relaxed));
+            let name = format!("fiatlux-{name}-{process}-{}", COUNT.fetch_add(1, Ordering::Relaxed));
             let path = std::env::temp_dir().join(name);
             match fs::create_dir(&path) {
                 Ok(()) => return Ok(Self { path, process }),
@@ -76,6 +80,11 @@ impl Temporary {
                 Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 }
 
@@ -253,7 +262,7 @@ impl Bag {
         let unable = |reason: &str| Unsimulated::Unable(reason.into());
         let simulator =
             SIMULATOR.get().ok_or_else(|| unable("this program has no simulator; scorer fill makes it full"))?;
-        let folder = Temporary::new().map_err(|error| unable(&format!("no folder for its rows: {error}")))?;
+        let folder = Temporary::new("rows").map_err(|error| unable(&format!("no folder for its rows: {error}")))?;
         let path = folder.path.join("rows.mcap");
         simulator(self, &path, wanted)?;
         let bag = Self::open(&path).map_err(|error| unable(&error.to_string()))?;

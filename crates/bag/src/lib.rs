@@ -50,7 +50,7 @@ mod thin;
 pub mod topic;
 mod writer;
 
-pub use bag::{Bag, Completeness, Simulated, Simulator, Unsimulated, simulate_with};
+pub use bag::{Bag, Completeness, Simulated, Simulator, Temporary, Unsimulated, simulate_with};
 pub use error::BagError;
 pub use find::{BAGS, BagFiles, FindError, bag_name};
 pub use leftover::is_leftover;

@@ -21,22 +21,30 @@ impl Bag {
         self.simulate(Simulated::Rows).map(drop).map_err(|reason| self.unsimulated(reason))
     }
 
+    /// The reason for which no thin bag can be made of this one: something would be lost.
+    pub fn stays_full(&self) -> Option<&'static str> {
+        let request = self.header().request.as_ref();
+        if *self.completeness() != Completeness::Whole {
+            Some("it is cut, and an episode without its end cannot be simulated again")
+        } else if self.unknown_field.is_some() {
+            Some("its header has a field that this version does not know")
+        } else if !self.header().meshes.is_empty() || request.is_some_and(|request| !request.weights.is_empty()) {
+            Some("its sensors used a file that is not in the bag, so they cannot be simulated again")
+        } else {
+            None
+        }
+    }
+
     /// Writes this episode as a thin bag. The same episode gives the same bytes.
     ///
     /// # Errors
-    /// It is cut, or has something that this version does not know; or a file cannot be read or written.
+    /// It [stays full](Self::stays_full), or a file cannot be read or written.
     pub fn write_thin(&self, path: &Path) -> Result<PathBuf, BagError> {
         let refuse = |reason: &str| BagError::Form { path: self.path().into(), reason: reason.into() };
-        let result = self.result().filter(|_| *self.completeness() == Completeness::Whole);
-        let result =
-            result.ok_or_else(|| refuse("it is cut, and an episode without its end cannot be simulated again"))?;
-        if self.unknown_field.is_some() {
-            return Err(refuse("its header has a field that this version does not know"));
+        if let Some(reason) = self.stays_full() {
+            return Err(refuse(reason));
         }
-        let request = self.header().request.as_ref();
-        if !self.header().meshes.is_empty() || request.is_some_and(|request| !request.weights.is_empty()) {
-            return Err(refuse("its sensors used a file that is not in the bag, so they cannot be simulated again"));
-        }
+        let result = self.result().ok_or_else(|| refuse("it has no result"))?;
         let part = part_of(path);
         let file = File::create(&part).map_err(BagError::io("make", &part))?;
         let mut writer = BagWriter::start(path, part, file, self.header(), true)?;

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use fiatlux_bag::run::journals;
-use fiatlux_bag::{Bag, BagError, BagFiles, Completeness, FindError};
+use fiatlux_bag::{Bag, BagError, BagFiles, FindError};
 use serde::Deserialize;
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
@@ -118,7 +118,7 @@ impl Upload {
         Ok(Self { manifest, files })
     }
 
-    /// Puts thin copies, in a folder, in the place of full bags; cut ones stay as they are. The same bag gives the same copy, so that an
+    /// Puts thin copies, in a folder, in the place of full bags; what [stays full](Bag::stays_full) is left. The same bag gives the same copy, so that an
     /// interrupted upload can be resumed. `progress` receives the bags done and the bags in all.
     ///
     /// # Errors
@@ -131,7 +131,7 @@ impl Upload {
                 continue;
             }
             let bag = Bag::open(&path)?;
-            if !bag.is_thin() && *bag.completeness() == Completeness::Whole {
+            if !bag.is_thin() && bag.stays_full().is_none() {
                 *path = bag.write_thin(&folder.join(name))?;
             }
         }

@@ -92,6 +92,7 @@ fn a_bag_whose_sensors_used_a_file_stays_full() {
     push(&mut writer, 0..ROWS);
     writer.finish(&result(ROWS)).unwrap();
     let before = std::fs::read(&path).unwrap();
+    assert!(Bag::open(&path).unwrap().stays_full().is_some());
     assert!(matches!(convert(&path, true), Err(BagError::Form { .. })));
     assert!(std::fs::read(&path).unwrap() == before, "it stays as it is");
 }

@@ -2,6 +2,10 @@
 
 use serde_json::{Value, json};
 
+use fiatlux_client::Policy;
+use fiatlux_rules::Task;
+
+use super::See;
 use super::network::{Network, SeeError, WALKS};
 
 const SIDE: usize = 16;
@@ -205,4 +209,12 @@ fn a_file_that_does_not_fit_is_refused_by_name() {
     let error = Network::from_bytes(&made.file(&contract(), &other)).expect_err("other numbers");
     assert!(matches!(error, SeeError::Check(difference) if difference > 0.005), "{error}");
     assert!(Network::from_bytes(&[0; 7]).is_err() && Network::from_bytes(b"").is_err());
+}
+
+/// Guards the shipped file: it is read, gives the numbers of its export, and is of the three tasks.
+#[test]
+fn the_shipped_network_walks_in_three_tasks() {
+    let see = See::new("").expect("the shipped network");
+    assert_eq!(see.name(), "see");
+    assert_eq!(see.tasks(), [Task::S05, Task::S07, Task::S09]);
 }

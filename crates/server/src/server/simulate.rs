@@ -8,6 +8,7 @@ use fiatlux_cli::in_full;
 use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, OpenRequest, Refusal, StepRecord};
 use fiatlux_proto::{PROTOCOL, STOPPED, encode, plain};
 use fiatlux_robot::RobotError;
+use fiatlux_rules::Task;
 use fiatlux_sensing::Sensors;
 use fiatlux_session::{Command, Host};
 use fiatlux_world::SceneConfig;
@@ -40,9 +41,6 @@ fn shared() -> Result<&'static Shared, String> {
 fn scenes(config: SceneConfig) -> Result<Scenes, RobotError> {
     Ok(Scenes::new(config, Robots::load()?, Vec::new()))
 }
-
-/// Most steps of an episode: those of the longest task.
-const MAX_STEPS: u64 = 72_000;
 
 /// Plays the actions of a bag, and writes the episode.
 fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), Unsimulated> {
@@ -80,8 +78,9 @@ fn play(
 ) -> Result<(), String> {
     let (header, result) = (bag.header(), bag.result().ok_or("it has no result")?);
     let end = result.end.as_ref().ok_or("its result has no end")?;
-    if end.steps > MAX_STEPS {
-        return Err(format!("it has {} steps; no task has more than {MAX_STEPS}", end.steps));
+    let longest = Task::ALL.into_iter().map(Task::horizon_steps).max().unwrap_or_default();
+    if end.steps > longest {
+        return Err(format!("it has {} steps; no task has more than {longest}", end.steps));
     }
     let mut actions = bag.actions();
     loop {
