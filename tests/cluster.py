@@ -3,7 +3,8 @@
     python cluster.py TARGET/debug FOLDER [same] [kills] [many] [--episodes 10000] [--kills 20] [--only walk,python,openpi]
 
 Python is one with the packages fiatlux (built from this checkout), ray, and those of `bridge/requirements.txt`. Each part prints what
-it compared, and ends the program with an error where something differs. `many` takes some 4 GB of disk for 10,000 episodes.
+it compared, and ends the program with an error where something differs. `many` takes some 4 GB of disk for 10,000 episodes, and goes on
+with the shards that are in its folder; the other parts empty theirs.
 """
 
 import argparse
@@ -11,8 +12,8 @@ import json
 import os
 import pathlib
 import random
-import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -29,13 +30,26 @@ class Waver:
 """
 
 
+SLOW = """
+import os, pathlib, time
+class Slow(Waver):
+    def reset(self, info):
+        super().reset(info)
+        if pathlib.Path(PIDS).is_dir():
+            pathlib.Path(PIDS, f"{info['seed']}-{os.getpid()}").touch()
+        self.steps = 0
+    def __call__(self, observation):
+        time.sleep(0.02)
+        return super().__call__(observation)
+"""
+
+
 class Lab:
     """Programs, a folder, and processes that end with it."""
 
     def __init__(self, programs, folder):
         self.programs, self.folder, self.running = programs, folder, []
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
 
     def path(self, name):
         return self.folder / name
@@ -222,67 +236,107 @@ def same(lab, only):
             double.kill()
 
 
+def begun(folder, process):
+    """Waits until a process records an episode below a folder; false if it ended before."""
+    while process.poll() is None:
+        if any(folder.rglob("*.mcap.part")):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def compared(found, expected, what):
+    print(f"{what}: {'equal' if found == expected else 'DIFFERENT'}", flush=True)
+    assert found == expected
+
+
 def kills(lab, count):
-    """Kills of shards, of Ray's workers, and of servers, each restarted once."""
+    """Kills in the middle of episodes: of shards, of Ray's workers, and of a server; each is restarted, and the results compared."""
     draw = random.Random(58)
-    rooms = ["--tasks", "S05", "--seeds", f"0..{count - 1}"]
+    shards, workers = 2 * count // 5, 3 * count // 10
+    rooms = ["--tasks", "S05", "--seeds", f"0..{2 * shards - 1}"]
     evaluate = lab.command("fiatlux", "evaluate", "--policy", "walk", *rooms, "--workers", "1", "--out")
     lab.run([*evaluate, "k-one"])
-    expected = results(lab.path("k-one"))
-    per = count // 2
-    for k in range(1, per + 1):
-        shard = [*evaluate, f"k-{k}of{per}", "--shard", f"{k}/{per}"]
+    expected, killed = results(lab.path("k-one")), 0
+    for k in range(1, shards + 1):
+        shard = [*evaluate, f"k-{k}of{shards}", "--shard", f"{k}/{shards}"]
         process = lab.start(shard)
-        time.sleep(draw.uniform(0.3, 4.0))
+        assert begun(lab.path(f"k-{k}of{shards}"), process)
+        time.sleep(draw.uniform(0.0, 0.5))
+        killed += process.poll() is None
         process.kill()
         process.wait()
         lab.run(shard)
-    found = graded(lab, "k-merged", [f"k-{k}of{per}" for k in range(1, per + 1)])
-    print(f"{per} kills of shards: {'equal' if found == expected else 'DIFFERENT'}", flush=True)
-    assert found == expected
+    found = graded(lab, "k-merged", [f"k-{k}of{shards}" for k in range(1, shards + 1)])
+    compared(found, expected, f"{killed} kills of shards")
+    assert killed == shards
+
+    say = f"TASKS, SEEDS = ['S05'], list(range({workers}))\nPIDS = {str(lab.path('pids'))!r}\n" + SLOW
+    lab.run(lab.python(say + "fiatlux.evaluate(Slow, TASKS, SEEDS, out='k-py', run_file='k-py.toml')"))
+    lab.path("pids").mkdir()
+    on_ray = 'import ray\nray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)\nimport fiatlux.ray\n'
+    process = lab.start(
+        lab.python(say + on_ray + "assert not fiatlux.ray.evaluate(Slow, TASKS, SEEDS, out='k-ray', shard_size=1).lost")
+    )
+    killed, seen = 0, set()
+    while killed < workers and process.poll() is None:
+        for seed, pid in [path.name.split("-") for path in lab.path("pids").iterdir()]:
+            if seed not in seen:
+                time.sleep(draw.uniform(0.0, 0.5))
+                os.kill(int(pid), signal.SIGKILL)
+                seen.add(seed)
+                killed += 1
+        time.sleep(0.05)
+    assert process.wait() == 0
+    compared(results(lab.path("k-ray")), results(lab.path("k-py")), f"{killed} kills of Ray's workers")
+    assert killed == workers
+
     client = lab.command("policy-client", "evaluate", "--policy", "walk", *rooms, "-e", "tcp/127.0.0.1:17214")
+    server, killed = lab.server("lab", 17214, "k-lab"), 0
     client = lab.start([*client, "--server", "lab", "--run-file", "k.toml"])
-    server = lab.server("lab", 17214, "k-lab")
-    for _ in range(count - per):
-        time.sleep(draw.uniform(1.0, 5.0))
-        if client.poll() is not None:
-            break
+    while killed < count - shards - workers and begun(lab.path("k-lab"), client):
+        time.sleep(draw.uniform(0.0, 1.0))
         server.kill()
         server.wait()
+        killed += 1
+        for left in lab.path("k-lab").rglob("*.mcap.part"):
+            left.rename(left.with_suffix(".left"))
         server = lab.server("lab", 17214, "k-lab")
     assert client.wait() == 0
     lab.end()
-    found = graded(lab, "k-servers", [lab.path("k-lab")])
-    print(f"kills of a server: {'equal' if found == expected else 'DIFFERENT'}", flush=True)
-    assert found == expected
+    compared(graded(lab, "k-servers", [lab.path("k-lab")]), expected, f"{killed} kills of a server")
+    assert killed == count - shards - workers
 
 
 def many(lab, episodes):
-    """Many short episodes in 16 shards, merged, and a sample verified."""
+    """Many short episodes in 16 shards, merged, and a sample verified; and as many in a registered run."""
     rooms = ["--policy", "random", "--tasks", "S05", "--seeds", f"0..{episodes - 1}"]
-    evaluate = lab.command("fiatlux", "evaluate", *rooms, "--out")
-    for first in range(1, 17, 2):
-        for shard in [lab.start([*evaluate, f"m-{k}of16", "--shard", f"{k}/16", "--workers", "1"]) for k in (first, first + 1)]:
-            assert shard.wait() == 0
-    merge = lab.command("scorer", "merge", "m-all", *(f"m-{k}of16" for k in range(1, 17)))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = lab.run(merge)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    took = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    print(f"{episodes} episodes: merged in {took:.1f} CPU s, at most {after.ru_maxrss / 1024:.0f} MB", flush=True)
-    assert f"{episodes} episodes of 16 folders" in said, said
-    sample = random.Random(58).sample(sorted(lab.path("m-all/bags").glob("*.mcap")), min(200, episodes))
-    thin = lab.path("sample")
-    thin.mkdir()
-    for bag in sample:
-        shutil.copy(bag, thin)
-    print(lab.run(lab.command("scorer", "thin", "sample")).splitlines()[-1])
+    evaluate = lab.command("fiatlux", "evaluate", *rooms, "--workers", "1", "--out")
+    names = [f"m-{k}of16" for k in range(1, 17)]
+    for k, name in enumerate(names, 1):
+        if not lab.path(name).is_dir():
+            lab.run([*evaluate, name, "--shard", f"{k}/16"])
+    process = subprocess.Popen(lab.command("scorer", "merge", "m-all", *names), cwd=lab.folder, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    took, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    bags = sorted(lab.path("m-all/bags").glob("*.mcap"))
+    print(f"{len(bags)} of {episodes} episodes: merged in {took:.1f} CPU s and {memory:.0f} MB", flush=True)
+    assert status == 0 and len(bags) == episodes
+    sample = lab.path("sample")
+    sample.mkdir(exist_ok=True)
+    for bag in random.Random(58).sample(bags, min(200, episodes)):
+        shutil.copy(bag, sample)
+    lab.run(lab.command("scorer", "thin", "sample"))
     lab.server("lab", 17215, "m-lab")
     said = lab.run(lab.command("scorer", "verify", "sample", "-e", "tcp/127.0.0.1:17215"))
+    print(f"a sample as thin bags: {said.count('equal: ')} of {min(200, episodes)} equal", flush=True)
+    assert said.count("equal: ") == min(200, episodes)
+    client = lab.command("policy-client", "evaluate", *rooms, "-e", "tcp/127.0.0.1:17215", "--run-file", "m.toml")
+    lab.run([*client, "--shard", f"1/{episodes // 10}"])
     lab.end()
-    equal = said.count("equal: ")
-    print(f"a sample of {len(sample)} as thin bags: {equal} equal", flush=True)
-    assert equal == len(sample)
+    (journal,) = lab.path("m-lab").rglob("*.run.jsonl")
+    planned = json.loads(journal.read_text().splitlines()[0])
+    print(f"a run of {len(json.dumps(planned))} bytes is registered, and a shard of 10 episodes played", flush=True)
 
 
 def main():
@@ -296,6 +350,8 @@ def main():
     args = parser.parse_args()
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     for part in args.parts:
+        if part != "many":
+            shutil.rmtree(args.folder / part, ignore_errors=True)
         lab = Lab(args.programs, args.folder / part)
         try:
             {"same": lambda: same(lab, args.only), "kills": lambda: kills(lab, args.kills), "many": lambda: many(lab, args.episodes)}[part]()

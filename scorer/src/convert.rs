@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::Ordering;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
 use fiatlux_bag::{Bag, BagError, convert};
 use fiatlux_cli::{ProgressLine, in_full, report as tell};
@@ -28,8 +29,10 @@ pub fn run(args: &ConvertArgs, thin: bool) -> Result<ExitCode> {
     let bags = find_bags(&args.paths)?.bags;
     let size = || bags.iter().filter_map(|bag| bag.metadata().ok()).map(|file| file.len()).sum::<u64>();
     let (line, before) = (ProgressLine::default(), size());
+    // A bag that is begun is brought to its end.
+    let stop = fiatlux_cli::stop_on_signal().context("cannot listen for Ctrl-C")?;
     let (mut changed, mut refused) = (0, Vec::new());
-    for (index, bag) in bags.iter().enumerate() {
+    for (index, bag) in bags.iter().enumerate().take_while(|_| !stop.load(Ordering::Relaxed)) {
         line.show(|| format!("{index} of {} bags, {} left", bags.len(), line.left(index as u64, bags.len() as u64)));
         match checked(bag, thin) {
             Ok(is_changed) => changed += usize::from(is_changed),
@@ -46,7 +49,8 @@ pub fn run(args: &ConvertArgs, thin: bool) -> Result<ExitCode> {
         mib(before),
         mib(size())
     ))?;
-    Ok(if refused.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(DATA_LOSS) })
+    let is_whole = refused.is_empty() && !stop.load(Ordering::Relaxed);
+    Ok(if is_whole { ExitCode::SUCCESS } else { ExitCode::from(DATA_LOSS) })
 }
 
 /// Nothing is lost: rows are removed only if this program makes them again.

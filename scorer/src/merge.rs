@@ -1,14 +1,15 @@
 //! `scorer merge`: shards of an evaluation, or the folders of a run's servers, as one folder.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::fs::{self, File};
+use std::io;
+use std::path::{Component, Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fiatlux_bag::run::{EpisodeState, Ledger, NOT_RUN, journals};
-use fiatlux_bag::{BAGS, BagFiles, bag_name};
+use fiatlux_bag::{BAGS, BagFiles, bag_name, lock_folder};
 use fiatlux_cli::report as tell;
 use fiatlux_client::{Shard, ShardRecord};
 use fiatlux_grading::{Fault, GradeOptions, Results, find_bags, report, tables};
@@ -17,8 +18,10 @@ use fiatlux_proto::plain;
 use crate::DATA_LOSS;
 use crate::files::{graded, make, write};
 
-/// Marks a folder whose files may be removed by the next merge: all are in the shards.
+/// Lists the files that the next merge may remove from OUT: all are in the shards.
 const MARK: &str = "merged.json";
+/// The file that an evaluation locks in its folder.
+const LOCK: &str = "evaluate.lock";
 /// Largest number of missing episodes that are named.
 const MAX_NAMED: usize = 20;
 
@@ -55,24 +58,18 @@ pub fn run(args: &MergeArgs) -> Result<ExitCode> {
     let options = GradeOptions { workers: args.workers.unwrap_or_default(), ..GradeOptions::default() };
     let mut results = graded(&args.shards, &options)?;
     check_versions(&results)?;
-    clear(&args.out, &args.shards)?;
-    match results.run.is_some() {
-        true => place_run(&args.out, &found, &mut results)?,
-        false => place_loose(&args.out, &mut results)?,
-    }
+    let files = files(&found, &mut results)?;
+    let _lock = place(&args.out, &args.shards, &files)?;
     let missing = missing(&mut results, records.first().map(|(_, record)| record));
     let page = report::html_in(&results, &args.out);
     for (name, text) in [("results.json", results.to_json()?), ("report.html", page)] {
         write(&args.out.join(name), &text)?;
     }
     fiatlux_cli::print_headed(tables::text(&results))?;
-    tell(format!("{} episodes of {} folders are in {}", played(&results), args.shards.len(), args.out.display()));
+    let played = results.episodes.iter().filter(|episode| !episode.bag.is_empty()).count();
+    tell(format!("{played} episodes of {} folders are in {}", args.shards.len(), args.out.display()));
     say_missing(&missing, &records);
     Ok(if missing.is_empty() && !results.has_data_loss() { ExitCode::SUCCESS } else { ExitCode::from(DATA_LOSS) })
-}
-
-fn played(results: &Results) -> usize {
-    results.episodes.iter().filter(|episode| !episode.bag.is_empty()).count()
 }
 
 /// An episode that the whole evaluation lacks.
@@ -152,62 +149,78 @@ fn check_versions(results: &Results) -> Result<()> {
     Ok(())
 }
 
-/// Makes the folder, or empties that of an earlier merge.
-fn clear(out: &Path, shards: &[PathBuf]) -> Result<()> {
+/// The files of OUT by their names in it, and where they come from. The results name them there from now on.
+fn files(found: &BagFiles, results: &mut Results) -> Result<BTreeMap<String, PathBuf>> {
+    let mut files = BTreeMap::new();
+    let mut add = |name: String, from: PathBuf| match files.insert(name.clone(), from.clone()) {
+        Some(other) => {
+            bail!("{} and {} would both be {name}; leave one of them out", other.display(), from.display())
+        }
+        None => Ok(()),
+    };
+    let Some(run) = &mut results.run else {
+        for episode in &mut results.episodes {
+            let name = format!("{BAGS}/{}", bag_name(&episode.task, episode.seed, episode.episode));
+            add(name.clone(), std::mem::replace(&mut episode.bag, name).into())?;
+        }
+        return Ok(files);
+    };
+    run.folder = format!("runs/{}", run.name);
+    let name = |path: &str| format!("{}/{}", run.folder, path.rsplit('/').next().unwrap_or(path));
+    let all = found.runs.iter().map(|run| journals(run)).collect::<Result<Vec<_>, _>>()?;
+    for file in all.into_iter().flatten().chain(found.bags.iter().cloned()) {
+        add(name(&file.to_string_lossy()), file)?;
+    }
+    let scored = results.episodes.iter_mut().map(|episode| &mut episode.bag).filter(|bag| !bag.is_empty());
+    scored.chain(results.excluded.iter_mut().map(|bag| &mut bag.bag)).for_each(|bag| *bag = name(bag));
+    Ok(files)
+}
+
+/// Brings files into OUT, in place of those of an earlier merge. The lock keeps other merges and evaluations out.
+fn place(out: &Path, shards: &[PathBuf], files: &BTreeMap<String, PathBuf>) -> Result<File> {
     make(out)?;
-    let place = out.canonicalize()?;
+    let folder = out.canonicalize()?;
     for shard in shards {
-        if shard.canonicalize()?.starts_with(&place) || place.starts_with(shard.canonicalize()?) {
+        let shard = shard.canonicalize()?;
+        if shard.starts_with(&folder) || folder.starts_with(&shard) {
             bail!("{} and {} are in each other; name another OUT", out.display(), shard.display());
         }
     }
     let mark = out.join(MARK);
-    if mark.exists() {
-        for folder in [BAGS, "runs"].map(|name| out.join(name)) {
-            if folder.exists() {
-                fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
-            }
-        }
-    } else if fs::read_dir(out)?.next().is_some() {
+    let earlier: BTreeSet<String> = match mark.exists() {
+        true => serde_json::from_slice(&fs::read(&mark)?).with_context(|| mark.display().to_string())?,
+        false => BTreeSet::new(),
+    };
+    let is_file = |entry: io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != LOCK);
+    if !mark.exists() && fs::read_dir(out)?.any(is_file) {
         bail!("{} has other files; name a new folder as OUT", out.display());
     }
-    let names: Vec<String> = shards.iter().map(|shard| shard.display().to_string()).collect();
-    write(&mark, &(serde_json::to_string(&names)? + "\n"))
-}
-
-/// Brings the bags and journals of a run into OUT, where its results then are.
-fn place_run(out: &Path, found: &BagFiles, results: &mut Results) -> Result<()> {
-    let Some(run) = &mut results.run else { return Ok(()) };
-    let folder = format!("runs/{}", run.name);
-    let files = found.runs.iter().map(|run| journals(run)).collect::<Result<Vec<_>, _>>()?;
-    for file in files.iter().flatten().chain(&found.bags) {
-        link(file, &out.join(&folder).join(file.file_name().unwrap_or_default()))?;
+    let there = BagFiles::find(&[out.to_owned()])?;
+    let is_other = |path: &&PathBuf| {
+        let name = path.strip_prefix(out).unwrap_or(path);
+        name.to_str().is_none_or(|name| !earlier.contains(name))
+    };
+    if let Some(other) = there.bags.iter().chain(&there.unfinished).find(is_other) {
+        bail!("{} is not of an earlier merge; name a new folder as OUT", other.display());
     }
-    let name = |bag: &String| format!("{folder}/{}", bag.rsplit('/').next().unwrap_or(bag));
-    results.episodes.iter_mut().filter(|episode| !episode.bag.is_empty()).for_each(|one| one.bag = name(&one.bag));
-    results.excluded.iter_mut().for_each(|one| one.bag = name(&one.bag));
-    run.folder = folder;
-    Ok(())
-}
-
-/// Brings the bags that count into OUT.
-fn place_loose(out: &Path, results: &mut Results) -> Result<()> {
-    for episode in &mut results.episodes {
-        let name = format!("{BAGS}/{}", bag_name(&episode.task, episode.seed, episode.episode));
-        link(Path::new(&episode.bag), &out.join(&name))?;
-        episode.bag = name;
+    let lock = lock_folder(out, LOCK)?
+        .with_context(|| format!("another merge or evaluation is at work in {}; wait for its end", out.display()))?;
+    let is_inside = |name: &&String| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    for old in earlier.iter().filter(is_inside).map(|name| out.join(name)).filter(|old| old.exists()) {
+        fs::remove_file(&old).with_context(|| format!("cannot remove {}", old.display()))?;
     }
-    Ok(())
-}
-
-fn link(from: &Path, to: &Path) -> Result<()> {
-    to.parent().map_or(Ok(()), fs::create_dir_all)?;
-    if to.exists() {
-        bail!("{} and another file would both be {}; leave one of them out", from.display(), to.display());
+    // Before the files: a merge that was interrupted is an earlier one.
+    write(&mark, &(serde_json::to_string(&files.keys().collect::<Vec<_>>())? + "\n"))?;
+    for (name, from) in files {
+        let to = out.join(name);
+        to.parent().map_or(Ok(()), fs::create_dir_all)?;
+        // Whoever goes on with a run writes into its journal, which has to be one of OUT's own.
+        let linked = from.extension().is_some_and(|kind| kind == "mcap") && fs::hard_link(from, &to).is_ok();
+        if !linked {
+            fs::copy(from, &to).with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))?;
+        }
     }
-    fs::hard_link(from, to)
-        .or_else(|_| fs::copy(from, to).map(drop))
-        .with_context(|| format!("cannot copy {}", from.display()))
+    Ok(lock)
 }
 
 /// The episodes that are not there. Of loose bags what cannot be scored is not in OUT, and the results do not name it.

@@ -1,9 +1,6 @@
 //! Reads a bag.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, Event, Observation, Reward, State, Version};
@@ -13,6 +10,7 @@ use prost::Name;
 use crate::channels::Channels;
 use crate::scan::{ChunkAt, Scan, Sums, scan};
 use crate::stream::{ChunkReader, Messages};
+use crate::temporary::Temporary;
 use crate::writer::STEP_NS;
 use crate::{BagError, Patience, metadata, topic};
 
@@ -30,8 +28,10 @@ pub enum Simulated {
 pub enum Unsimulated {
     /// The episode, played again, is not the one that the bag says.
     Differs(String),
-    /// This program cannot play it: another version's, or no place for its rows. It says nothing against the bag.
+    /// This program cannot play it, such as that of another version. It says nothing against the bag.
     Unable(String),
+    /// The machine has no room for its rows now, or cannot read its file.
+    NoRoom(String),
 }
 
 /// Plays the actions of a thin bag again, and writes the episode as the bag at the path.
@@ -53,48 +53,6 @@ struct Thin(Arc<[OnceLock<Result<Episode, Unsimulated>>; 2]>);
 pub(crate) struct Episode {
     bag: Bag,
     _folder: Temporary,
-}
-
-/// A new folder among the temporary files, removed with its last user. Of a process that was forked, the first one removes it.
-#[derive(Debug)]
-pub struct Temporary {
-    path: PathBuf,
-    process: u32,
-}
-
-impl Temporary {
-    /// A folder `fiatlux-NAME-...`.
-    ///
-    /// # Errors
-    /// It cannot be made.
-    pub fn new(name: &str) -> io::Result<Self> {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        let process = std::process::id();
-        loop {
-            let name = format!("fiatlux-{name}-{process}-{}", COUNT.fetch_add(1, Ordering::Relaxed));
-            let path = std::env::temp_dir().join(name);
-            match fs::create_dir(&path) {
-                Ok(()) => return Ok(Self { path, process }),
-                // Left by another process with this number, perhaps in another container.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-}
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        if self.process == std::process::id() {
-            // Left among the temporary files at worst.
-            let _ = fs::remove_dir_all(&self.path);
-        }
-    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -255,6 +213,7 @@ impl Bag {
         match reason {
             Unsimulated::Differs(reason) => BagError::Simulated { path, reason },
             Unsimulated::Unable(reason) => BagError::Unable { path, reason },
+            Unsimulated::NoRoom(reason) => BagError::NoRoom { path, reason },
         }
     }
 
@@ -262,10 +221,10 @@ impl Bag {
         let unable = |reason: &str| Unsimulated::Unable(reason.into());
         let simulator =
             SIMULATOR.get().ok_or_else(|| unable("this program has no simulator; scorer fill makes it full"))?;
-        let folder = Temporary::new("rows").map_err(|error| unable(&format!("no folder for its rows: {error}")))?;
-        let path = folder.path.join("rows.mcap");
+        let folder = Temporary::new("rows").map_err(|error| Unsimulated::NoRoom(error.to_string()))?;
+        let path = folder.path().join("rows.mcap");
         simulator(self, &path, wanted)?;
-        let bag = Self::open(&path).map_err(|error| unable(&error.to_string()))?;
+        let bag = Self::open(&path).map_err(|error| Unsimulated::NoRoom(error.to_string()))?;
         Ok(Episode { bag: bag.with_patience(self.patience.clone()), _folder: folder })
     }
 

@@ -36,19 +36,34 @@ pub enum BagError {
     /// Two copies of the same data disagree.
     #[error("{path} was changed: {what}; record the episode again")]
     Disagrees { path: PathBuf, what: String },
-    #[error("{path} cannot be made thin: {reason}")]
-    Form { path: PathBuf, reason: String },
+    #[error("{path} cannot be made {form}: {reason}")]
+    Form { path: PathBuf, form: &'static str, reason: String },
     /// A bag whose rows, simulated, are not those of its digest.
     #[error("the rows of {path} cannot be simulated: {reason}")]
     Simulated { path: PathBuf, reason: String },
     /// This program cannot simulate it, which says nothing against the bag.
     #[error("the rows of {path} cannot be simulated here: {reason}; or use the full bag")]
     Unable { path: PathBuf, reason: String },
+    /// The machine cannot keep the rows of a thin bag while they are read.
+    #[error(
+        "there is no room for the simulated rows of {path}: {reason}; free some space for temporary files, or name another \
+         folder for them by TMPDIR"
+    )]
+    NoRoom { path: PathBuf, reason: String },
     #[error("{path}: step {step} of {topic} cannot be read; record the episode again with this version")]
     Message { path: PathBuf, topic: &'static str, step: u64, source: DecodeError },
 }
 
 impl BagError {
+    /// True if the machine failed, not the bag: its disk, or a limit of it. Another try may succeed.
+    pub fn is_of_machine(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => source.kind() != io::ErrorKind::NotFound,
+            Self::Write { .. } | Self::NoRoom { .. } => true,
+            _ => false,
+        }
+    }
+
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { action, path: path.into(), source }
     }

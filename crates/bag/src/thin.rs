@@ -40,7 +40,7 @@ impl Bag {
     /// # Errors
     /// It [stays full](Self::stays_full), or a file cannot be read or written.
     pub fn write_thin(&self, path: &Path) -> Result<PathBuf, BagError> {
-        let refuse = |reason: &str| BagError::Form { path: self.path().into(), reason: reason.into() };
+        let refuse = |reason: &str| BagError::Form { path: self.path().into(), form: "thin", reason: reason.into() };
         if let Some(reason) = self.stays_full() {
             return Err(refuse(reason));
         }
@@ -74,8 +74,9 @@ impl Bag {
     fn replaces(&self, new: &Path) -> Result<(), BagError> {
         let written = Self::open(new)?;
         if written.header() != self.header() || written.result() != self.result() {
+            let form = if written.is_thin() { "thin" } else { "full" };
             let reason = "it does not read back as it was".into();
-            return Err(BagError::Form { path: self.path().into(), reason });
+            return Err(BagError::Form { path: self.path().into(), form, reason });
         }
         let synced = File::open(new).and_then(|file| file.sync_all());
         synced.map_err(BagError::io("write", new))

@@ -13,6 +13,8 @@ const MAX_SHARDS: usize = 10_000;
 const COUNT: &str = "FIATLUX_SHARDS";
 /// Largest record of a shard, bytes: 10,000 seeds of 20 digits take 220,000.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
+/// Largest number of episodes in a record: each is looked for.
+const MAX_RECORD_EPISODES: usize = 1_000_000;
 
 /// Part K of N of a list of episodes: the K-th, and every N-th after it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -143,7 +145,13 @@ impl ShardRecord {
     /// The file cannot be read.
     pub fn read(folder: &Path) -> io::Result<Option<Self>> {
         match fiatlux_files::read_text(&folder.join(Self::FILE), MAX_RECORD_BYTES) {
-            Ok(text) => Ok(Some(serde_json::from_str(&text)?)),
+            Ok(text) => {
+                let record: Self = serde_json::from_str(&text)?;
+                if record.tasks.len() * record.seeds.len() > MAX_RECORD_EPISODES {
+                    return Err(io::Error::other(format!("it names more than {MAX_RECORD_EPISODES} episodes")));
+                }
+                Ok(Some(record))
+            }
             Err(error) if [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) => Ok(None),
             Err(error) => Err(error),
         }

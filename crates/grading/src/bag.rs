@@ -32,7 +32,10 @@ pub fn check_bag(path: &Path) -> Result<Option<PublicKey>, String> {
         let actions = actions.map_err(|error| in_full(&error))?;
         return grader.finish_without_rows(bag.result(), actions).map_err(|flaw| flaw.to_string());
     }
-    let content = read(path, &GradeOptions::default(), None).map_err(|(_, reason)| reason)?;
+    let content = read(path, &GradeOptions::default(), None).map_err(|ungraded| match ungraded {
+        Ungraded::Excluded(_, reason) => reason,
+        Ungraded::Machine(error) => in_full(&error),
+    })?;
     let flaw = content.graded.flaw.as_ref();
     match content.damage.map(|(_, why)| why).or_else(|| flaw.map(ToString::to_string)) {
         Some(reason) => Err(reason),
@@ -46,32 +49,39 @@ fn is_replay(bag: &Bag) -> bool {
     bag.header().request.as_ref().is_some_and(|request| request.replay)
 }
 
+/// The reason for which a bag has no grade.
+pub(crate) enum Ungraded {
+    Excluded(Fault, String),
+    /// The machine failed, see [`BagError::is_of_machine`]: the bag may be as good as any.
+    Machine(BagError),
+}
+
 /// Grades a bag up to its end, or to the first record that cannot be read.
-pub(crate) fn read(
-    path: &Path,
-    options: &GradeOptions,
-    patience: Option<Patience>,
-) -> Result<BagContent, (Fault, String)> {
+pub(crate) fn read(path: &Path, options: &GradeOptions, patience: Option<Patience>) -> Result<BagContent, Ungraded> {
     // The message must not depend on the folder from which the bag was graded.
     let folder = path.parent().map(|folder| folder.join("").display().to_string()).filter(|folder| !folder.is_empty());
     let in_full = |error: &dyn std::error::Error| match &folder {
         Some(folder) => in_full(error).replace(folder, ""),
         None => in_full(error),
     };
-    let unreadable = |error: &dyn std::error::Error| (Fault::Unreadable, in_full(error));
-    let bag = Bag::open(path).map_err(|error| unreadable(&error))?;
+    let unreadable = |error: &dyn std::error::Error| Ungraded::Excluded(Fault::Unreadable, in_full(error));
+    let damaged = |error: BagError| match error {
+        error if error.is_of_machine() => Err(Ungraded::Machine(error)),
+        BagError::Slow { .. } | BagError::Unable { .. } => Ok((Fault::Unreadable, in_full(&error))),
+        _ => Ok((Fault::Altered, in_full(&error))),
+    };
+    let bag = Bag::open(path).map_err(|error| match error.is_of_machine() {
+        true => Ungraded::Machine(error),
+        false => unreadable(&error),
+    })?;
     let bag = bag.with_patience(patience);
     let header = bag.header();
     if is_replay(&bag) {
-        return Err((Fault::Unreadable, REPLAY.into()));
+        return Err(Ungraded::Excluded(Fault::Unreadable, REPLAY.into()));
     }
     let mut grader =
         Grader::new(header, &options.set, options.published_counting).map_err(|error| unreadable(&error))?;
     let layout = layout_of(header).map_err(|error| unreadable(&error))?;
-    let damaged = |error: &BagError| match error {
-        BagError::Slow { .. } | BagError::Unable { .. } => unreadable(error),
-        _ => (Fault::Altered, in_full(error)),
-    };
     let mut damage = match bag.completeness() {
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),
@@ -82,7 +92,8 @@ pub(crate) fn read(
         let state = match state {
             Ok(state) => state,
             Err(error) => {
-                damage.get_or_insert_with(|| damaged(&error));
+                let found = damaged(error)?;
+                damage.get_or_insert(found);
                 break;
             }
         };
@@ -98,7 +109,7 @@ pub(crate) fn read(
         step += 1;
     }
     if damage.is_none() {
-        damage = bag.check_rest(&states.into_read()).err().as_ref().map(damaged);
+        damage = bag.check_rest(&states.into_read()).err().map(damaged).transpose()?;
     }
     Ok(BagContent { header: header.clone(), damage, graded: grader.finish(bag.result()) })
 }

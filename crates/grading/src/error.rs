@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use fiatlux_bag::FindError;
 use fiatlux_bag::run::LedgerError;
+use fiatlux_bag::{BagError, FindError};
 use fiatlux_rules::{ThresholdError, UnknownTask};
 use thiserror::Error;
 
@@ -57,6 +57,9 @@ pub enum ScoreError {
     Copies { first: PathBuf, second: PathBuf, server: String },
     #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
     Task { path: PathBuf, source: UnknownTask },
+    /// The machine failed, see [`BagError::is_of_machine`].
+    #[error("a bag cannot be graded on this machine now; grade again afterwards")]
+    Machine(#[from] BagError),
     #[error("a grading thread ended early; this is a fault of the scorer, please report the bags")]
     Worker,
 }

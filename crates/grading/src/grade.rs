@@ -1,24 +1,35 @@
 //! Grades bags, several at a time.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use fiatlux_bag::Patience;
+use fiatlux_bag::{Bag, Patience};
 use fiatlux_rules::Thresholds;
 
 use crate::assemble::{BagContent, GradedBag, assemble, assemble_run};
+use crate::bag::{self, Ungraded};
 use crate::conditions::is_take;
 use crate::find::{find_bags, relative, runs_of};
 use crate::results::{Fault, Results};
 use crate::run::RunJournals;
-use crate::{GradeOptions, ScoreError, bag};
+use crate::{GradeOptions, ScoreError};
 
-/// Patience that ends at a time after reading began.
-pub fn patience(limit: Duration) -> Patience {
-    let end = OnceLock::new();
-    Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit))
+/// Time in which a step of a thin bag is simulated, five times that of a free core.
+const STEP_TIME: Duration = Duration::from_millis(1);
+
+/// Patience with a bag that ends at a time after reading began; a thin bag has time to be simulated as well.
+pub fn patience(limit: Duration, bag: &Path) -> Patience {
+    let (end, bag) = (OnceLock::new(), bag.to_owned());
+    Patience::new(move || Instant::now() < *end.get_or_init(|| Instant::now() + limit + simulation_time(&bag)))
+}
+
+fn simulation_time(bag: &Path) -> Duration {
+    let thin = Bag::open(bag).ok().filter(Bag::is_thin);
+    let steps = thin.and_then(|bag| Some(bag.result()?.end.as_ref()?.steps)).unwrap_or_default();
+    // More steps than any task has are not simulated at all.
+    STEP_TIME * u32::try_from(steps).unwrap_or_default()
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,8 +52,8 @@ pub struct GradeProgress {
 ///
 /// # Errors
 /// [`ScoreError`]: an unknown threshold, a missing path, no bag at all, bags of different conditions, two different
-/// recordings of one episode, a journal that cannot be read, a run together with loose bags, or runs that are not parts of one
-/// evaluation.
+/// recordings of one episode, a journal that cannot be read, a run together with loose bags, runs that are not parts of one
+/// evaluation, or a machine that cannot read a bag or has no room for the rows of a thin one.
 pub fn grade(
     paths: &[PathBuf],
     options: &GradeOptions,
@@ -116,8 +127,17 @@ fn each_bag(
     let work = || {
         let mut contents = Vec::new();
         while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let content = bag::read(&bags[i], options, options.time_limit.map(patience));
-            contents.push((i, content.and_then(|content| of_kind(content, options))));
+            let limit = options.time_limit.map(|limit| patience(limit, &bags[i]));
+            let content = match bag::read(&bags[i], options, limit) {
+                Ok(content) => Ok(of_kind(content, options)),
+                Err(Ungraded::Excluded(fault, reason)) => Ok(Err((fault, reason))),
+                Err(Ungraded::Machine(error)) => {
+                    // Others would fail as well.
+                    next.store(order.len(), Ordering::Relaxed);
+                    Err(error.into())
+                }
+            };
+            contents.push((i, content));
             if let Ok(mut done) = done.lock() {
                 done.bags_done += 1;
                 done.bytes_done += sizes[i];
@@ -126,7 +146,7 @@ fn each_bag(
         }
         contents
     };
-    let mut contents: Vec<(usize, BagResult)> = std::thread::scope(|scope| {
+    let mut contents: Vec<(usize, Result<BagResult, ScoreError>)> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..workers.min(bags.len())).map(|_| scope.spawn(work)).collect();
         let results = threads.into_iter().map(|thread| thread.join().map_err(|_| ScoreError::Worker));
         results.collect::<Result<Vec<_>, _>>()
@@ -135,5 +155,5 @@ fn each_bag(
     .flatten()
     .collect();
     contents.sort_by_key(|(i, _)| *i);
-    Ok(contents.into_iter().map(|(_, content)| content).collect())
+    contents.into_iter().map(|(_, content)| content).collect()
 }

@@ -63,5 +63,5 @@ pub use results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
     SeedRow, TaskResult, Versions,
 };
-pub use rows::{BagRows, rows_of};
+pub use rows::{BagRows, RowsError, rows_of};
 pub use series::{CriterionHeld, MAX_BUCKETS, Series};

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use fiatlux_bag::{Bag, Patience};
-use fiatlux_cli::in_full;
+use fiatlux_bag::{Bag, BagError, Patience};
 use fiatlux_proto::v3::EpisodeHeader;
 use fiatlux_rules::RowDigest;
-use fiatlux_wire::{layout_of, read_row};
+use fiatlux_wire::{WireError, layout_of, read_row};
+use thiserror::Error;
 
 use crate::conditions::is_person;
 
@@ -26,6 +26,15 @@ pub struct BagRows {
     pub person: bool,
 }
 
+/// The rows of a bag cannot be read.
+#[derive(Debug, Error)]
+pub enum RowsError {
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    #[error(transparent)]
+    Row(#[from] WireError),
+}
+
 /// The start of a chain over rows alone.
 pub(crate) fn chain() -> RowDigest {
     RowDigest::new(b"rows alone")
@@ -35,15 +44,15 @@ pub(crate) fn chain() -> RowDigest {
 ///
 /// # Errors
 /// The bag, or one of its rows, cannot be read.
-pub fn rows_of(path: &Path, patience: Option<Patience>) -> Result<BagRows, String> {
-    let bag = Bag::open(path).map_err(|error| in_full(&error))?.with_patience(patience);
+pub fn rows_of(path: &Path, patience: Option<Patience>) -> Result<BagRows, RowsError> {
+    let bag = Bag::open(path)?.with_patience(patience);
     let header: &EpisodeHeader = bag.header();
-    let layout = layout_of(header).map_err(|error| error.to_string())?;
+    let layout = layout_of(header)?;
     let mut digest = chain();
     let mut states = bag.states();
     while let Some(state) = states.next() {
-        let state = state.map_err(|error| in_full(&error))?;
-        let row = read_row(&state, layout).map_err(|error| error.to_string())?;
+        let state = state?;
+        let row = read_row(&state, layout)?;
         states.reuse(state);
         digest.push(&row);
     }

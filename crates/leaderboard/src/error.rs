@@ -1,6 +1,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use fiatlux_bag::BagError;
 use thiserror::Error;
 
 #[derive(Debug, Error)]
@@ -20,6 +21,8 @@ pub enum StoreError {
     Newer { found: i64, known: i64 },
     #[error("{what} in the store cannot be read: {reason}; restore the folder from a backup")]
     Corrupt { what: String, reason: String },
+    #[error("a bag in the store cannot be read now")]
+    Bag(#[source] BagError),
     #[error("the system's random source failed")]
     Random(#[source] getrandom::Error),
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use fiatlux_bag::Bag;
+use fiatlux_bag::{Bag, Patience};
 use fiatlux_render::framing::{Aim, FOLLOW_ELEVATION, Focus, Spot, best_bearing};
 use fiatlux_render::{Image, Lighting, Renderer, Visuals, animation};
 use fiatlux_rules::Row;
@@ -38,10 +38,11 @@ pub struct Poster {
 }
 
 impl Poster {
-    /// Draws an episode. `stop` is asked before each row and each picture: once it is true after the still, the clip
-    /// ends early.
-    pub fn draw(path: &Path, stop: &dyn Fn() -> bool) -> Result<Self, ReplayError> {
-        let bag = Bag::open(path)?;
+    /// Draws an episode. `patience` is asked before each row and each picture: if it ends after the still, the clip ends
+    /// early.
+    pub fn draw(path: &Path, patience: &Patience) -> Result<Self, ReplayError> {
+        let bag = Bag::open(path)?.with_patience(Some(patience.clone()));
+        let stop = || !patience.goes_on();
         let header = bag.header();
         let scene = robot_of(header).and_then(|robot| scene_of(header, Arc::new(robot)));
         let scene = scene.map_err(|source| ReplayError::Header { bag: path.into(), source })?;

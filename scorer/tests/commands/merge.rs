@@ -101,6 +101,36 @@ fn shards_are_the_evaluation_of_one_process() {
     assert!(evaluation.merge(&inside).1.contains("are in each other"));
 }
 
+/// Guards what others have in OUT, and what a list of an earlier merge says that is none.
+#[test]
+fn a_merge_removes_nothing_but_its_own_files() {
+    let evaluation = Evaluation::new("merge-own");
+    let (folder, out) = (&evaluation.folder.0, evaluation.out());
+    assert_eq!(evaluation.merge(&evaluation.all()).0, 0);
+    let played = bag(&out, 9, 20, |_| ());
+    let (code, said) = evaluation.merge(&evaluation.all());
+    assert!(code == 1 && said.contains("S01-s9-e0.mcap is not of an earlier merge"), "{said}");
+    assert!(played.is_file() && out.join("bags/S01-s0-e0.mcap").is_file());
+    std::fs::remove_file(played).unwrap();
+    let stranger = folder.join("stranger");
+    std::fs::write(&stranger, "x").unwrap();
+    let names = format!("[\"../stranger\", {:?}]", stranger.display().to_string());
+    let listed = std::fs::read_to_string(out.join("merged.json")).unwrap();
+    std::fs::write(out.join("merged.json"), listed.replace('[', &names.replace(']', ", "))).unwrap();
+    assert_eq!(evaluation.merge(&evaluation.all()).0, 0);
+    assert!(stranger.is_file());
+    let lock = fiatlux_bag::lock_folder(&out, "evaluate.lock").unwrap();
+    let (code, said) = evaluation.merge(&evaluation.all());
+    assert!(code == 1 && said.contains("is at work in"), "{said}");
+    drop(lock);
+    // Each of these rooms would be looked for.
+    let all = ShardRecord { tasks: vec!["S01".into(); 2000], seeds: vec![1; 2000], ..record(1) };
+    std::fs::remove_file(evaluation.shards[0].join("shard.json")).unwrap();
+    all.keep(&evaluation.shards[0]).unwrap();
+    let (code, said) = evaluation.merge(&evaluation.all());
+    assert!(code == 1 && said.contains("more than 1000000 episodes"), "{said}");
+}
+
 #[test]
 fn what_is_missing_is_named_with_the_command_that_plays_it() {
     let evaluation = Evaluation::new("merge-missing");
@@ -212,6 +242,12 @@ fn folders_of_a_runs_servers_are_one() {
         .map(|(name, rooms)| server(folder, name, "r", &rooms.map(|k| (k, 20))));
     let (code, said) = evaluation.merge(&[&first, &second]);
     assert!(code == 0 && said.contains("6 episodes of 2 folders"), "{code}: {said}");
+    // Whoever goes on with one of them does not write into the other.
+    let journal = "runs/r/lab-1.run.jsonl";
+    let merged = std::fs::read(evaluation.out().join(journal)).unwrap();
+    std::fs::write(evaluation.out().join(journal), "").unwrap();
+    assert!(std::fs::read(first.join("lab-1.run.jsonl")).unwrap() == merged);
+    assert_eq!(evaluation.merge(&[&first, &second]).0, 0);
     let (code, _, graded) = scorer(&["grade", evaluation.out().to_str().unwrap()]);
     assert!(code == 0 && graded.contains("says the same as its bags"), "{graded}");
     let (code, said) = evaluation.merge(&[&first]);

@@ -20,6 +20,9 @@ fn simulate(bag: &Bag, into: &Path, _: Simulated) -> Result<(), Unsimulated> {
     if bag.header().policy == "stranger" {
         return Err(Unsimulated::Unable("it is of another version".into()));
     }
+    if bag.header().policy == "full" {
+        return Err(Unsimulated::NoRoom("No space left on device".into()));
+    }
     if !bag.goes_on() {
         return Err(Unsimulated::Differs("it takes longer than the limit".into()));
     }
@@ -82,6 +85,20 @@ fn a_bag_that_cannot_be_simulated_here_is_not_an_altered_one() {
     assert!(convert(&path, true).unwrap());
     let read: Vec<_> = Bag::open(&path).unwrap().states().collect();
     assert!(matches!(&read[..], [Err(BagError::Unable { reason, .. })] if reason.contains("version")), "{read:?}");
+}
+
+/// Guards a bag against a machine that is full: another try may succeed.
+#[test]
+fn a_machine_without_room_says_nothing_against_a_bag() {
+    simulate_with(simulate);
+    let path = folder("thin-full").join("a.mcap");
+    let mut writer = BagWriter::create(&path, &EpisodeHeader { policy: "full".into(), ..header() }).unwrap();
+    push(&mut writer, 0..ROWS);
+    writer.finish(&result(ROWS)).unwrap();
+    assert!(convert(&path, true).unwrap());
+    let error = convert(&path, false).unwrap_err();
+    assert!(error.is_of_machine() && error.to_string().contains("no room for the simulated rows"), "{error}");
+    assert!(!Bag::open(path.with_file_name("none.mcap")).unwrap_err().is_of_machine());
 }
 
 /// Guards pictures that no program can make again.

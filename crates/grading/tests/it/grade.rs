@@ -2,6 +2,7 @@
 
 use crate::common::room::{OLD, take};
 use crate::common::{Folder, Story, begin, header, result, rows, sealed, write};
+use fiatlux_bag::{BagError, Unsimulated, convert, simulate_with};
 use fiatlux_grading::{Fault, GradeOptions, Grader, Results, ScoreError, grade, report, tables};
 use fiatlux_proto::{PROTOCOL, STOPPED, v3};
 use fiatlux_rules::{BENCHMARK_VERSION, Task};
@@ -40,6 +41,18 @@ fn scores_are_those_of_the_rows() {
     assert!(results.excluded.is_empty() && !results.has_data_loss() && results.conditions.ranked);
     let back: Results = serde_json::from_str(&results.to_json().expect("JSON")).expect("reads back");
     assert_eq!(back.overall, results.overall);
+}
+
+/// Guards bags against the machine: without room for simulated rows nothing is graded, and none is called unreadable.
+#[test]
+fn a_machine_without_room_for_rows_grades_nothing() {
+    simulate_with(|_, _, _| Err(Unsimulated::NoRoom("No space left on device".into())));
+    let folder = Folder::new("room");
+    write(&bag(&folder, "a"), Task::S01, 0, Story::Falls(20));
+    write(&bag(&folder, "b"), Task::S01, 1, Story::Falls(20));
+    assert!(convert(&bag(&folder, "b"), true).expect("thin"));
+    let error = grade_in(&folder, GradeOptions::default()).expect_err("no room");
+    assert!(matches!(&error, ScoreError::Machine(BagError::NoRoom { .. })), "{error}");
 }
 
 /// Guards that the number of threads does not matter.

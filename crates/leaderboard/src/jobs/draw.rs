@@ -5,17 +5,18 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use fiatlux_bag::Patience;
 use fiatlux_cli::in_full;
-use fiatlux_grading::{EpisodeRow, Results};
+use fiatlux_grading::{EpisodeRow, Results, patience};
 use fiatlux_replay::Poster;
 use fiatlux_rules::Task;
 
 use crate::store::Picture;
 use crate::{Service, StoreError, SubmissionId};
 
-/// Time limit for the pictures of one episode.
+/// Time limit for the pictures of one episode, without simulating a thin bag.
 const LIMIT: Duration = Duration::from_secs(30);
 
 /// Draws one submission, and stores its pictures. Returns `false` if none was waiting.
@@ -58,8 +59,8 @@ fn best(results: &Results) -> BTreeMap<&'static str, &EpisodeRow> {
 /// Pictures of a bag, drawn on a separate thread; `None` if they cannot be drawn in time.
 async fn poster(id: SubmissionId, bag: std::path::PathBuf, stop: Arc<AtomicBool>) -> Option<Poster> {
     let draw = move || {
-        let start = Instant::now();
-        let drawn = Poster::draw(&bag, &|| start.elapsed() > LIMIT || stop.load(Ordering::Relaxed));
+        let limit = patience(LIMIT, &bag);
+        let drawn = Poster::draw(&bag, &Patience::new(move || limit.goes_on() && !stop.load(Ordering::Relaxed)));
         drawn.inspect_err(|error| warn(id, &bag, error)).ok()
     };
     tokio::task::spawn_blocking(draw).await.ok().flatten()

@@ -8,7 +8,8 @@ use std::time::Duration;
 use fiatlux_access::{KnownServers, PublicKey};
 use fiatlux_cli::in_full;
 use fiatlux_grading::{
-    BagRows, Conditions, EpisodeRow, ExcludedBag, Fault, GradeOptions, Results, grade, patience, rows_of,
+    BagRows, Conditions, EpisodeRow, ExcludedBag, Fault, GradeOptions, Results, RowsError, ScoreError, grade, patience,
+    rows_of,
 };
 
 use crate::claims::{Facts, Label, Origin, origin};
@@ -34,13 +35,15 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     let path = folder.0.clone();
     let graded = tokio::task::spawn_blocking(move || {
         let graded = grade(std::slice::from_ref(&path), &options, &|_| {});
-        let persons = graded.as_ref().map(|results| persons_rows(&path, &results.excluded)).unwrap_or_default();
+        let persons = graded.as_ref().map_or(Ok(Vec::new()), |results| persons_rows(&path, &results.excluded));
         (graded, persons)
     })
     .await;
     // Files that crashed the grader once would do so again.
     let (graded, persons) = match graded {
-        Ok((graded, persons)) => (graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")), persons),
+        // The service's own failure. Later submissions wait: those of this one may be copies of its rows.
+        Ok((Err(ScoreError::Machine(error)), _)) => return Err(StoreError::Bag(error)),
+        Ok((graded, persons)) => (graded.map_err(|error| in_full(&error).replace(&folder.prefix(), "")), persons?),
         Err(_) => (Err("the grader failed on these files; please report them".into()), Vec::new()),
     };
     drop(folder);
@@ -86,18 +89,12 @@ pub(super) async fn index_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     let Some(results) = store.results(id).await? else { return Ok(()) };
     let paths: Vec<PathBuf> = store.bags(id).await?.iter().map(|digest| store.blobs.local(digest)).collect();
     let read = tokio::task::spawn_blocking(move || {
-        let read = |path: &PathBuf| match rows_of(path, Some(patience(MAX_TIME))) {
-            Ok(bag) => Some(EpisodeRows { task: bag.task, seed: bag.seed, digest: bag.digest }),
-            Err(reason) => {
-                // Such as a bag of an older layout, whose rows no new bag can have.
-                tracing::warn!(bag = %path.display(), reason, "the rows of a bag are not known");
-                None
-            }
-        };
-        paths.iter().filter_map(read).collect::<Vec<_>>()
+        let rows = paths.iter().filter_map(|path| rows_in_store(path).transpose());
+        rows.map(|rows| rows.map(|bag| EpisodeRows { task: bag.task, seed: bag.seed, digest: bag.digest })).collect()
     });
-    let rows = read.await.map_err(|_| StoreError::corrupt("the bags of a submission", "a thread ended early"))?;
-    let rows = once(rows);
+    let rows: Result<Vec<EpisodeRows>, StoreError> =
+        read.await.map_err(|_| StoreError::corrupt("the bags of a submission", "a thread ended early"))?;
+    let rows = once(rows?);
     let label = label(&results);
     match origin_of(store, &entry.account, &label, &rows).await? {
         Origin::Refused(reason) => store.refuse(id, "service", &reason).await,
@@ -111,9 +108,24 @@ async fn origin_of(store: &Store, account: &str, label: &Label, rows: &[EpisodeR
 }
 
 /// The rows of bags that were refused because a person drove.
-fn persons_rows(folder: &Path, excluded: &[ExcludedBag]) -> Vec<BagRows> {
+fn persons_rows(folder: &Path, excluded: &[ExcludedBag]) -> Result<Vec<BagRows>, StoreError> {
     let takes = excluded.iter().filter(|bag| bag.reason == Fault::Kind);
-    takes.filter_map(|bag| rows_of(&folder.join(&bag.bag), Some(patience(MAX_TIME))).ok()).collect()
+    takes.filter_map(|bag| rows_in_store(&folder.join(&bag.bag)).transpose()).collect()
+}
+
+/// The rows of a bag; `None` if they cannot be read, such as those of an older layout, which no new bag can have.
+///
+/// # Errors
+/// The machine failed, so that they may be read later.
+fn rows_in_store(bag: &Path) -> Result<Option<BagRows>, StoreError> {
+    match rows_of(bag, Some(patience(MAX_TIME, bag))) {
+        Ok(rows) => Ok(Some(rows)),
+        Err(RowsError::Bag(error)) if error.is_of_machine() => Err(StoreError::Bag(error)),
+        Err(error) => {
+            tracing::warn!(bag = %bag.display(), error = in_full(&error), "the rows of a bag are not known");
+            Ok(None)
+        }
+    }
 }
 
 struct GradeOutcome {

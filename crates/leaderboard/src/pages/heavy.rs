@@ -16,7 +16,7 @@ use super::answer::Problem;
 const AT_ONCE: usize = 2;
 /// Maximum number of requests that run or wait; further ones are refused.
 const WAITING: usize = 96;
-/// Time limit for reading a bag. An episode of 120 s takes less than a second.
+/// Time limit for reading a bag, without simulating a thin one. An episode of 120 s takes less than a second.
 const READ_TIME: Duration = Duration::from_secs(10);
 /// Maximum number of slow bags that are remembered.
 const MAX_SLOW: usize = 4096;
@@ -82,12 +82,13 @@ impl Heavy {
         work: impl FnOnce(Patience) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let read_time = self.read_time;
-        let too_slow = || Problem::Unshowable(format!("It takes longer than {} s to read.", read_time.as_secs()));
+        let too_slow = || Problem::Unshowable("It takes too long to read.".into());
         if self.slow().iter().any(|slow| slow == bag) {
             return Err(too_slow());
         }
+        let path = bag.to_owned();
         let timed = move || {
-            let patience = patience(read_time);
+            let patience = patience(read_time, &path);
             (work(patience.clone()), patience.goes_on())
         };
         let (made, in_time) = self.run(timed).await?;

@@ -86,7 +86,7 @@ impl Store {
         let mut known = KnownBags { bags: found.bags.len() as u64, ..KnownBags::default() };
         for path in found.bags {
             let read = tokio::task::spawn_blocking(move || {
-                rows_of(&path, None).map_err(|reason| format!("{}: {reason}", path.display()))
+                rows_of(&path, None).map_err(|error| format!("{}: {}", path.display(), in_full(&error)))
             });
             let bag = match read.await.map_err(|_| StoreError::corrupt("a bag", "a thread ended early"))? {
                 Ok(bag) => bag,

@@ -1,6 +1,12 @@
 //! Tests a submission from its announcement to its results, and uploads over broken connections.
 
-use crate::common::{Board, bag, manifest, sha256, wish};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::common::{Board, PATIENCE, bag, manifest, sha256, wish};
+use fiatlux_bag::{Unsimulated, convert, simulate_with};
 use fiatlux_leaderboard::{ServiceOptions, Store};
 use serde_json::{Value, json};
 
@@ -191,4 +197,36 @@ fn a_backup_has_the_same_entries_and_bags() {
         assert!(copy.entries().await.unwrap().is_empty());
         assert_eq!(board.store.entries().await.unwrap().len(), 1);
     });
+}
+
+static FULL: OnceLock<PathBuf> = OnceLock::new();
+static HAS_ROOM: AtomicBool = AtomicBool::new(false);
+static TRIES: AtomicUsize = AtomicUsize::new(0);
+
+/// Guards a submission of thin bags against a disk of the service that is full: it waits, and is graded once there is room.
+#[test]
+fn a_service_without_room_for_rows_tries_again() {
+    simulate_with(|_, into, _| {
+        TRIES.fetch_add(1, Ordering::Relaxed);
+        let full = FULL.get().filter(|_| HAS_ROOM.load(Ordering::Relaxed));
+        let full = full.ok_or_else(|| Unsimulated::NoRoom("No space left on device".into()))?;
+        std::fs::copy(full, into).map(drop).map_err(|error| Unsimulated::NoRoom(error.to_string()))
+    });
+    let board = Board::start("room", ServiceOptions::default());
+    let token = board.token("lab");
+    let file = bag(&board.folder.0, 3);
+    let full = board.folder.0.join("full.mcap");
+    std::fs::copy(&file, &full).unwrap();
+    FULL.set(full).unwrap();
+    assert!(convert(&file, true).unwrap());
+    let id = board.submit(&token, &manifest(), std::slice::from_ref(&file));
+    let start = Instant::now();
+    while TRIES.load(Ordering::Relaxed) < 2 {
+        assert!(start.elapsed() < PATIENCE, "it does not try again");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let (_, entry) = board.json("GET", &format!("/api/v1/submissions/{id}"), Some(&token), &Value::Null);
+    assert_eq!(entry["state"], "received", "{entry}");
+    HAS_ROOM.store(true, Ordering::Relaxed);
+    assert_eq!(board.decided(&id, &token)["state"], "graded");
 }

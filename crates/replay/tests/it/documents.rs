@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_bag::{Bag, BagWriter, topic};
+use fiatlux_bag::{Bag, BagWriter, Patience, topic};
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::CompressedImage;
 use fiatlux_proto::v3::{EpisodeHeader, Sensor};
@@ -206,9 +206,9 @@ fn shapes_fit_their_description() {
 #[test]
 fn a_poster_is_drawn_and_can_be_stopped() {
     let played = play("poster", Task::S05, 8);
-    let poster = Poster::draw(&played.bag, &|| false).unwrap();
+    let poster = Poster::draw(&played.bag, &Patience::new(|| true)).unwrap();
     let has = |bytes: &[u8], chunk: &[u8]| bytes.windows(4).any(|window| window == chunk);
     assert!(poster.still.starts_with(b"\x89PNG") && !has(&poster.still, b"acTL"));
     assert!(poster.clip.starts_with(b"\x89PNG") && has(&poster.clip, b"acTL") && has(&poster.clip, b"fdAT"));
-    assert!(matches!(Poster::draw(&played.bag, &|| true), Err(ReplayError::Stopped { .. })));
+    assert!(matches!(Poster::draw(&played.bag, &Patience::new(|| false)), Err(ReplayError::Stopped { .. })));
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use fiatlux_bag::{Bag, BagWriter, Simulated, Unsimulated, simulate_with};
+use fiatlux_bag::{Bag, BagError, BagWriter, Simulated, Unsimulated, simulate_with};
 use fiatlux_cli::in_full;
 use fiatlux_proto::v3::{ActionRecord, EpisodeHeader, EpisodeResult, OpenRequest, Refusal, StepRecord};
 use fiatlux_proto::{PROTOCOL, STOPPED, encode, plain};
@@ -47,8 +47,14 @@ fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), Unsimulated
     let all = wanted == Simulated::Everything;
     let Shared { scenes: own, poses } = shared().map_err(Unsimulated::Unable)?;
     let (simulation, first) = begin(bag, own, all).map_err(Unsimulated::Unable)?;
-    let writer = BagWriter::create(path, bag.header()).map_err(|error| Unsimulated::Unable(in_full(&error)))?;
-    play(bag, simulation, first, writer, all.then_some(poses)).map_err(Unsimulated::Differs)
+    let writer = BagWriter::create(path, bag.header()).map_err(of_file)?;
+    play(bag, simulation, first, writer, all.then_some(poses))
+}
+
+/// An error of the bag that is read or of the one that is written.
+fn of_file(error: BagError) -> Unsimulated {
+    let reason = in_full(&error);
+    if error.is_of_machine() { Unsimulated::NoRoom(reason) } else { Unsimulated::Differs(reason) }
 }
 
 /// The episode of a bag at its start, with its first record.
@@ -75,12 +81,15 @@ fn play(
     mut record: StepRecord,
     mut writer: BagWriter,
     poses: Option<&Poses>,
-) -> Result<(), String> {
-    let (header, result) = (bag.header(), bag.result().ok_or("it has no result")?);
-    let end = result.end.as_ref().ok_or("its result has no end")?;
+) -> Result<(), Unsimulated> {
+    let differs = |why: String| Err(Unsimulated::Differs(why));
+    let header = bag.header();
+    let Some((result, end)) = bag.result().and_then(|result| Some((result, result.end.as_ref()?))) else {
+        return differs("it has no result, or one without an end".into());
+    };
     let longest = Task::ALL.into_iter().map(Task::horizon_steps).max().unwrap_or_default();
     if end.steps > longest {
-        return Err(format!("it has {} steps; no task has more than {longest}", end.steps));
+        return differs(format!("it has {} steps; no task has more than {longest}", end.steps));
     }
     let mut actions = bag.actions();
     loop {
@@ -88,21 +97,21 @@ fn play(
             Some(poses) => poses.write(&mut writer, header, &record),
             None => writer.push(&record),
         };
-        written.map_err(|error| in_full(&error))?;
+        written.map_err(of_file)?;
         if record.result.is_some() {
             break;
         }
         if !bag.goes_on() {
-            return Err("it takes longer than the limit".into());
+            return differs("it takes longer than the limit".into());
         }
         let Some(action) = actions.next() else { break };
-        let action: ActionRecord = action.map_err(|error| in_full(&error))?;
+        let action: ActionRecord = action.map_err(of_file)?;
         let step = record.step + 1;
         // What no honest bag has is not simulated.
         if step > end.steps {
-            return Err(format!("it has actions after its end, which is step {}", end.steps));
+            return differs(format!("it has actions after its end, which is step {}", end.steps));
         }
-        let at = |refusal| format!("the action of step {step} is refused: {}", said(refusal));
+        let at = |refusal| Unsimulated::Differs(format!("the action of step {step} is refused: {}", said(refusal)));
         simulation.step(&command_of(&action)).map_err(at)?;
         let kept = encode(&action);
         record = simulation.record(Some(action), poses.is_some()).map_err(at)?;
@@ -110,15 +119,15 @@ fn play(
         record.action = kept;
     }
     if actions.next().is_some() {
-        return Err(format!("it has actions after its end, which is step {}", record.step));
+        return differs(format!("it has actions after its end, which is step {}", record.step));
     }
     let found = match record.result {
         Some(found) => found,
         None if end.cause == STOPPED => simulation.cut_short(STOPPED, "its operator ended it"),
-        None => return Err(format!("its actions end at step {}, before the episode does", record.step)),
+        None => return differs(format!("its actions end at step {}, before the episode does", record.step)),
     };
-    check_result(&found, result)?;
-    writer.finish(result).map(drop).map_err(|error| in_full(&error))
+    check_result(&found, result).map_err(Unsimulated::Differs)?;
+    writer.finish(result).map(drop).map_err(of_file)
 }
 
 /// The simulation of a header's episode; without its sensors unless `all` are wanted: they change no row, and some take long.
