@@ -109,6 +109,12 @@ impl Replay {
     /// As for [`Replay::open`]; [`BagError::Slow`] if `patience` ends before everything is read.
     pub fn open_with(path: &Path, max_kept: usize, patience: Option<Patience>) -> Result<Self, ReplayError> {
         let bag = Bag::open(path)?.with_patience(patience.clone());
+        // A machine that has no room for simulated rows does not make a bag a damaged one.
+        if let Some(Err(error)) = bag.states().next()
+            && error.is_of_machine()
+        {
+            return Err(error.into());
+        }
         let header = bag.header();
         let scene = robot_of(header).and_then(|robot| scene_of(header, Arc::new(robot)));
         let scene = scene.map_err(|source| ReplayError::Header { bag: path.into(), source })?;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fiatlux_bag::{Bag, BagWriter, Patience, topic};
+use fiatlux_bag::{Bag, BagError, BagWriter, Patience, Unsimulated, convert, simulate_with, topic};
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::CompressedImage;
 use fiatlux_proto::v3::{EpisodeHeader, Sensor};
@@ -200,6 +200,16 @@ fn shapes_fit_their_description() {
     let json: serde_json::Value = serde_json::from_str(&replay.document_json()).unwrap();
     assert_eq!(json["episode"]["policy"], "restless");
     assert_eq!(json["stage"]["frames"][0]["name"], "pelvis");
+}
+
+/// Guards a thin bag against a machine without room for its rows: it is not called a damaged one.
+#[test]
+fn a_machine_without_room_says_nothing_against_a_bag() {
+    simulate_with(|_, _, _| Err(Unsimulated::NoRoom("No space left on device".into())));
+    let played = play("full", Task::S05, 2);
+    assert!(convert(&played.bag, true).unwrap());
+    let error = Replay::open(&played.bag).unwrap_err();
+    assert!(matches!(&error, ReplayError::Bag(BagError::NoRoom { .. })), "{error}");
 }
 
 /// Guards that an episode becomes a still and a moving picture, and that drawing can be stopped.

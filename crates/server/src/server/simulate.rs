@@ -53,8 +53,15 @@ fn simulate(bag: &Bag, path: &Path, wanted: Simulated) -> Result<(), Unsimulated
 
 /// An error of the bag that is read or of the one that is written.
 fn of_file(error: BagError) -> Unsimulated {
-    let reason = in_full(&error);
-    if error.is_of_machine() { Unsimulated::NoRoom(reason) } else { Unsimulated::Differs(reason) }
+    if !error.is_of_machine() {
+        return Unsimulated::Differs(in_full(&error));
+    }
+    // The cause alone: remedies in between are those of a recorder.
+    let mut cause: &dyn std::error::Error = &error;
+    while let Some(source) = cause.source() {
+        cause = source;
+    }
+    Unsimulated::NoRoom(cause.to_string())
 }
 
 /// The episode of a bag at its start, with its first record.
