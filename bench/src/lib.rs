@@ -2,7 +2,9 @@
 #![allow(missing_docs)] // Used in this repository alone.
 
 pub mod batch;
+pub mod camera;
 mod case;
+mod folder;
 mod machine;
 mod mujoco;
 #[cfg(feature = "rapier")]
@@ -18,6 +20,7 @@ pub mod world;
 mod worlds;
 
 pub use case::{Case, cases};
+use folder::Folder;
 pub use mujoco::{MujocoTime, Oracle};
 #[cfg(feature = "rapier")]
 pub use multibody::MultibodyWorld;

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use fiatlux_bench::batch::{self, BatchOptions};
+use fiatlux_bench::camera::{self, CameraOptions};
 use fiatlux_bench::sensors::{self, SensorOptions};
 use fiatlux_bench::service::{self, ServiceOptions};
 use fiatlux_bench::shares::{self, ShareOptions};
@@ -34,6 +35,8 @@ enum Bench {
     World(WorldArgs),
     /// Control steps per second on one core for sets of sensors, and microseconds for each sensor.
     Sensors(SensorArgs),
+    /// Milliseconds of a picture at four sizes, and MuJoCo's of the same scene on a software renderer.
+    Camera(CameraArgs),
     /// Behaviour under violent targets: energy in free flight, speeds, penetration, solves that do not converge, and
     /// the error relative to a step of 0.25 ms.
     Violence(ViolenceArgs),
@@ -94,6 +97,25 @@ struct SensorArgs {
     seconds: f64,
     /// Script that times PyTorch.
     #[arg(long, default_value = "tests/oracle/features.py")]
+    oracle: PathBuf,
+}
+
+#[derive(Debug, Args)]
+struct CameraArgs {
+    /// Leave MuJoCo out. With it, needs Python 3.11 or newer, libEGL and Mesa; makes its own environment.
+    #[arg(long)]
+    alone: bool,
+    /// Turns of each side for each size and start.
+    #[arg(long, default_value_t = 10, value_parser = fiatlux_cli::whole::<u16>(1..=1000))]
+    rounds: u16,
+    /// Least processor time of a turn, s.
+    #[arg(long, default_value_t = 0.2, value_parser = positive)]
+    seconds: f64,
+    /// Print JSON instead of the table.
+    #[arg(long)]
+    json: bool,
+    /// Script that times MuJoCo.
+    #[arg(long, default_value = "tests/oracle/camera.py")]
     oracle: PathBuf,
 }
 
@@ -159,6 +181,7 @@ fn main() -> ExitCode {
     let done = match fiatlux_cli::parse::<Cli>().bench {
         Bench::World(args) => bench_world(args),
         Bench::Sensors(args) => bench_sensors(args),
+        Bench::Camera(args) => bench_camera(args),
         Bench::Violence(args) => bench_violence(&args),
         Bench::Batch(args) => bench_batch(&args),
         Bench::Service(args) => bench_service(args),
@@ -198,6 +221,12 @@ fn bench_sensors(args: SensorArgs) -> anyhow::Result<()> {
     let options = SensorOptions { seconds: args.seconds, oracle: args.pytorch.then_some(args.oracle) };
     let report = sensors::run(&options)?;
     show(&report, args.json)
+}
+
+fn bench_camera(args: CameraArgs) -> anyhow::Result<()> {
+    let oracle = (!args.alone).then_some(args.oracle);
+    let options = CameraOptions { rounds: args.rounds.into(), seconds: args.seconds, oracle };
+    show(&camera::run(&options)?, args.json)
 }
 
 fn bench_violence(args: &ViolenceArgs) -> anyhow::Result<()> {

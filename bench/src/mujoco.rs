@@ -8,7 +8,7 @@ use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_world::{PHYSICS_DT, SUBSTEPS};
 use serde::Deserialize;
 
-use super::{BenchError, Case};
+use super::{BenchError, Case, Folder};
 
 /// MuJoCo's time per step, under the faster of two sets of options.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +24,7 @@ pub struct MujocoTime {
 #[derive(Debug)]
 pub struct Oracle {
     script: PathBuf,
-    folder: PathBuf,
+    folder: Folder,
 }
 
 #[derive(Deserialize)]
@@ -53,10 +53,7 @@ impl Oracle {
         if !script.is_file() {
             return Err(BenchError::NoOracle(script.to_owned()));
         }
-        let folder = std::env::temp_dir().join(format!("fiatlux-bench-{}", std::process::id()));
-        fs::create_dir_all(&folder)
-            .map_err(|source| BenchError::Io { what: format!("make folder '{}'", folder.display()), source })?;
-        Ok(Self { script: script.to_owned(), folder })
+        Ok(Self { script: script.to_owned(), folder: Folder::new()? })
     }
 
     /// Times `repeats` runs of a case from its start state, stepped in C on one thread.
@@ -64,7 +61,7 @@ impl Oracle {
     /// # Errors
     /// Python, MuJoCo or the script is missing or fails.
     pub fn time(&self, case: &Case, repeats: usize) -> Result<MujocoTime, BenchError> {
-        let scene = self.folder.join("scene.xml");
+        let scene = self.folder.path().join("scene.xml");
         let options = MjcfOptions {
             name: case.name.replace(' ', "-"),
             timestep: PHYSICS_DT,
@@ -76,7 +73,7 @@ impl Oracle {
                 .map_err(|source| BenchError::Io { what: format!("write '{}'", path.display()), source })
         };
         write(&scene, to_mjcf(&case.model, &case.start, &case.targets[0], &options))?;
-        let targets = self.folder.join("targets.json");
+        let targets = self.folder.path().join("targets.json");
         write(&targets, serde_json::json!({"hold": SUBSTEPS, "targets": &case.targets}).to_string())?;
         let mut command = Command::new("python3");
         command.arg(&self.script).arg("timing").arg("--scene").arg(&scene).arg("--targets").arg(&targets);
@@ -89,13 +86,6 @@ impl Oracle {
             return Err(BenchError::OracleFailed { case: case.name, status: output.status });
         }
         faster(&output.stdout).map_err(|source| BenchError::OracleOutput { case: case.name, source })
-    }
-}
-
-impl Drop for Oracle {
-    fn drop(&mut self) {
-        // A failure does no harm: the system cleans its temporary folder.
-        fs::remove_dir_all(&self.folder).ok();
     }
 }
 

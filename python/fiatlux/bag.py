@@ -125,7 +125,7 @@ class Bag(Mapping[str, dict[str, Any]]):
         layout = Layout(
             {"observation": fields, "actions": [], "action_range": np.zeros((0, 2)), "rewards": []}, observation
         )
-        return layout.show(numbers.reshape(self.steps + 1, layout.length), copy=False)
+        return layout.show(numbers.reshape(self.steps + 1, layout.words), copy=False)
 
     def phases(self) -> tuple[list[str], NDArray[np.bool_]] | None:
         """For each step the name of what the policy ``expert`` did, and whether nothing was left to do; ``None`` in other policies' bags."""

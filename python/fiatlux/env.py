@@ -254,7 +254,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         return f"<fiatlux.Env {task}, {robot}, {protocol} judge: {episode}>"
 
     def _observation(self) -> Any:
-        numbers = np.empty(self._layout.length, np.float32)
+        numbers = np.empty(self._layout.words, np.float32)
         self._episode.observe(numbers)
         return self._layout.show(numbers, copy=False)
 

@@ -36,8 +36,13 @@ def joint_groups(names: Sequence[str]) -> dict[str, NDArray[np.int64]]:
     return {group: np.array(indices, np.int64) for group, indices in found.items() if indices}
 
 
+_WORD = 4
+"""Bytes of a picture in a number of the simulator's arrays."""
+
+
 class Layout:
-    """The places of an observation's fields in its vector."""
+    """The places of an observation's fields in the simulator's arrays of ``float32``, where pictures are bytes, four to a number; and in
+    the flat vector, where each byte is a number."""
 
     def __init__(self, spec: Mapping[str, Any], form: ObservationForm) -> None:
         if form not in get_args(ObservationForm):
@@ -46,21 +51,27 @@ class Layout:
             )
         self.form = form
         self.fields: dict[str, tuple[slice, tuple[int, ...]]] = {}
-        self._dtypes: dict[str, type] = {}
+        # Words of each field in the simulator's arrays.
+        self._words: dict[str, slice] = {}
+        self._pictures: set[str] = set()
         bounds: list[tuple[float, float]] = []
         boxes: dict[str, spaces.Space[Any]] = {}
-        start = 0
+        start = word = 0
         for name, shape, low, high, is_picture in spec["observation"]:
             length = int(np.prod(shape, dtype=np.int64))
             # A single number becomes a field of length 1, since some libraries cannot handle scalars.
             shape = tuple(shape) or (1,)
             low, high = max(low, -_UNBOUNDED), min(high, _UNBOUNDED)
             self.fields[name] = (slice(start, start + length), shape)
-            self._dtypes[name] = np.uint8 if is_picture else np.float32
-            boxes[name] = spaces.Box(low, high, shape, self._dtypes[name])
+            boxes[name] = spaces.Box(low, high, shape, np.uint8 if is_picture else np.float32)
             bounds.append((low, high))
             start += length
+            if is_picture:
+                self._pictures.add(name)
+            self._words[name] = slice(word, word + (-(-length // _WORD) if is_picture else length))
+            word = self._words[name].stop
         self.length = start
+        self.words = word
         lengths = [field.stop - field.start for field, _ in self.fields.values()]
         lows, highs = (np.repeat([bound[side] for bound in bounds], lengths).astype(np.float32) for side in (0, 1))
         self.space: spaces.Space[Any] = (
@@ -71,13 +82,33 @@ class Layout:
         self.action_space = spaces.Box(low, high, dtype=np.float32)
         self.reward_terms: list[str] = spec["rewards"]
 
-    def show(self, numbers: NDArray[np.float32], copy: bool) -> Any:
-        """Converts vectors, with any number of leading axes, to the layout's form."""
-        if self.form != "dict":
-            return numbers.copy() if copy else numbers
-        before = numbers.shape[:-1]
-        parts = {name: numbers[..., field].reshape(before + shape) for name, (field, shape) in self.fields.items()}
-        return {name: part.astype(self._dtypes[name], copy=copy) for name, part in parts.items()}
+    @property
+    def has_pictures(self) -> bool:
+        """True if a field is a picture."""
+        return bool(self._pictures)
+
+    def show(self, words: NDArray[np.float32], copy: bool) -> Any:
+        """Converts the simulator's arrays, with any number of leading axes, to the layout's form. ``copy`` is of numbers; pictures of a
+        dictionary are views, so that an array which is written again must not be shown to those who keep pictures."""
+        before = words.shape[:-1]
+        if self.form == "dict":
+            fields = self.fields.items()
+            parts = {name: self._part(words, name).reshape(before + shape) for name, (_, shape) in fields}
+            return {name: part.copy() if copy and name not in self._pictures else part for name, part in parts.items()}
+        if not self._pictures:
+            return words.copy() if copy else words
+        flat = np.empty((*before, self.length), np.float32)
+        for name, (field, _) in self.fields.items():
+            flat[..., field] = self._part(words, name)
+        return flat
+
+    def _part(self, words: NDArray[np.float32], name: str) -> NDArray[Any]:
+        """A field's numbers, or the bytes of its picture."""
+        part = words[..., self._words[name]]
+        if name not in self._pictures:
+            return part
+        field, _ = self.fields[name]
+        return part.view(np.uint8)[..., : field.stop - field.start]
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

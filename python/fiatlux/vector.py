@@ -254,11 +254,12 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.single_action_space = layout.action_space
         self.observation_space = batch_space(layout.space, self.num_envs)
         self.action_space = batch_space(layout.action_space, self.num_envs)
-        worlds, length = self.num_envs, layout.length
+        worlds, length = self.num_envs, layout.words
         _check_memory(worlds, length)
         self._observation = np.zeros((worlds, length), np.float32)
         has_final = (shared["final_obs"] or judge is not None) and self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final = np.zeros((worlds, length), np.float32) if has_final else None
+        self._is_fresh = copy and layout.has_pictures
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
@@ -287,7 +288,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             raise ValueError(f"options has no {unknown[0]!r}; the one known key is 'reset_mask'")
         mask = (options or {}).get("reset_mask")
         marks = np.ones(self.num_envs, np.bool_) if mask is None else self._marks("reset_mask", mask)
-        self._batch.reset(marks, self._observation, seed)
+        self._observe(lambda observation: self._batch.reset(marks, observation, seed))
         return self._layout.show(self._observation, self.copies), {"drawn": self.drawn()} if mask is None else {}
 
     def reset_worlds(self, mask: Any, like: int | Mapping[str, Any] | None = None) -> Any:
@@ -305,7 +306,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             parts = {name: self._part(name, numbers) for name, numbers in like.items() if name != "step"}
         elif like is not None:
             world = whole("like", like, 0, self.num_envs - 1)
-        self._batch.reset(marks, self._observation, None, world, parts)
+        self._observe(lambda observation: self._batch.reset(marks, observation, None, world, parts))
         return self._layout.show(self._observation, self.copies)
 
     def copy_world(self, world: int, worlds: Any) -> Any:
@@ -316,7 +317,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """
         self._check_open()
         marks = self._marks("worlds", worlds)
-        self._batch.copy_world(whole("world", world, 0, self.num_envs - 1), marks, self._observation)
+        number = whole("world", world, 0, self.num_envs - 1)
+        self._observe(lambda observation: self._batch.copy_world(number, marks, observation))
         self._jumps += marks
         return self._layout.show(self._observation, self.copies)
 
@@ -325,7 +327,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         once, in the next step, or with ``reset``."""
         self._check_open()
         marks = self._marks("mask", mask)
-        self._batch.end_episodes(marks, self._observation)
+        self._observe(lambda observation: self._batch.end_episodes(marks, observation))
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._was_over |= marks
         return self._layout.show(self._observation, self.copies)
@@ -335,7 +337,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         as :meth:`fiatlux.Env.look` does for one."""
         self._check_open()
         marks = np.ones(self.num_envs, np.bool_) if worlds is None else self._marks("worlds", worlds)
-        self._batch.look(names_of("sensors", sensors), marks, self._observation)
+        names = names_of("sensors", sensors)
+        self._observe(lambda observation: self._batch.look(names, marks, observation))
         return self._layout.show(self._observation, self.copies)
 
     def stagger(self, steps: Any = None) -> None:
@@ -349,6 +352,13 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if len(steps) != self.num_envs:
             raise ValueError(f"steps has {len(steps)} numbers; give one for each of {self.num_envs} worlds")
         self._batch.shorten_episodes(steps)
+
+    def _observe(self, write: Callable[[NDArray[np.float32]], None]) -> None:
+        """Lets the simulator write all observations. Pictures are returned as they lie there, so a vector that returns copies takes a new
+        array each time; the old one stays where the simulator refuses."""
+        observation = np.empty_like(self._observation) if self._is_fresh else self._observation
+        write(observation)
+        self._observation = observation
 
     def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
         """A boolean for each world, some of them true."""
@@ -381,16 +391,11 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """
         self._check_open()
         array = as_actions(actions, self.action_space.shape or ())
-        self._batch.step(
-            array,
-            self._observation,
-            self._final,
-            self._reward,
-            self._terms,
-            self._terminated,
-            self._truncated,
-            self._success,
-        )
+        if self._final is not None and self._layout.has_pictures:
+            # Memory that nobody has written to costs nothing, and few worlds end in a step.
+            self._final = np.zeros(self._final.shape, np.float32)
+        final, others = self._final, (self._reward, self._terms, self._terminated, self._truncated, self._success)
+        self._observe(lambda observation: self._batch.step(array, observation, final, *others))
         own = np.copy if self.copies else np.asarray
         info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
         if self._judge is not None:
@@ -419,7 +424,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if ends is not None:
             ends = self._judged("end", ends, np.bool_) & ~ended & ~self._was_over
             if ends.any():
-                self._batch.end_episodes(ends, self._observation)
+                self._observe(lambda observation: self._batch.end_episodes(ends, observation))
                 self._terminated |= ends
                 if self._final is not None:
                     self._final[ends] = last[ends]
@@ -455,7 +460,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             raise ValueError(
                 "rollout: with autoreset_mode='disabled' an ended episode waits for reset; use another mode"
             )
-        worlds, width = self.num_envs, self._layout.length
+        worlds, width = self.num_envs, self._layout.words
         array = np.asarray(actions)
         single = self.single_action_space.shape or ()
         if array.ndim == 2:
@@ -538,7 +543,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """
         self._check_open()
         marks = None if worlds is None else self._marks("worlds", worlds)
-        self._batch.restore(snapshot, self._observation, marks)
+        self._observe(lambda observation: self._batch.restore(snapshot, observation, marks))
         self._jumps += True if marks is None else marks
         return self._layout.show(self._observation, self.copies)
 

@@ -7,6 +7,15 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
+/// Bytes that what `make` returns holds, without what it shares with others and had before.
+pub fn held<T>(make: impl FnOnce() -> T) -> (T, usize) {
+    let region = Region::new(ALLOCATOR);
+    let made = make();
+    let change = region.change();
+    let bytes = change.bytes_allocated.saturating_sub(change.bytes_deallocated);
+    (made, bytes)
+}
+
 /// Allocations and reallocations of `work` by all threads: the least of two runs, each from a new `start`, which is not counted.
 ///
 /// Deterministic work allocates the same each time; the thread of the test harness allocates once, when it begins to wait.

@@ -336,7 +336,9 @@ impl Batch {
             let source = "this task has no sensors; use a task of the benchmark".into();
             BatchError::Task { world, source }
         })?;
-        Ok(ask(suite, &view))
+        let said = ask(suite, &view);
+        suite.release();
+        Ok(said)
     }
 
     /// Values drawn for a world's present episode, by name: the start of its bank, light, what varies, and what the task draws.

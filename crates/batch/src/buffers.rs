@@ -7,7 +7,8 @@ use crate::{BatchError, Outcome, Spec};
 /// world are in the order of [`Spec`](crate::Spec).
 #[derive(Debug)]
 pub struct Buffers<'a> {
-    /// Observations; if the step ended an episode, the first observation of the next one.
+    /// Observations; if the step ended an episode, the first observation of the next one. Pictures in them are bytes: see
+    /// [`Field`](crate::Field).
     pub observation: &'a mut [f32],
     /// The last observation of each episode that ended; the parts of other worlds are left unchanged. `None` if the
     /// caller does not want them, and then they are not computed.
@@ -90,7 +91,8 @@ impl Buffers<'_> {
     pub(crate) fn copy_from(&mut self, job: &Job) {
         let (world, outcome) = (job.world, job.outcome);
         job.copy_observation(self.observation);
-        if let Some(buffer) = self.final_observation.as_deref_mut().filter(|_| outcome != Outcome::Continues) {
+        let has_ended = outcome != Outcome::Continues && !job.final_observation.is_empty();
+        if let Some(buffer) = self.final_observation.as_deref_mut().filter(|_| has_ended) {
             part(buffer, world, job.final_observation.len()).copy_from_slice(&job.final_observation);
         }
         self.reward[world] = job.reward;

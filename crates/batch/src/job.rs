@@ -14,6 +14,10 @@ use crate::{BatchError, Control, Outcome, Spec};
 /// Up to this many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
 const MAX_SHARED_BANKS: usize = 16;
 
+/// Words of an observation up to which a world keeps room for the last one of an episode. With pictures, whose memory counts, the room
+/// is there only in a step in which an episode ends.
+const KEPT_WORDS: usize = 1 << 14;
+
 /// A job for one world.
 #[derive(Clone)]
 pub(crate) enum Order {
@@ -83,7 +87,7 @@ impl Job {
             begin: Begin::AtStart,
             is_marked: false,
             observation: numbers(spec.observation_length()),
-            final_observation: numbers(spec.observation_length()),
+            final_observation: Vec::with_capacity(Some(spec.observation_length()).filter(is_kept).unwrap_or_default()),
             reward: 0.0,
             reward_terms: numbers(spec.rewards.len()),
             contacts: Vec::new(),
@@ -191,9 +195,13 @@ impl Worker {
             Order::Look(sensors) if job.is_marked => job.slot.look(&stage.bank, shared, sensors, &mut job.observation),
             Order::Load(_) | Order::Copy(_) | Order::End | Order::Look(_) => Ok(()),
             Order::Step { wants_final } => {
+                job.final_observation.clear();
+                if !is_kept(&job.final_observation.capacity()) {
+                    job.final_observation = Vec::new();
+                }
                 let results = Results {
                     observation: &mut job.observation,
-                    final_observation: wants_final.then_some(&mut job.final_observation[..]),
+                    final_observation: wants_final.then_some(&mut job.final_observation),
                     reward_terms: &mut job.reward_terms,
                     contacts: shared.watch.contacts.then_some(&mut job.contacts),
                 };
@@ -203,6 +211,11 @@ impl Worker {
         };
         done.map_err(|stopped| stopped.at(world))
     }
+}
+
+/// True if room for an observation of so many words is kept.
+fn is_kept(words: &usize) -> bool {
+    *words <= KEPT_WORDS
 }
 
 /// A world's part of an array with `each` numbers for every world.

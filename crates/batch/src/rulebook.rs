@@ -299,13 +299,17 @@ impl Task for Rulebook {
 
     fn observe(&mut self, world: &World, observation: &mut [f32]) -> Result<(), TaskError> {
         let Some((sampler, suite, view)) = self.sampled(world.scene(), world.row()) else { return Ok(()) };
-        Ok(sampler.sample(suite, &view, observation)?)
+        let sampled = sampler.sample(suite, &view, observation);
+        suite.release();
+        Ok(sampled?)
     }
 
     fn look(&mut self, scene: &Scene, row: &Row, sensors: &[String], observation: &mut [f32]) -> Result<(), TaskError> {
         let asked = self.sampler.named(sensors)?;
         let Some((sampler, suite, view)) = self.sampled(scene, row) else { return Ok(()) };
-        Ok(sampler.look(suite, asked, &view, observation)?)
+        let looked = sampler.look(suite, asked, &view, observation);
+        suite.release();
+        Ok(looked?)
     }
 
     fn senses<'a>(&'a mut self, scene: &'a Scene, row: &'a Row) -> Option<(&'a mut SensorSuite, View<'a>)> {

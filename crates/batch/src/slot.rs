@@ -157,8 +157,8 @@ impl From<TaskError> for Stopped {
 /// Buffers for the results of one world.
 pub(crate) struct Results<'a> {
     pub observation: &'a mut [f32],
-    /// Buffer for the observation of an episode's last row, if wanted.
-    pub final_observation: Option<&'a mut [f32]>,
+    /// Empty list for the observation of an episode's last row, if wanted.
+    pub final_observation: Option<&'a mut Vec<f32>>,
     pub reward_terms: &'a mut [f32],
     /// Contact points of the step, if wanted.
     pub contacts: Option<&'a mut Vec<Contact>>,
@@ -360,7 +360,7 @@ impl Slot {
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
                 // Parts that are not due stay as they were.
-                final_observation.copy_from_slice(observation);
+                final_observation.extend_from_slice(observation);
                 self.observe(stage, shared, final_observation)?;
             }
             self.begin(stage, shared, None, observation)?;

@@ -144,13 +144,14 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// Count of numbers in an observation.
+    /// Count of the words of 4 bytes in an observation: a number each, or four bytes of a picture.
     pub fn observation_length(&self) -> usize {
-        self.observation.iter().map(Field::length).sum()
+        self.observation.iter().map(Field::words).sum()
     }
 }
 
-/// Consecutive numbers of an observation.
+/// Consecutive numbers of an observation. A picture's are bytes, four in each word of the observation, as they lie in memory; the last
+/// word is filled up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// Name of the field, unique within the observation.
@@ -191,6 +192,11 @@ impl Field {
     /// Count of numbers in the field.
     pub fn length(&self) -> usize {
         self.shape.iter().product()
+    }
+
+    /// Count of the words of 4 bytes that it takes in an observation.
+    pub fn words(&self) -> usize {
+        if self.is_picture() { self.length().div_ceil(size_of::<f32>()) } else { self.length() }
     }
 }
 

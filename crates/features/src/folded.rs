@@ -1,6 +1,6 @@
 //! A convolution with its batch norm folded in.
 
-use fiatlux_nets::Convolution;
+use fiatlux_nets::{Convolution, WholeConvolution};
 
 use crate::weights::LayerWeights;
 
@@ -44,5 +44,11 @@ impl Folded {
     pub fn direct(&self) -> Convolution {
         let weight = |output, input, y, x| self.weight(output, input, y, x);
         Convolution::new(self.inputs, self.kernel, self.stride, weight, self.bias.clone())
+    }
+
+    /// The same in whole numbers.
+    pub fn whole(&self) -> WholeConvolution {
+        let weight = |output, input, y, x| self.weight(output, input, y, x);
+        WholeConvolution::new(self.inputs, self.kernel, self.stride, weight, self.bias.clone())
     }
 }

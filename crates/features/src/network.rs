@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use fearless_simd::{Level, dispatch};
-use fiatlux_nets::{Convolution, Finish, Plane};
+use fiatlux_nets::{Convolution, Finish, Plane, WholeConvolution};
 
 use crate::folded::Folded;
 use crate::layers::{Block, Network, STAGES};
 use crate::tiles::{F2, F4};
-use crate::winograd::{Scratch, Winograd};
+use crate::winograd::{Scratch, WholeWinograd, Winograd};
 use crate::{FeatureError, Weights};
 
 pub const FEATURES: usize = 512;
@@ -32,17 +32,37 @@ enum Conv {
     /// For many channels: the weights of larger tiles would take longer to read than they save.
     Small(Winograd<F2, 4, 2>),
     Large(Winograd<F4, 6, 4>),
+    WholeDirect(WholeConvolution),
+    WholeSmall(WholeWinograd<F2, 4, 2>),
+    WholeLarge(WholeWinograd<F4, 6, 4>),
 }
+
+/// How products are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Arithmetic {
+    /// In f32, with fused multiplication where the CPU has it: two kinds of CPU differ in the last digits.
+    #[default]
+    Single,
+    /// In whole numbers of at most 16 bits, and sums of 32, which are the same on every CPU; so are the features, to the bit. The label of
+    /// the weights then ends with [`INT8`].
+    Int8,
+}
+
+/// End of the label of weights whose network computes in whole numbers.
+pub const INT8: &str = "+int8";
 
 /// From this number of channels on, tiles are small.
 const SMALL_TILES: usize = 512;
 
 impl Conv {
-    fn new(folded: &Folded) -> Self {
-        match (folded.kernel, folded.stride) {
-            (3, 1) if folded.inputs >= SMALL_TILES => Self::Small(Winograd::new(folded)),
-            (3, 1) => Self::Large(Winograd::new(folded)),
-            _ => Self::Direct(folded.direct()),
+    fn new(folded: &Folded, arithmetic: Arithmetic) -> Self {
+        match ((folded.kernel, folded.stride), arithmetic) {
+            ((3, 1), Arithmetic::Single) if folded.inputs >= SMALL_TILES => Self::Small(Winograd::new(folded)),
+            ((3, 1), Arithmetic::Single) => Self::Large(Winograd::new(folded)),
+            (_, Arithmetic::Single) => Self::Direct(folded.direct()),
+            ((3, 1), Arithmetic::Int8) if folded.inputs >= SMALL_TILES => Self::WholeSmall(WholeWinograd::new(folded)),
+            ((3, 1), Arithmetic::Int8) => Self::WholeLarge(WholeWinograd::new(folded)),
+            (_, Arithmetic::Int8) => Self::WholeDirect(folded.whole()),
         }
     }
 
@@ -51,6 +71,9 @@ impl Conv {
             Self::Direct(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish)),
             Self::Small(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::Large(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
+            Self::WholeDirect(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, &mut scratch.steps)),
+            Self::WholeSmall(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
+            Self::WholeLarge(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
         }
     }
 }
@@ -104,10 +127,16 @@ pub struct ResNet18 {
 impl ResNet18 {
     /// Folds and packs the weights: some 95 MB.
     pub fn new(weights: &Weights) -> Self {
+        Self::with(weights, Arithmetic::Single)
+    }
+
+    /// As [`ResNet18::new`], with that arithmetic.
+    pub fn with(weights: &Weights, arithmetic: Arithmetic) -> Self {
+        let ending = if arithmetic == Arithmetic::Int8 { INT8 } else { "" };
         Self {
             level: Level::new(),
-            label: weights.label(),
-            convs: Arc::new(weights.network().map(|filled| Conv::new(&Folded::new(filled)))),
+            label: weights.label() + ending,
+            convs: Arc::new(weights.network().map(|filled| Conv::new(&Folded::new(filled), arithmetic))),
             normalised: std::array::from_fn(|byte| {
                 std::array::from_fn(|colour| (byte as f32 / 255.0 - MEAN[colour]) / STD[colour])
             }),
@@ -236,3 +265,6 @@ fn average(image: &Plane, features: &mut [f32; FEATURES]) {
     let pixels = (image.height * image.width) as f32;
     features.iter_mut().for_each(|sum| *sum /= pixels);
 }
+
+#[cfg(test)]
+mod tests;

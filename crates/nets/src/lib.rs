@@ -9,12 +9,14 @@ mod convolution;
 mod dense;
 mod plane;
 mod product;
+mod whole;
 
 pub use activations::{elu, exp, sigmoid};
 pub use convolution::{Convolution, MAX_KERNEL};
 pub use dense::{Dense, Rounding};
 pub use plane::Plane;
 pub use product::{Finish, Gathered, LANES, Panels, Target, multiply};
+pub use whole::{PAIR, Steps, WholeConvolution, WholePanels, multiply_whole};
 
 /// Largest difference of a network's results from those of its training: relative, but absolute below 1.
 pub fn largest_difference(found: &[f32], expected: &[f32]) -> f32 {

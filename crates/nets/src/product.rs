@@ -29,8 +29,8 @@ impl Panels {
 /// The left-hand matrix. Row `i` consists of pieces of `run` numbers, one for each tap, at `rows[i] + tap` in `data`:
 /// with the taps of a convolution's window this is im2col without the copy.
 #[derive(Debug, Clone, Copy)]
-pub struct Gathered<'a> {
-    pub data: &'a [f32],
+pub struct Gathered<'a, T = f32> {
+    pub data: &'a [T],
     /// Index in `data` of the start of each row.
     pub rows: &'a [usize],
     /// Start of each piece, relative to the row's start.

@@ -120,14 +120,32 @@ impl Renderer {
     ///
     /// A row whose joint angles are not finite is drawn without its robot.
     pub fn render(&mut self, visuals: &Visuals, row: &Row, camera: &Camera, lighting: &Lighting) -> &Image {
+        let mut rgb = std::mem::take(&mut self.image.rgb);
+        self.render_to(visuals, row, camera, lighting, &mut rgb);
+        self.image.rgb = rgb;
+        &self.image
+    }
+
+    /// As [`Renderer::render`], into bytes of the caller's: red, green and blue of each pixel, rows from the top.
+    ///
+    /// # Panics
+    /// The buffer has another length than three bytes for each pixel.
+    pub fn render_to(
+        &mut self,
+        visuals: &Visuals,
+        row: &Row,
+        camera: &Camera,
+        lighting: &Lighting,
+        rgb: &mut [u8],
+    ) {
+        assert_eq!(rgb.len(), 3 * self.size[0] * self.size[1], "bytes of a picture");
         let light = lighting.prepared();
         let view = self.draw_row(visuals, row, camera);
         let lit_bulb = row.attachments[Bulb::Fresh as usize].seated;
         let lamp = (lit_bulb && visuals.look() == Look::Two).then(|| Lamp::at(&row.things[errand::FRESH_BULB].pose));
         let shaded = self.draw_shadows(visuals, &view, &light);
         self.find_occlusion(&view);
-        self.shade(&view, &light, lamp, shaded);
-        &self.image
+        self.shade(rgb, &view, &light, lamp, shaded);
     }
 
     /// Finds what a row shows at each pixel and how far away it is, without lighting it: [`Renderer::owner`] and
@@ -351,17 +369,15 @@ impl Renderer {
     }
 
     /// Lights every sample and averages those of a pixel.
-    fn shade(&mut self, view: &View, light: &PreparedLight, lamp: Option<Lamp>, shaded: bool) {
+    fn shade(&mut self, rgb: &mut [u8], view: &View, light: &PreparedLight, lamp: Option<Lamp>, shaded: bool) {
         let shader = Shader { light, lamp, finishes: &self.finishes };
-        let mut rgb = std::mem::take(&mut self.image.rgb);
         if self.samples == 1 && lamp.is_none() {
             let mut empty = std::mem::take(&mut self.empty);
-            self.shade_wide(&mut rgb, &mut empty, &shader, view, shaded);
+            self.shade_wide(rgb, &mut empty, &shader, view, shaded);
             self.empty = empty;
         } else {
-            self.shade_mean(&mut rgb, &shader, view, shaded);
+            self.shade_mean(rgb, &shader, view, shaded);
         }
-        self.image.rgb = rgb;
     }
 
     /// Lights eight pixels at once; `empty` is room for a list.

@@ -1,6 +1,6 @@
 //! Devices that sensors share: each computes at most once a row.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_features::{FeatureError, ResNet18};
 use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use crate::noise::{Noise, NoiseSeed};
 use crate::observer::sense;
+use crate::sensor::Out;
 use crate::{Lidar, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
@@ -53,17 +54,35 @@ struct CameraSet {
     cameras: Vec<(&'static str, Eye)>,
 }
 
-/// A camera's renderer. A picture needs its geometry too; depth and labels need that alone.
-#[derive(Debug, Clone)]
+/// A camera's renderer, from when it is needed until it is given back. A picture needs its geometry too; depth and labels need that
+/// alone.
+#[derive(Debug, Clone, Default)]
 struct Eye {
-    renderer: Renderer,
+    renderer: Option<Renderer>,
     measured_at: Option<u64>,
     lit_at: Option<u64>,
 }
 
-impl Eye {
-    fn new(renderer: Renderer) -> Self {
-        Self { renderer, measured_at: None, lit_at: None }
+/// What a camera is asked for.
+enum Wanted<'a> {
+    Geometry,
+    Image,
+    /// The bytes of the image, in the caller's memory alone.
+    Bytes(&'a mut [u8]),
+}
+
+/// Renderers that nobody uses now, all of one size. A frame follows from its row alone, so it does not matter who used one before.
+#[derive(Debug, Clone, Default)]
+struct Renderers(Arc<Mutex<Vec<Renderer>>>);
+
+impl Renderers {
+    fn lend(&self, [width, height]: [usize; 2]) -> Renderer {
+        let idle = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        idle.unwrap_or_else(|| Renderer::new(width, height))
+    }
+
+    fn take_back(&self, renderer: Option<Renderer>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(renderer);
     }
 }
 
@@ -76,6 +95,7 @@ pub(crate) struct Devices {
     body: Option<Cached<Proprioception>>,
     lidars: Vec<(Sight, Cached<Lidar>)>,
     camera_set: Option<CameraSet>,
+    renderers: Renderers,
     network: Option<Cached<ResNet18>>,
 }
 
@@ -83,7 +103,7 @@ impl Clone for Devices {
     fn clone(&self) -> Self {
         // A network keeps the features of its own images alone.
         let network = self.network.as_ref().map(|network| Cached::new(network.value.twin()));
-        let Self { sight, noise, image_size, body, lidars, camera_set, .. } = self;
+        let Self { sight, noise, image_size, body, lidars, camera_set, renderers, network: _ } = self;
         Self {
             sight: *sight,
             noise: noise.clone(),
@@ -91,6 +111,7 @@ impl Clone for Devices {
             body: body.clone(),
             lidars: lidars.clone(),
             camera_set: camera_set.clone(),
+            renderers: renderers.clone(),
             network,
         }
     }
@@ -99,7 +120,16 @@ impl Clone for Devices {
 impl Devices {
     pub fn new(sight: Sight, image_size: [usize; 2], network: Option<ResNet18>) -> Self {
         let network = network.map(Cached::new);
-        Self { sight, noise: Noise::new(None), image_size, body: None, lidars: Vec::new(), camera_set: None, network }
+        Self {
+            sight,
+            noise: Noise::new(None),
+            image_size,
+            body: None,
+            lidars: Vec::new(),
+            camera_set: None,
+            renderers: Renderers::default(),
+            network,
+        }
     }
 
     pub fn begin(
@@ -122,13 +152,11 @@ impl Devices {
         }
         let mut cameras = cameras.peekable();
         if cameras.peek().is_some() {
-            let [width, height] = self.image_size;
-            let mut old = self.camera_set.take().map(|camera_set| camera_set.cameras).unwrap_or_default();
+            self.release();
             let mut eyes: Vec<(_, Eye)> = Vec::new();
             for name in cameras {
                 if !eyes.iter().any(|(other, _)| *other == name) {
-                    let renderer = old.pop().map_or_else(|| Renderer::new(width, height), |(_, eye)| eye.renderer);
-                    eyes.push((name, Eye::new(renderer)));
+                    eyes.push((name, Eye::default()));
                 }
             }
             self.camera_set = Some(CameraSet { visuals: visuals(), lighting, cameras: eyes });
@@ -155,6 +183,13 @@ impl Devices {
         }
     }
 
+    /// Gives all renderers back, and with them what they show.
+    pub fn release(&mut self) {
+        for (_, eye) in self.camera_set.iter_mut().flat_map(|set| &mut set.cameras) {
+            self.renderers.take_back(std::mem::take(eye).renderer);
+        }
+    }
+
     /// Proprioception of the row.
     pub fn body(&mut self, view: &View<'_>) -> Result<&Proprioception, SenseError> {
         let body = self.body.as_mut().ok_or(SenseError::Absent("an episode"))?;
@@ -176,31 +211,49 @@ impl Devices {
 
     /// The image of a camera at this row; drawn once a row, then kept.
     pub fn picture(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Image, SenseError> {
-        Ok(self.look(view, camera, true)?.image())
+        Ok(self.look(view, camera, Wanted::Image)?.image())
+    }
+
+    /// Writes the image of a camera at this row: straight to its place, where there is room for bytes and nobody else needs the image.
+    pub fn draw(&mut self, view: &View<'_>, camera: &'static str, out: &mut Out<'_>) -> Result<(), SenseError> {
+        let [width, height] = self.image_size;
+        let room = if self.network.is_none() { out.picture(3 * width * height) } else { None };
+        match room {
+            Some(rgb) => {
+                self.look(view, camera, Wanted::Bytes(rgb))?;
+            }
+            None => out.extend_bytes(self.picture(view, camera)?.rgb()),
+        }
+        Ok(())
     }
 
     /// The camera's view of this row: owners and distances by pixel. Found once a row, then kept.
     pub fn geometry(&mut self, view: &View<'_>, camera: &'static str) -> Result<&Renderer, SenseError> {
-        self.look(view, camera, false)
+        self.look(view, camera, Wanted::Geometry)
     }
 
-    fn look(&mut self, view: &View<'_>, camera: &'static str, lit: bool) -> Result<&Renderer, SenseError> {
+    fn look(&mut self, view: &View<'_>, camera: &'static str, wanted: Wanted<'_>) -> Result<&Renderer, SenseError> {
         let CameraSet { visuals, lighting, cameras } = self.camera_set.as_mut().ok_or(SenseError::Absent("camera"))?;
         let found = cameras.iter_mut().find(|(name, _)| *name == camera);
         let (_, eye) = found.ok_or(SenseError::Absent("camera"))?;
         let step = Some(view.row.step);
-        if (if lit { eye.lit_at } else { eye.measured_at }) != step {
-            let [width, height] = self.image_size;
-            let camera = Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height);
-            if lit {
-                eye.renderer.render(visuals, view.row, &camera, lighting);
+        let renderer = eye.renderer.get_or_insert_with(|| self.renderers.lend(self.image_size));
+        let [width, height] = self.image_size;
+        let mounted = || Ok::<_, SenseError>(Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height));
+        match wanted {
+            Wanted::Geometry if eye.measured_at != step => renderer.measure(visuals, view.row, &mounted()?),
+            Wanted::Image if eye.lit_at != step => {
+                renderer.render(visuals, view.row, &mounted()?, lighting);
                 eye.lit_at = step;
-            } else {
-                eye.renderer.measure(visuals, view.row, &camera);
             }
-            eye.measured_at = step;
+            Wanted::Bytes(rgb) if eye.lit_at != step => {
+                renderer.render_to(visuals, view.row, &mounted()?, lighting, rgb);
+            }
+            Wanted::Bytes(rgb) => rgb.copy_from_slice(renderer.image().rgb()),
+            Wanted::Geometry | Wanted::Image => {}
         }
-        Ok(&eye.renderer)
+        eye.measured_at = step;
+        Ok(renderer)
     }
 
     /// The network, with the features of a camera's image.

@@ -98,9 +98,9 @@ impl Sampler {
         }
     }
 
-    /// Count of the numbers that it writes.
+    /// Count of the words of 4 bytes that it writes: one for each number, or for four bytes of a picture.
     pub fn length(&self, suite: &SensorSuite) -> usize {
-        self.sensors.iter().map(|sensor| suite.length(sensor) + usize::from(self.oldest(sensor).is_some())).sum()
+        self.sensors.iter().map(|sensor| suite.words(sensor) + usize::from(self.oldest(sensor).is_some())).sum()
     }
 
     /// Names as a request has them, such as `camera@10`.
@@ -118,7 +118,7 @@ impl Sampler {
     }
 
     /// Writes the observation of a row: the sensors that are due, in the order of [`Sensor::ALL`], and the ages of those that are not
-    /// computed in every step. `observation` has the observation of the row before; in step 0 all sensors are due.
+    /// computed in every step. Pictures are bytes, as of [`SensorSuite::fill`]. `observation` has the observation of the row before; in step 0 all sensors are due.
     ///
     /// # Errors
     /// As of [`SensorSuite::compute`]; a buffer of another length than [`Sampler::length`].
@@ -154,10 +154,10 @@ impl Sampler {
         }
         let (step, mut rest) = (view.row.step, observation);
         for sensor in self.sensors.iter() {
-            let (numbers, others) = rest.split_at_mut(suite.length(sensor));
+            let (numbers, others) = rest.split_at_mut(suite.words(sensor));
             rest = others;
             if asked.contains(sensor) {
-                suite.compute(sensor, view, numbers)?;
+                suite.fill(sensor, view, numbers)?;
                 self.taken_at[sensor as usize] = step;
             }
             if self.oldest(sensor).is_some() {

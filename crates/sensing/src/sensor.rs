@@ -150,7 +150,20 @@ impl Term {
     pub fn length(&self) -> usize {
         self.shape.iter().product()
     }
+
+    /// True if the numbers are the bytes of a picture, from 0 to 255: height x width x 3, or height x width labels.
+    pub fn is_picture(&self) -> bool {
+        matches!(self.shape[..], [_, _, 3] | [_, _]) && self.range == [0.0, 255.0] && self.scale == 1.0
+    }
+
+    /// Count of the words of 4 bytes that it takes in an observation: one for each number, or for four bytes of a picture.
+    pub fn words(&self) -> usize {
+        if self.is_picture() { self.length().div_ceil(WORD) } else { self.length() }
+    }
 }
+
+/// Bytes of a picture in a word of an observation.
+const WORD: usize = size_of::<f32>();
 
 /// Where a sensor's numbers go.
 pub(crate) struct Out<'a> {
@@ -163,6 +176,8 @@ enum Places<'a> {
     Slice(std::slice::IterMut<'a, f32>),
     /// A message's own list.
     List(&'a mut Vec<f32>),
+    /// A picture of the caller's.
+    Bytes(&'a mut [u8]),
 }
 
 impl<'a> Out<'a> {
@@ -173,6 +188,19 @@ impl<'a> Out<'a> {
 
     pub fn list(numbers: &'a mut Vec<f32>) -> Self {
         Self { places: Places::List(numbers), scale: 1.0 }
+    }
+
+    /// For numbers from 0 to 255; those that do not fit are left out.
+    pub fn bytes(bytes: &'a mut [u8]) -> Self {
+        Self { places: Places::Bytes(bytes), scale: 1.0 }
+    }
+
+    /// Room for a whole picture of so many bytes, for whoever writes them all; `None` where there is no such room.
+    pub fn picture(&mut self, length: usize) -> Option<&mut [u8]> {
+        match &mut self.places {
+            Places::Bytes(bytes) if bytes.len() == length => Some(std::mem::take(bytes)),
+            _ => None,
+        }
     }
 
     /// Multiplies the numbers to come.
@@ -189,6 +217,13 @@ impl<'a> Out<'a> {
                 }
             }
             Places::List(list) => list.push(number),
+            Places::Bytes(bytes) => {
+                if let Some((place, rest)) = std::mem::take(bytes).split_first_mut() {
+                    // Saturates.
+                    *place = number as u8;
+                    *bytes = rest;
+                }
+            }
         }
     }
 

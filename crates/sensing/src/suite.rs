@@ -11,13 +11,16 @@ use fiatlux_world::Scene;
 
 use crate::devices::Devices;
 use crate::sensor::Out;
-use crate::{NoiseSeed, SenseError, Sensor, Sensors, Setup, Sight, View};
+use crate::{NoiseSeed, SenseError, Sensor, Sensors, Setup, Sight, Term, View};
 
 /// The sensors of one robot, episode after episode. What is computed in a row is kept until the next one.
 #[derive(Debug, Clone)]
 pub struct SensorSuite {
     sensors: Sensors,
     lengths: [usize; Sensor::ALL.len()],
+    words: [usize; Sensor::ALL.len()],
+    /// Sensors whose numbers are the bytes of a picture.
+    pictures: Sensors,
     image_size: [usize; 2],
     devices: Devices,
 }
@@ -28,6 +31,11 @@ impl SensorSuite {
         Self {
             sensors,
             lengths: Sensor::ALL.map(|sensor| sensor.length(&setup)),
+            words: Sensor::ALL.map(|sensor| sensor.terms(&setup).iter().map(Term::words).sum()),
+            pictures: Sensor::ALL
+                .into_iter()
+                .filter(|sensor| sensor.terms(&setup).iter().all(Term::is_picture))
+                .fold(Sensors::NONE, Sensors::with),
             image_size: setup.image_size,
             devices: Devices::new(Sight::Published, setup.image_size, None),
         }
@@ -88,6 +96,34 @@ impl SensorSuite {
             return Err(SenseError::Buffer { sensor: sensor.name(), expected, found: out.len() });
         }
         (sensor.entry().compute)(view, &mut self.devices, &mut Out::slice(out))
+    }
+
+    /// Count of the words of 4 bytes that [`SensorSuite::fill`] writes for a sensor.
+    pub fn words(&self, sensor: Sensor) -> usize {
+        self.words[sensor as usize]
+    }
+
+    /// Writes a sensor's part of an observation: its numbers, as [`SensorSuite::compute`] does, or the bytes of its picture, four
+    /// to a number of the buffer, as they lie in memory. A picture is drawn there and nowhere else.
+    ///
+    /// # Errors
+    /// [`SenseError`]; a buffer of another length than [`SensorSuite::words`] among them.
+    pub fn fill(&mut self, sensor: Sensor, view: &View<'_>, out: &mut [f32]) -> Result<(), SenseError> {
+        if !self.pictures.contains(sensor) {
+            return self.compute(sensor, view, out);
+        }
+        let expected = self.words(sensor);
+        if out.len() != expected {
+            return Err(SenseError::Buffer { sensor: sensor.name(), expected, found: out.len() });
+        }
+        let bytes = &mut bytemuck::cast_slice_mut(out)[..self.lengths[sensor as usize]];
+        (sensor.entry().compute)(view, &mut self.devices, &mut Out::bytes(bytes))
+    }
+
+    /// Gives up what cameras keep of the present row, and lends their renderers to the copies of this suite: worlds that take turns
+    /// need no renderer each. Another question about the row draws it again.
+    pub fn release(&mut self) {
+        self.devices.release();
     }
 
     /// A message with these sensors of a row and no others.

@@ -40,6 +40,11 @@ pub fn walkers(worlds: usize, threads: usize, seed: u64) -> Batch {
     Batch::new(BatchConfig { worlds, threads, seed, disturbances, ..BatchConfig::new(vec![bank]) }, &task).unwrap()
 }
 
+/// Words of an observation, which may have the bytes of pictures in them.
+pub fn bits(words: &[f32]) -> Vec<u32> {
+    words.iter().map(|word| word.to_bits()).collect()
+}
+
 /// Actions of a step: large enough that some robots fall soon.
 pub fn actions(batch: &Batch, step: u64) -> Vec<f64> {
     let mut random = Random::new(Stream::Trial, 7, step);

@@ -9,6 +9,8 @@ use fiatlux_rules::{Cause, Task, Variant};
 use fiatlux_sensing::{Sampler, Sensor, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode, EpisodeSpec, Light, Random, Scene, SceneConfig, Stream};
 
+use crate::common::bits;
+
 /// Those of a learner that sees much.
 const SENSORS: Sensors = Sensors::of(&[
     Sensor::Proprioception,
@@ -144,8 +146,9 @@ fn whatever_is_drawn_is_drawn_as_in_an_episode() {
         suite.begin(episode.scene(), None, visuals, Lighting::of(&spec.light())).unwrap();
         let mut wanted = vec![0.0; seen.len()];
         for (sensor, part) in sensors.iter().zip(wanted.chunks_mut(seen.len() / 2)) {
-            suite.compute(sensor, &View::of(&episode), part).unwrap();
+            suite.fill(sensor, &View::of(&episode), part).unwrap();
         }
+        let [seen, wanted] = [seen, wanted].map(|words| bits(&words));
         assert_eq!(seen, wanted, "seed {} episode {}", spec.seed, spec.episode);
     }
 }

@@ -12,10 +12,7 @@ pub(crate) const ENTRY: Entry = Entry {
     is_large: true,
     needs: Needs { camera: Some(HEAD_CAMERA), ..Needs::ROW },
     terms: |setup| image_terms("camera", "camera.rgb", setup),
-    compute: |view, devices, out| {
-        out.extend_bytes(devices.picture(view, HEAD_CAMERA)?.rgb());
-        Ok(())
-    },
+    compute: |view, devices, out| devices.draw(view, HEAD_CAMERA, out),
     encode: |view, devices, observation| {
         observation.camera = Some(message(devices.picture(view, HEAD_CAMERA)?));
         Ok(())

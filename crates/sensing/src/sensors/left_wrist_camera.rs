@@ -12,10 +12,7 @@ pub(crate) const ENTRY: Entry = Entry {
     is_large: true,
     needs: Needs { camera: Some(MOUNT), ..Needs::ROW },
     terms: |setup| image_terms("left_wrist_camera", "left_wrist_camera.rgb", setup),
-    compute: |view, devices, out| {
-        out.extend_bytes(devices.picture(view, MOUNT)?.rgb());
-        Ok(())
-    },
+    compute: |view, devices, out| devices.draw(view, MOUNT, out),
     encode: |view, devices, observation| {
         observation.left_wrist_camera = Some(message(devices.picture(view, MOUNT)?));
         Ok(())
