@@ -82,7 +82,8 @@ class EpisodeSettings(TypedDict, total=False):
         robot: Name of the robot, one of ``fiatlux.ROBOTS``, or of its hands; by default the first, the benchmark's.
         gains: Name of the robot's set of gains: ``"fiatlux"`` or ``"sonic"``.
         image_size: Width and height of the cameras' images, each from 1 to 4096 pixels; a server takes 16 to 640.
-        weights: Weights of the camera's features, a safetensors file; seeded ones by default.
+        weights: Weights of the camera's features, a safetensors file; seeded ones by default. ``"int8"``, or the file's name with ``+int8``,
+            computes them in whole numbers: faster, and the same on every processor.
         fix: Quantities to keep fixed, of ``"layout"`` (the room of seed 0), ``"start"``, ``"hand-friction"``, ``"light"``, ``"tint"``,
             ``"noise"``, and ``"episodes"`` for all of them but the layout.
         prop_scale: Sizes of props: ``"random"``, or factors by name: ``ladder_x``, ``ladder_y``, ``ladder_z``, ``socket``,
@@ -116,7 +117,10 @@ class Settings(EpisodeSettings, total=False):
         ranges: Least and greatest value of what the benchmark holds constant, drawn anew for each episode: ``gravity`` (m/s^2),
             ``noise`` (factor of the width of the sensors' noise), ``action_delay`` (ms, in steps of 20), ``floor_friction`` (floor
             and soles), ``hand_friction``, ``robot_mass`` and ``gains`` (factors), and by name ``friction`` of surfaces and
-            ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction": {"floor": (0.5, 1.1)}}``. ``"real"`` stands for
+            ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction": {"floor": (0.5, 1.1)}}``; and ``camera``, by name: ``x``,
+            ``y``, ``z`` (m), ``roll``, ``pitch``, ``yaw`` (rad), ``angle`` (a factor of the angle of view), ``exposure`` (powers of
+            two), ``noise`` (levels of 255), ``blur`` (pixels), ``delay`` (ms, in steps of 20), ``colours`` (a share) and
+            ``pattern`` (0 for none, 1 to 8). ``"real"`` stands for
             those of a real robot, as does ``{"preset": "real"}``, next to which other ranges override its own.
     """
 
@@ -208,7 +212,8 @@ def complete(
     settings["action_delay"] = whole("action_delay", settings["action_delay"], 0, 100)
     if settings["weights"] is not None:
         settings["weights"] = fspath(settings["weights"])
-        if not Path(settings["weights"]).is_file():
+        file = settings["weights"].removesuffix("+int8")
+        if settings["weights"] != "int8" and not Path(file).is_file():
             raise ValueError(f"weights is {settings['weights']!r}; there is no such file")
     return settings
 

@@ -58,7 +58,8 @@ class SharedSettings(TypedDict, total=False):
             ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
             ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
             each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), ``gravity``, m/s^2 downwards, and, in
-            the benchmark's tasks, ``action_delay``, ms, and ``noise``, a factor of its width. ``"real"`` stands for those of a
+            the benchmark's tasks, ``action_delay``, ms, ``noise``, a factor of its width, and ``camera``, whose keys
+            :class:`fiatlux.Settings` lists, drawn for each episode. ``"real"`` stands for those of a
             real robot, as does the key ``preset``, next to which other ranges override its own. :meth:`VectorEnv.drawn` has
             what was drawn.
         variations: Number of variations drawn for each start.

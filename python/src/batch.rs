@@ -93,9 +93,10 @@ impl Common<'_> {
     /// Refuses ranges that the benchmark's tasks alone draw from.
     fn refuse_task_ranges(&self, task: &str) -> PyResult<()> {
         let (delay, noise) = build::task_ranges(self.ranges.as_ref())?;
-        if delay.is_some() || noise.is_some() {
-            let rule = format!("are for the benchmark's tasks; {task} has neither");
-            return Err(PyValueError::new_err(format!("ranges: action_delay and noise {rule}")));
+        let camera = build::camera_ranges(self.ranges.as_ref())?;
+        if delay.is_some() || noise.is_some() || camera.iter().next().is_some() {
+            let rule = format!("are for the benchmark's tasks; {task} has none of them");
+            return Err(PyValueError::new_err(format!("ranges: action_delay, noise and camera {rule}")));
         }
         Ok(())
     }
@@ -549,6 +550,7 @@ impl Batch {
                 return Err(PyValueError::new_err("ranges: action_delay must be [least, most], ms"));
             }
         }
+        options.camera = build::camera_ranges(common.ranges.as_ref())?;
         let network = settings.network(options.sensors.sensors())?;
         let disturbances = build::disturbances(&robot, common.disturbances.as_ref())?;
         let config = SceneConfig::default();

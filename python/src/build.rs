@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
 use fiatlux_robot::Robot;
-use fiatlux_rules::{ACTION_DELAY, NOISE, NamedRange, PRESETS, Task};
+use fiatlux_rules::{ACTION_DELAY, CAMERA, NOISE, NamedRange, PRESETS, Task};
 use fiatlux_sensing::{Sensor, Sensors};
+use fiatlux_world::EpisodeRanges;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -136,6 +137,7 @@ fn wanted(key: &str) -> &'static str {
         "friction" => "a dictionary of (least, most) for each surface",
         "thing_mass" => "a dictionary of (least, most) for each thing",
         "pushes" | "wrenches" => "a dictionary",
+        "camera" => "a dictionary of (least, most), such as {\"exposure\": (-1, 1)}",
         "action_delay" => "(least, most), whole ms",
         _ => "(least, most)",
     }
@@ -161,6 +163,16 @@ pub(crate) fn task_ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Task
     Ok((take(&settings, "action_delay")?.or(delay), take(&settings, "noise")?.or(of(NOISE))))
 }
 
+/// The ranges of what varies in pictures.
+pub(crate) fn camera_ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<EpisodeRanges> {
+    let given: Option<BTreeMap<String, [f64; 2]>> = match settings {
+        Some(settings) => take(&settings.copy()?, "camera")?,
+        None => None,
+    };
+    let named = given.unwrap_or_default().into_iter().map(|(name, range)| (format!("{CAMERA}{name}"), range));
+    EpisodeRanges::new(named).map_err(|error| PyValueError::new_err(format!("ranges: {error}")))
+}
+
 /// The ranges of a preset that a dictionary names; none without one.
 fn preset(settings: &Bound<'_, PyDict>) -> PyResult<&'static [NamedRange]> {
     let Some(name) = take::<String>(settings, "preset")? else { return Ok(&[]) };
@@ -175,6 +187,7 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
     let settings = settings.copy()?;
     let nominal = Ranges::NOMINAL.with(preset(&settings)?);
     let _: TaskRanges = (take(&settings, "action_delay")?, take(&settings, "noise")?);
+    let _: Option<BTreeMap<String, [f64; 2]>> = take(&settings, "camera")?;
     let ranges = Ranges {
         hand_friction: take(&settings, "hand_friction")?.or(nominal.hand_friction),
         floor_friction: take(&settings, "floor_friction")?.or(nominal.floor_friction),
@@ -189,7 +202,7 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
         gravity: take(&settings, "gravity")?.or(nominal.gravity),
     };
     let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit, friction, thing_mass, light, \
-                 gravity, action_delay, noise, preset";
+                 gravity, action_delay, noise, camera, preset";
     nothing_left("ranges", &settings, known)?;
     Ok(Some(ranges))
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_batch::{ActionForm, RulebookOptions};
 use fiatlux_client::SessionArgs;
-use fiatlux_features::{ResNet18, Weights};
+use fiatlux_features::{Arithmetic, ResNet18, Weights};
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
@@ -147,14 +147,16 @@ impl Settings {
         if let Some((_, network)) = kept.as_ref().filter(|(path, _)| *path == self.weights) {
             return Ok(Some(network.twin()));
         }
-        let weights = match &self.weights {
+        let given = self.weights.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+        let (own, arithmetic) = Arithmetic::of_name(&given);
+        let weights = match Some(own).filter(|path| !path.is_empty()) {
             Some(path) => {
                 let read = Weights::from_safetensors(path);
                 read.map_err(|error| PyValueError::new_err(format!("weights: {}", fiatlux_cli::in_full(&error))))?
             }
             None => Weights::seeded(WEIGHTS_SEED),
         };
-        let network = ResNet18::new(&weights);
+        let network = ResNet18::with(&weights, arithmetic);
         let twin = network.twin();
         *kept = Some((self.weights.clone(), network));
         Ok(Some(twin))

@@ -267,7 +267,7 @@ def test_what_varies_varies_by_name():
     ):
         with pytest.raises(ValueError, match=says):
             errand(ranges=ranges)
-    with pytest.raises(ValueError, match="ranges: action_delay and noise are for the benchmark's tasks"):
+    with pytest.raises(ValueError, match="ranges: action_delay, noise and camera are for the benchmark's tasks"):
         fiatlux.WalkingVectorEnv(1, ranges={"action_delay": (0, 20)})
 
 

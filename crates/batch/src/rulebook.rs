@@ -9,8 +9,13 @@ use fiatlux_rules::{
     CONTROL_DT, Causes, JudgeOptions, Judges, JudgesState, Protocol, Rewards, RewardsState, Row, Thresholds, Variant,
 };
 use fiatlux_sensing::{NoiseSeed, Sampler, Sensor, SensorSuite, Sensors, Setup, View};
-use fiatlux_world::{ACTION_LIMIT, ACTION_SCALE, Delay, Light, Random, Scene, World};
+use fiatlux_wire::{read_row, state_message};
+use fiatlux_world::{
+    ACTION_LIMIT, ACTION_SCALE, CameraVariation, Delay, EpisodeRanges, Light, Random, Scene, Varied, World,
+    camera_ranges,
+};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use prost::Message;
 use serde::{Deserialize, Serialize};
 
 use crate::task::check_weights;
@@ -52,6 +57,8 @@ pub struct RulebookOptions {
     pub noise: bool,
     /// Factor of the noise's width: least and most, drawn for each episode; above 0.
     pub noise_scale: [f64; 2],
+    /// Ranges of what varies in pictures, by names that begin with [`CAMERA`](fiatlux_rules::CAMERA); drawn for each episode.
+    pub camera: EpisodeRanges,
     /// Width and height of the cameras' images, pixels.
     pub image_size: [usize; 2],
     /// Meaning of the numbers of an action.
@@ -73,6 +80,7 @@ impl RulebookOptions {
             sensors: Sampler::new(Sensors::of_body(task)),
             noise: true,
             noise_scale: [1.0; 2],
+            camera: EpisodeRanges::default(),
             image_size: [HEAD_PIXELS; 2],
             action_form: ActionForm::Action,
             action_delay: [0; 2],
@@ -103,6 +111,8 @@ pub struct Rulebook {
     start: Isometry3<f64>,
     /// Factor of the noise in the present episode.
     noise_scale: f64,
+    /// Seed of what varies in the pictures of the present episode.
+    camera: Option<u64>,
 }
 
 /// State of an episode in one world.
@@ -114,6 +124,9 @@ struct State {
     /// Seed and episode.
     noise: Option<(u64, u64)>,
     noise_scale: f64,
+    camera: Option<u64>,
+    /// Rows that delayed pictures may still show, as messages.
+    past: Vec<Vec<u8>>,
     delay: Delay,
     /// Of sensors that are not computed in every step; their numbers are in the observation.
     taken_at: Vec<u64>,
@@ -196,7 +209,19 @@ impl Rulebook {
             delay: Delay::default(),
             start: Isometry3::identity(),
             noise_scale: 1.0,
+            camera: None,
         })
+    }
+
+    /// Values drawn for the pictures of the present episode.
+    fn of_cameras(&self) -> Varied {
+        self.camera.map(|seed| self.options.camera.draw(seed, 0)).unwrap_or_default()
+    }
+
+    /// Lets the pictures of the present episode vary as its seed says.
+    fn vary_cameras(&mut self) {
+        let varied = self.of_cameras();
+        self.suite.vary_cameras(self.camera.and_then(|seed| CameraVariation::of(&varied, seed, 0)));
     }
 
     /// The observer of a row; `None` before the first episode.
@@ -247,6 +272,12 @@ impl Task for Rulebook {
         let [least, most] = self.options.noise_scale;
         self.noise_scale = if most > least { random.uniform(least, most) } else { least };
         self.suite.scale_noise(self.noise_scale);
+        // Nothing is drawn where nothing varies: other numbers stay as they are.
+        self.camera = None;
+        if self.options.camera != EpisodeRanges::default() {
+            self.camera = Some((random.unit() * (1_u64 << 53) as f64) as u64);
+        }
+        self.vary_cameras();
         self.delay.restart(&world.row().action, delay);
         self.start = world.row().robot.pose;
         if self.referee.is_none() {
@@ -257,6 +288,7 @@ impl Task for Rulebook {
         } else {
             self.suite.restart(noise, lighting);
         }
+        self.suite.remember(world.row());
         if let Some(Referee { judges, rewards }) = &mut self.referee {
             judges.start(world.row());
             rewards.start(judges.in_force(), world.row());
@@ -282,6 +314,7 @@ impl Task for Rulebook {
     }
 
     fn judge(&mut self, world: &World, _random: &mut Random, reward_terms: &mut [f32]) -> Outcome {
+        self.suite.remember(world.row());
         let Some(Referee { judges, rewards }) = &mut self.referee else { return Outcome::Continues };
         judges.advance(world.row());
         let terms = rewards.advance(judges.in_force(), world.row());
@@ -327,6 +360,7 @@ impl Task for Rulebook {
             sensors,
             noise,
             noise_scale,
+            camera,
             image_size,
             action_form,
             action_delay,
@@ -340,6 +374,7 @@ impl Task for Rulebook {
             ("sensors", sensors.names().join(", ")),
             ("noise", noise.to_string()),
             ("noise_scale", format!("{noise_scale:?}")),
+            ("camera", format!("{camera:?}")),
             ("image_size", format!("{image_size:?}")),
             ("weights", self.weights.clone()),
             ("action_form", format!("{action_form:?}")),
@@ -352,7 +387,9 @@ impl Task for Rulebook {
     fn drawn(&self) -> Vec<(&'static str, f64)> {
         let steps = self.delay.steps(self.spec.actions.len()).unwrap_or_default();
         let noise = if self.noise.is_some() { self.noise_scale } else { 0.0 };
-        vec![("action_delay_ms", steps as f64 * CONTROL_DT * 1e3), ("noise", noise)]
+        let cameras = self.of_cameras();
+        let cameras = camera_ranges().filter_map(|name| Some((name, *cameras.get(name)?)));
+        [("action_delay_ms", steps as f64 * CONTROL_DT * 1e3), ("noise", noise)].into_iter().chain(cameras).collect()
     }
 
     fn save(&self) -> Result<Vec<u8>, TaskError> {
@@ -362,7 +399,10 @@ impl Task for Rulebook {
         let (noise_scale, delay, taken_at) = (self.noise_scale, self.delay.clone(), self.sampler.taken_at());
         let ([x, y, z], [i, j, k, w]) = (self.start.translation.vector.into(), self.start.rotation.coords.into());
         let start = [x, y, z, i, j, k, w];
-        Ok(postcard::to_allocvec(&State { judges, rewards, episode, noise, noise_scale, delay, taken_at, start })?)
+        let camera = self.camera;
+        let past = self.suite.past().map(|row| state_message(row).encode_to_vec()).collect();
+        let state = State { judges, rewards, episode, noise, noise_scale, camera, past, delay, taken_at, start };
+        Ok(postcard::to_allocvec(&state)?)
     }
 
     fn copy_from(&mut self, other: &dyn Task, saved: &[u8], row: &Row, light: &Light) -> Result<(), TaskError> {
@@ -379,6 +419,9 @@ impl Task for Rulebook {
         self.start = other.start;
         (self.episode, self.noise, self.noise_scale) = (other.episode, other.noise, other.noise_scale);
         self.suite.scale_noise(self.noise_scale);
+        self.camera = other.camera;
+        self.vary_cameras();
+        other.suite.past().for_each(|row| self.suite.remember(row));
         self.suite.restart(self.noise, Lighting::of(light));
         Ok(())
     }
@@ -406,6 +449,12 @@ impl Task for Rulebook {
         self.noise_scale = state.noise_scale;
         self.suite.scale_noise(state.noise_scale);
         self.noise = state.noise.map(|(seed, episode)| NoiseSeed { seed, episode });
+        self.camera = state.camera.filter(|_| self.options.camera != EpisodeRanges::default());
+        self.vary_cameras();
+        for past in &state.past {
+            let past = read_row(&Message::decode(&past[..])?, row.layout)?;
+            self.suite.remember(&past);
+        }
         self.suite.restart(self.noise, Lighting::of(light));
         Ok(())
     }

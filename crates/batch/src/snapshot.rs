@@ -10,7 +10,7 @@ use crate::disturbance::Disturber;
 use crate::{Bank, BatchConfig, BatchError, Task};
 
 /// First bytes of a snapshot: a name and the version of the layout that follows.
-const MAGIC: &[u8] = b"fiatlux-snapshot/4\n";
+const MAGIC: &[u8] = b"fiatlux-snapshot/5\n";
 /// Length of the digest of the rest, which comes next.
 const DIGEST: usize = 32;
 /// Largest number of joints, and of sensed bodies of a hand, in a snapshot's row.

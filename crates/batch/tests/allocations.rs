@@ -56,7 +56,10 @@ fn pictures_hold_two_copies(banks: &[Bank]) {
         let pictures = (many - few - plain) / 2;
         let bytes = 3 * size[0] * size[1];
         assert!(pictures <= bar && pictures >= 2 * bytes - 1024, "{size:?}: {pictures} bytes of pictures a world");
-        assert!(pictures <= 2 * bytes, "{size:?}: {pictures} bytes, where the world's own and the caller's array have {bytes} each");
+        assert!(
+            pictures <= 2 * bytes,
+            "{size:?}: {pictures} bytes, where the world's own and the caller's array have {bytes} each"
+        );
     }
 }
 

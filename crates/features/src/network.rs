@@ -48,6 +48,14 @@ pub enum Arithmetic {
     Int8,
 }
 
+impl Arithmetic {
+    /// What the name of weights asks for: `NAME+int8`, or `int8` for weights without a name; and the name without it.
+    pub fn of_name(name: &str) -> (&str, Self) {
+        let whole = name.strip_suffix(INT8).or((name == &INT8[1..]).then_some(""));
+        whole.map_or((name, Self::Single), |name| (name, Self::Int8))
+    }
+}
+
 /// End of the label of weights whose network computes in whole numbers.
 pub const INT8: &str = "+int8";
 
@@ -71,7 +79,9 @@ impl Conv {
             Self::Direct(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish)),
             Self::Small(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::Large(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
-            Self::WholeDirect(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, &mut scratch.steps)),
+            Self::WholeDirect(conv) => {
+                dispatch!(level, simd => conv.run(simd, input, output, finish, &mut scratch.steps))
+            }
             Self::WholeSmall(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::WholeLarge(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
         }

@@ -342,7 +342,10 @@ mod tests {
                 let peak = expected.data.iter().fold(0.0_f32, |peak, value| peak.max(value.abs()));
                 for (found, bar) in [(&of_small, 1e-3), (&of_large, 0.02)] {
                     for (found, expected) in found.data.iter().zip(&expected.data) {
-                        assert!((found - expected).abs() < bar * peak, "{height} x {width}: {found}, expected {expected}");
+                        assert!(
+                            (found - expected).abs() < bar * peak,
+                            "{height} x {width}: {found}, expected {expected}"
+                        );
                     }
                 }
             }

@@ -41,7 +41,8 @@ impl WholePanels {
         let mut steps = vec![0.0; padded];
         for column in 0..columns {
             let numbers = || (0..depth).map(|k| f64::from(entry(k, column)));
-            let (peak, total) = numbers().fold((0.0, 0.0), |(peak, total): (f64, f64), x| (peak.max(x.abs()), total + x.abs()));
+            let (peak, total) =
+                numbers().fold((0.0, 0.0), |(peak, total): (f64, f64), x| (peak.max(x.abs()), total + x.abs()));
             // Each number may be rounded up by half a step.
             let room = f64::from(i32::MAX) / f64::from(largest) - 0.5 * depth as f64;
             let per_unit = (f64::from(i16::MAX) / peak).min(room / total);
@@ -268,7 +269,10 @@ mod tests {
             let mut input = Plane::new(side, side, inputs, kernel / 2);
             for y in 0..side {
                 let at = input.at(y, 0);
-                input.data[at..at + side * inputs].iter_mut().enumerate().for_each(|(i, x)| *x = 3.0 * number(i + 91 * y));
+                input.data[at..at + side * inputs]
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(i, x)| *x = 3.0 * number(i + 91 * y));
             }
             let plane = || Plane::new(side.div_ceil(stride), side.div_ceil(stride), 2 * LANES, 1);
             let [mut expected, mut wide, mut narrow] = [(); 3].map(|()| plane());

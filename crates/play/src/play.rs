@@ -7,7 +7,7 @@ use fiatlux_render::{Lighting, Visuals};
 use fiatlux_sensing::{NoiseSeed, SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_session::Command;
 use fiatlux_wbc::WbcError;
-use fiatlux_world::{AppliedWrench, Delay, Episode, EpisodeError, Push, delay_steps, noise_scale};
+use fiatlux_world::{AppliedWrench, CameraVariation, Delay, Episode, EpisodeError, Push, delay_steps, noise_scale};
 use thiserror::Error;
 
 use crate::whole_body::WholeBody;
@@ -69,7 +69,9 @@ impl Play {
         let spec = episode.spec();
         let varied = spec.varied();
         suite.scale_noise(noise_scale(&varied));
+        suite.vary_cameras(CameraVariation::of(&varied, spec.seed, spec.episode));
         suite.begin(episode.scene(), NoiseSeed::of(spec), visuals, Lighting::of(&spec.light()))?;
+        suite.remember(episode.row());
         let delay = Delay::new(&episode.row().action, delay_steps(&varied).unwrap_or(action_delay));
         Ok(Self { episode, suite, delay, whole_body: None })
     }
@@ -119,6 +121,7 @@ impl Play {
             self.delay.swap(&mut acting);
             self.episode.step_under(&acting, push, wrenches)?;
         }
+        self.suite.remember(self.episode.row());
         Ok(Received { outside_box, followed })
     }
 

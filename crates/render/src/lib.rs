@@ -47,6 +47,7 @@ mod shadow;
 mod surfaces;
 mod tone;
 mod transform;
+mod variation;
 mod view;
 mod visible;
 mod visuals;

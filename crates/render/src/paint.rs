@@ -115,7 +115,7 @@ impl Paint {
 }
 
 /// Linear value of an 8-bit sRGB one.
-fn linear(srgb: u8) -> f32 {
+pub(crate) fn linear(srgb: u8) -> f32 {
     let c = f64::from(srgb) / 255.0;
     (if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) }) as f32
 }

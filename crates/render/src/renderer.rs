@@ -37,9 +37,9 @@ pub struct Renderer {
     size: [usize; 2],
     samples: usize,
     detail: Detail,
-    depth: Vec<f32>,
-    ids: Vec<u32>,
-    surfaces: Vec<Surface>,
+    pub(crate) depth: Vec<f32>,
+    pub(crate) ids: Vec<u32>,
+    pub(crate) surfaces: Vec<Surface>,
     owners: Vec<ShapeOwner>,
     poses: Vec<Option<Isometry3<f64>>>,
     vertices: Seen,
@@ -53,7 +53,7 @@ pub struct Renderer {
     tone: Tone,
     /// Pixels that show nothing.
     empty: Vec<[u32; 2]>,
-    image: Image,
+    pub(crate) image: Image,
 }
 
 /// A corner of a triangle that the near plane cuts.
@@ -130,14 +130,7 @@ impl Renderer {
     ///
     /// # Panics
     /// The buffer has another length than three bytes for each pixel.
-    pub fn render_to(
-        &mut self,
-        visuals: &Visuals,
-        row: &Row,
-        camera: &Camera,
-        lighting: &Lighting,
-        rgb: &mut [u8],
-    ) {
+    pub fn render_to(&mut self, visuals: &Visuals, row: &Row, camera: &Camera, lighting: &Lighting, rgb: &mut [u8]) {
         assert_eq!(rgb.len(), 3 * self.size[0] * self.size[1], "bytes of a picture");
         let light = lighting.prepared();
         let view = self.draw_row(visuals, row, camera);

@@ -14,9 +14,12 @@ pub const NOISE: &str = "noise";
 /// Name of the varied delay of the actions, which changes no scene.
 pub const ACTION_DELAY: &str = "action_delay";
 
+/// Beginning of the names of what varies in the cameras' pictures, which changes no scene.
+pub const CAMERA: &str = "camera.";
+
 /// Those of an episode's varied values that change its scene, and with it the rows.
 pub fn of_scene(varied: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
-    let is_of_scene = |name: &str| ![NOISE, ACTION_DELAY].contains(&name);
+    let is_of_scene = |name: &str| ![NOISE, ACTION_DELAY].contains(&name) && !name.starts_with(CAMERA);
     varied.iter().filter(|(name, _)| is_of_scene(name)).map(|(name, value)| (name.clone(), *value)).collect()
 }
 
@@ -38,7 +41,7 @@ pub struct JointDrive {
 /// Everything besides the rows that must be equal for two digests to be comparable. A world takes it from what it
 /// plays, a scorer from a bag's header; both start their chain with [`EpisodeIdentity::digest`].
 ///
-/// Light, tint and the noise of sensors touch no row and are not part of it.
+/// Light, tint, the noise of sensors and what varies in pictures touch no row and are not part of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeIdentity {
     /// The task that is played.

@@ -77,7 +77,7 @@ pub use fiatlux_judge::{
     wilson_interval,
 };
 pub use geometry::{BulbGeometry, Geometry};
-pub use identity::{ACTION_DELAY, EpisodeIdentity, JointDrive, NOISE, of_scene};
+pub use identity::{ACTION_DELAY, CAMERA, EpisodeIdentity, JointDrive, NOISE, of_scene};
 pub use judge::{Judge, JudgeOptions};
 pub use judges::{Judges, JudgesState};
 pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Partner, Thing};

@@ -1,10 +1,12 @@
 //! Devices that sensors share: each computes at most once a row.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fiatlux_features::{FeatureError, ResNet18};
 use fiatlux_render::{Camera, Image, Lighting, RenderError, Renderer, Visuals};
-use fiatlux_world::{Scene, SceneError};
+use fiatlux_rules::Row;
+use fiatlux_world::{CameraVariation, Scene, SceneError};
 use thiserror::Error;
 
 use crate::noise::{Noise, NoiseSeed};
@@ -96,6 +98,9 @@ pub(crate) struct Devices {
     lidars: Vec<(Sight, Cached<Lidar>)>,
     camera_set: Option<CameraSet>,
     renderers: Renderers,
+    variation: Option<CameraVariation>,
+    /// Rows that a delayed picture may still show, the oldest first.
+    past: VecDeque<Row>,
     network: Option<Cached<ResNet18>>,
 }
 
@@ -103,7 +108,7 @@ impl Clone for Devices {
     fn clone(&self) -> Self {
         // A network keeps the features of its own images alone.
         let network = self.network.as_ref().map(|network| Cached::new(network.value.twin()));
-        let Self { sight, noise, image_size, body, lidars, camera_set, renderers, network: _ } = self;
+        let Self { sight, noise, image_size, body, lidars, camera_set, renderers, variation, past, network: _ } = self;
         Self {
             sight: *sight,
             noise: noise.clone(),
@@ -112,6 +117,8 @@ impl Clone for Devices {
             lidars: lidars.clone(),
             camera_set: camera_set.clone(),
             renderers: renderers.clone(),
+            variation: variation.clone(),
+            past: past.clone(),
             network,
         }
     }
@@ -128,6 +135,8 @@ impl Devices {
             lidars: Vec::new(),
             camera_set: None,
             renderers: Renderers::default(),
+            variation: None,
+            past: VecDeque::new(),
             network,
         }
     }
@@ -181,6 +190,29 @@ impl Devices {
         if let Some(network) = &mut self.network {
             network.computed_at = None;
         }
+    }
+
+    /// Pictures of the episode that begins differ from the benchmark's.
+    pub fn vary_cameras(&mut self, variation: Option<CameraVariation>) {
+        self.variation = variation;
+        self.past.clear();
+    }
+
+    /// Keeps a row for pictures that come later, if they do.
+    pub fn remember(&mut self, row: &Row) {
+        let delay = self.variation.as_ref().map_or(0, |variation| variation.delay_steps);
+        if delay > 0 {
+            self.past.truncate(self.past.partition_point(|past| past.step < row.step));
+            self.past.push_back(row.clone());
+            while self.past.len() > delay + 1 {
+                self.past.pop_front();
+            }
+        }
+    }
+
+    /// Rows that pictures may still show.
+    pub fn past(&self) -> impl Iterator<Item = &Row> {
+        self.past.iter()
     }
 
     /// Gives all renderers back, and with them what they show.
@@ -239,15 +271,31 @@ impl Devices {
         let step = Some(view.row.step);
         let renderer = eye.renderer.get_or_insert_with(|| self.renderers.lend(self.image_size));
         let [width, height] = self.image_size;
-        let mounted = || Ok::<_, SenseError>(Camera::mounted(&view.scene.robot, camera, view.row)?.fitted(width, height));
+        let variation = self.variation.as_ref();
+        // The row of a delayed picture; at the start of an episode its first one.
+        let shown = variation.map_or(view.row.step, |by| view.row.step.saturating_sub(by.delay_steps as u64));
+        let row = self.past.iter().rfind(|past| past.step <= shown).or(self.past.front()).unwrap_or(view.row);
+        let mounted = || {
+            let mounted = Camera::mounted(&view.scene.robot, camera, row)?;
+            let varied = variation.map_or(mounted.clone(), |variation| mounted.varied(variation));
+            Ok::<_, SenseError>(varied.fitted(width, height))
+        };
         match wanted {
-            Wanted::Geometry if eye.measured_at != step => renderer.measure(visuals, view.row, &mounted()?),
+            Wanted::Geometry if eye.measured_at != step => renderer.measure(visuals, row, &mounted()?),
             Wanted::Image if eye.lit_at != step => {
-                renderer.render(visuals, view.row, &mounted()?, lighting);
+                let seen = mounted()?;
+                renderer.render(visuals, row, &seen, lighting);
+                if let Some(variation) = variation {
+                    renderer.vary_image(&seen, variation, camera, row.step);
+                }
                 eye.lit_at = step;
             }
             Wanted::Bytes(rgb) if eye.lit_at != step => {
-                renderer.render_to(visuals, view.row, &mounted()?, lighting, rgb);
+                let seen = mounted()?;
+                renderer.render_to(visuals, row, &seen, lighting, rgb);
+                if let Some(variation) = variation {
+                    renderer.vary(rgb, &seen, variation, camera, row.step);
+                }
             }
             Wanted::Bytes(rgb) => rgb.copy_from_slice(renderer.image().rgb()),
             Wanted::Geometry | Wanted::Image => {}

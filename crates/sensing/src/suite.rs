@@ -6,8 +6,9 @@ use fiatlux_features::ResNet18;
 use fiatlux_proto::foxglove::{CompressedImage, PointCloud};
 use fiatlux_proto::v3::Observation;
 use fiatlux_render::{Lighting, Visuals};
+use fiatlux_rules::Row;
 use fiatlux_wire::{frame_of, point_cloud, time_of};
-use fiatlux_world::Scene;
+use fiatlux_world::{CameraVariation, Scene};
 
 use crate::devices::Devices;
 use crate::sensor::Out;
@@ -73,6 +74,21 @@ impl SensorSuite {
     /// Another episode begins in the same scene. Allocates nothing.
     pub fn restart(&mut self, noise: Option<NoiseSeed>, lighting: Lighting) {
         self.devices.restart(noise, lighting);
+    }
+
+    /// Varies the pictures of the episode that [`SensorSuite::begin`] or [`SensorSuite::restart`] begins next; `None` for the benchmark's.
+    pub fn vary_cameras(&mut self, variation: Option<CameraVariation>) {
+        self.devices.vary_cameras(variation);
+    }
+
+    /// Keeps a row for pictures that are delayed; to be called for each row of an episode, in order.
+    pub fn remember(&mut self, row: &Row) {
+        self.devices.remember(row);
+    }
+
+    /// Rows that delayed pictures may still show, the oldest first: with the variation, the state of the cameras.
+    pub fn past(&self) -> impl Iterator<Item = &Row> {
+        self.devices.past()
     }
 
     /// Multiplies the half-width of all noise, also of the episodes that follow. The published noise has 1.

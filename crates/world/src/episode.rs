@@ -12,9 +12,9 @@ use thiserror::Error;
 
 use crate::start::check_kind;
 use crate::{
-    ACTION_SCALE, AppliedWrench, ControlInput, DomainSample, EpisodeRanges, HandFriction, Layout, Light, PropScale,
-    Push, RNG_NAME, Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset, StartOptions, Varied, World,
-    WorldError, start_drawn,
+    ACTION_SCALE, AppliedWrench, CameraVariation, ControlInput, DomainSample, EpisodeRanges, HandFriction, Layout,
+    Light, PropScale, Push, RNG_NAME, Randomization, Scene, SceneKind, SceneSpec, StartError, StartOffset,
+    StartOptions, Varied, World, WorldError, start_drawn,
 };
 
 /// Defines an episode. It plays in the scene that [`EpisodeSpec::scene`] describes, with that scene's gains.
@@ -82,6 +82,11 @@ impl EpisodeSpec {
     /// Light and tint. No row depends on them.
     pub fn light(&self) -> Light {
         Light::draw(self.seed, self.episode, &self.randomize)
+    }
+
+    /// What varies in its pictures; `None` where that is nothing. No row depends on it.
+    pub fn camera(&self) -> Option<CameraVariation> {
+        CameraVariation::of(&self.varied(), self.seed, self.episode)
     }
 
     /// The scene that it plays in.

@@ -64,8 +64,8 @@ pub use owner::ShapeOwner;
 pub use parts::{LadderPart, SceneKind, SceneParts};
 pub use props::{LadderPoints, Part, PropSizes};
 pub use randomize::{
-    EpisodeRanges, HandFriction, Light, PropScale, Randomization, RangeError, Varied, delay_steps, free_things,
-    noise_scale, surfaces,
+    CameraVariation, EpisodeRanges, HandFriction, Light, PropScale, Randomization, RangeError, Varied, camera_ranges,
+    delay_steps, free_things, noise_scale, surfaces,
 };
 pub use rng::{GENERATORS, RNG_NAME, Random, Stream};
 pub use scene::{Placed, Scene, SceneSpec};

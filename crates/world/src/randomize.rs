@@ -10,11 +10,13 @@
 //!
 //! Each is drawn from its own stream, so that omitting one does not change the others.
 
+mod camera;
 mod hand_friction;
 mod light;
 mod prop_scale;
 mod ranges;
 
+pub use camera::{CameraVariation, camera_ranges};
 pub use hand_friction::HandFriction;
 pub use light::Light;
 pub use prop_scale::PropScale;

@@ -1,6 +1,7 @@
 //! Tests of the batch.
 #![allow(clippy::unwrap_used)]
 
+mod cameras;
 mod climbing;
 mod common;
 mod rates;

@@ -7,8 +7,8 @@ use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_proto::BodyCommand;
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Task;
-use fiatlux_sensing::{SensorSuite, Sensors, Setup};
-use fiatlux_world::{Episode, EpisodeError, EpisodeSpec, Scene, SceneConfig};
+use fiatlux_sensing::{Sensor, SensorSuite, Sensors, Setup};
+use fiatlux_world::{Episode, EpisodeError, EpisodeRanges, EpisodeSpec, Scene, SceneConfig};
 
 fn play(delay: usize) -> Play {
     let robot = Arc::new(Robot::benchmark().unwrap());
@@ -64,4 +64,38 @@ fn what_follows_a_whole_body_command_can_be_played_again() {
     followed.step(&walk).unwrap();
     let [goes_on, anew] = [followed.step(&walk), interrupted.step(&walk)].map(|step| step.unwrap().followed);
     assert!(goes_on.is_some() && anew.is_some() && goes_on != anew);
+}
+
+/// Pictures vary as the episode draws, the same each time, and rows and digest do not.
+#[test]
+fn pictures_vary_and_rows_do_not() {
+    let start = |ranges: &[(&str, [f64; 2])]| {
+        let ranges = EpisodeRanges::new(ranges.iter().map(|(name, range)| ((*name).to_owned(), *range))).unwrap();
+        let robot = Arc::new(Robot::benchmark().unwrap());
+        let spec = EpisodeSpec { ranges, ..EpisodeSpec::new(Task::S05, 2, 0) };
+        let scene = spec.scene(robot.gains(GainSet::default()));
+        let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, scene).unwrap());
+        let setup = Setup { image_size: [32, 24], ..Setup::new(&scene, Task::S05) };
+        let suite = SensorSuite::new(Sensors::of(&[Sensor::Camera]), setup);
+        Play::start(Episode::start(scene, &spec).unwrap(), suite, 0).unwrap()
+    };
+    let seen = |play: &mut Play| {
+        let command = Command::Action(vec![0.3; play.episode().row().action.len()]);
+        let pictures: Vec<_> = (0..4)
+            .map(|_| {
+                let picture = play.observe(Sensors::of(&[Sensor::Camera])).unwrap().camera.unwrap().rgb;
+                play.step(&command).unwrap();
+                picture
+            })
+            .collect();
+        (pictures, play.episode().digest().hex())
+    };
+    let (plain, digest) = seen(&mut start(&[]));
+    let all = [("camera.yaw", [0.1, 0.2]), ("camera.noise", [3.0, 6.0]), ("camera.pattern", [1.0, 8.0])];
+    let varied = seen(&mut start(&all));
+    assert_eq!(seen(&mut start(&all)), varied);
+    assert_eq!(varied.1, digest);
+    assert!(varied.0.iter().zip(&plain).all(|(varied, plain)| varied != plain));
+    let late = seen(&mut start(&[("camera.delay", [20.0, 20.0])])).0;
+    assert_eq!((&late[0], &late[1..]), (&plain[0], &plain[..3]));
 }

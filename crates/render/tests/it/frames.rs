@@ -9,7 +9,7 @@ use fiatlux_rules::{Bulb, Row, Task, errand};
 use fiatlux_world::{PropScale, Scene, SceneConfig, SceneKind, SceneSpec, ShapeOwner, StartOptions, start};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-fn stage(task: Task, seed: u64) -> (Arc<Scene>, Row) {
+pub fn stage(task: Task, seed: u64) -> (Arc<Scene>, Row) {
     stage_scaled(task, seed, PropScale::default())
 }
 

@@ -3,3 +3,4 @@
 
 mod frames;
 mod robot_meshes;
+mod variation;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use fiatlux_cli::in_full;
-use fiatlux_features::{ResNet18, Weights};
+use fiatlux_features::{Arithmetic, ResNet18, Weights};
 use fiatlux_proto::v3::Refusal;
 use fiatlux_proto::v3::refusal::Code;
 
@@ -28,13 +28,15 @@ impl Networks {
         Self { folder, kept: Mutex::default() }
     }
 
-    /// A network with the weights of a file, or with seeded weights if the name is empty.
+    /// A network with the weights of a file, or with seeded weights if the name is empty; in whole numbers where the name ends with
+    /// `+int8`, or is `int8`.
     pub fn get(&self, file: &str) -> Result<ResNet18, Refusal> {
         if let Some(twin) = self.find(file) {
             return Ok(twin);
         }
         // Two sessions may build the same one at once; that only costs time.
-        let network = ResNet18::new(&self.weights(file)?);
+        let (own, arithmetic) = Arithmetic::of_name(file);
+        let network = ResNet18::with(&self.weights(own)?, arithmetic);
         let twin = network.twin();
         let mut kept = lock(&self.kept);
         if kept.len() >= KEPT {

@@ -7,6 +7,7 @@ use fiatlux_rules::{ACTION_DELAY, CONTROL_DT, Motion, NOISE, manifest};
 use nalgebra::Vector3;
 use thiserror::Error;
 
+use super::camera::{CAMERA_RANGES, DELAY, PATTERN};
 use crate::{Random, ShapeOwner, Stream};
 
 /// Values drawn from [`EpisodeRanges`], by name.
@@ -25,6 +26,15 @@ pub type Varied = BTreeMap<String, f64>;
 /// | `thing_mass.NAME` | factor of the mass of a thing that moves | 0.01 to 100 |
 /// | `robot_mass` | factor of the mass of the robot's bodies, all by the same | 0.5 to 2 |
 /// | `gains` | factor of stiffness and damping of the robot's drives, all by the same | 0.5 to 2 |
+/// | `camera.x`, `.y`, `.z` | shift of all cameras in their own frames: ahead, left, up, m | -0.1 to 0.1 |
+/// | `camera.roll`, `.pitch`, `.yaw` | turn of all cameras in their own frames, rad | -0.5 to 0.5 |
+/// | `camera.angle` | factor of the angle of view | 0.5 to 1.5 |
+/// | `camera.exposure` | brightness of pictures, by powers of two | -4 to 4 |
+/// | `camera.noise` | half-width of the uniform noise of each byte of a picture | 0 to 64 |
+/// | `camera.blur` | standard deviation of the blur, pixels | 0 to 8 |
+/// | `camera.delay` | time from a row to its picture, ms, in steps of 20 | 0 to 100 |
+/// | `camera.colours` | largest change of red, green and blue of each colour, as a share | 0 to 1 |
+/// | `camera.pattern` | pattern on floor and walls: 0 for none, or a number from 1 to 8 | 0 to 8 |
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EpisodeRanges(BTreeMap<String, [f64; 2]>);
 
@@ -58,7 +68,7 @@ impl EpisodeRanges {
         let ranges: BTreeMap<_, _> = ranges.into_iter().collect();
         for (name, [least, most]) in &ranges {
             let ([low, high], rule) = limits(name).ok_or_else(|| RangeError::Name { name: name.clone() })?;
-            let is_step = |ms: f64| name != ACTION_DELAY || ms % delay_step_ms() == 0.0;
+            let is_step = |value: f64| step_of(name).is_none_or(|step| value % step == 0.0);
             if !(low <= *least && least <= most && *most <= high && is_step(*least) && is_step(*most)) {
                 return Err(RangeError::Value { name: name.clone(), least: *least, most: *most, low, high, rule });
             }
@@ -80,9 +90,9 @@ impl EpisodeRanges {
     pub fn draw(&self, seed: u64, episode: u64) -> Varied {
         let value = |name: &str, [least, most]: [f64; 2]| {
             let mut random = Random::of_term(Stream::Ranges, name, seed, episode);
-            if name == ACTION_DELAY {
-                let steps = ((most - least) / delay_step_ms()) as usize;
-                return least + delay_step_ms() * random.index(steps + 1) as f64;
+            if let Some(step) = step_of(name) {
+                let steps = ((most - least) / step) as usize;
+                return least + step * random.index(steps + 1) as f64;
             }
             // Rounding may lead past the end.
             random.uniform(least, most).clamp(least, most)
@@ -159,18 +169,31 @@ fn limits(name: &str) -> Option<([f64; 2], &'static str)> {
         FLOOR_FRICTION | HAND_FRICTION => Some(([0.0, 10.0], "")),
         ROBOT_MASS | GAINS => Some(([0.5, 2.0], "")),
         name => {
+            let of_camera = CAMERA_RANGES.iter().find(|(known, ..)| *known == name);
+            let of_camera = of_camera.map(|(_, limits, unit)| (*limits, *unit));
             let surface = name.strip_prefix(FRICTION).filter(|name| surfaces().any(|known| known == *name));
             let thing = name.strip_prefix(THING_MASS).filter(|name| free_things().any(|(known, _)| known == *name));
-            surface.map(|_| ([0.0, 10.0], "")).or(thing.map(|_| ([0.01, 100.0], "")))
+            of_camera.or(surface.map(|_| ([0.0, 10.0], ""))).or(thing.map(|_| ([0.01, 100.0], "")))
         }
+    }
+}
+
+/// Distance between the values that a name takes; `None` where all between the least and the greatest are.
+fn step_of(name: &str) -> Option<f64> {
+    match name {
+        ACTION_DELAY | DELAY => Some(delay_step_ms()),
+        PATTERN => Some(1.0),
+        _ => None,
     }
 }
 
 fn known_names() -> String {
     let surfaces: Vec<_> = surfaces().collect();
     let things: Vec<_> = free_things().map(|(name, _)| name).collect();
+    let cameras: Vec<_> = CAMERA_RANGES.iter().map(|(name, ..)| *name).collect();
     format!(
-        "{GRAVITY}, {NOISE}, {ACTION_DELAY}, {FLOOR_FRICTION}, {HAND_FRICTION}, {ROBOT_MASS}, {GAINS}, {FRICTION} with {}, or {THING_MASS} with {}",
+        "{GRAVITY}, {NOISE}, {ACTION_DELAY}, {FLOOR_FRICTION}, {HAND_FRICTION}, {ROBOT_MASS}, {GAINS}, {}, {FRICTION} with {}, or {THING_MASS} with {}",
+        cameras.join(", "),
         surfaces.join(", "),
         things.join(", ")
     )

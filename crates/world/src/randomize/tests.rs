@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::{BodyId, ShapeId};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::{PRESETS, errand};
+use fiatlux_rules::{PRESETS, Task, errand};
 
 use super::*;
-use crate::{Scene, SceneConfig, SceneError, SceneKind, SceneSpec, ShapeOwner};
+use crate::{EpisodeSpec, Scene, SceneConfig, SceneError, SceneKind, SceneSpec, ShapeOwner};
 
 const N: usize = 12_800;
 
@@ -77,6 +77,24 @@ fn ranges_are_drawn_uniformly_and_apart() {
     assert!(matches!(delay_steps(&draws[0]), Some(1..=3)));
 }
 
+/// What varies in pictures changes no scene, and an episode without it has none.
+#[test]
+fn cameras_vary_apart_from_the_scene() {
+    let given: Vec<_> = camera::CAMERA_RANGES.iter().map(|(name, range, _)| ((*name).to_owned(), *range)).collect();
+    let ranges = EpisodeRanges::new(given).unwrap();
+    let spec = EpisodeSpec { ranges, ..EpisodeSpec::new(Task::S05, 3, 1) };
+    let drawn = spec.camera().unwrap();
+    assert_eq!(drawn.stream, (3, 1));
+    assert!(drawn.pattern <= 8 && drawn.delay_steps <= 5 && drawn.shift.iter().all(|shift| shift.abs() <= 0.1));
+    let plain = EpisodeSpec::new(Task::S05, 3, 1);
+    assert_eq!(plain.camera(), None);
+    let gains = Robot::by_name("g1_inspire").unwrap().gains(GainSet::default());
+    assert_eq!(spec.scene(gains.clone()).varied, plain.scene(gains).varied);
+    let all: std::collections::BTreeSet<usize> =
+        (0..200).map(|episode| EpisodeSpec { episode, ..spec.clone() }.camera().unwrap().pattern).collect();
+    assert_eq!(all.into_iter().collect::<Vec<_>>(), (0..=8).collect::<Vec<_>>());
+}
+
 #[test]
 fn ranges_that_cannot_be_drawn_from_are_refused() {
     for (name, range, words) in [
@@ -91,6 +109,10 @@ fn ranges_that_cannot_be_drawn_from_are_refused() {
         ("gains", [0.0, 1.0], "from 0.5 to 2"),
         ("robot_mass", [1.0, 3.0], "from 0.5 to 2"),
         ("hand_friction", [-0.1, 0.5], "from 0 to 10"),
+        ("camera.tilt", [0.0, 0.1], "camera.exposure"),
+        ("camera.angle", [0.1, 1.0], "from 0.5 to 1.5"),
+        ("camera.delay", [0.0, 10.0], "in steps of 20"),
+        ("camera.pattern", [0.0, 2.5], "as a whole number"),
     ] {
         let error = EpisodeRanges::new([(name.to_owned(), range)]).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
