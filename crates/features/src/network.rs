@@ -37,7 +37,7 @@ enum Conv {
     WholeLarge(WholeWinograd<F4, 6, 4>),
 }
 
-/// How products are computed.
+/// The numbers that products are computed in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Arithmetic {
     /// In f32, with fused multiplication where the CPU has it: two kinds of CPU differ in the last digits.
@@ -49,7 +49,7 @@ pub enum Arithmetic {
 }
 
 impl Arithmetic {
-    /// What the name of weights asks for: `NAME+int8`, or `int8` for weights without a name; and the name without it.
+    /// The name of weights without its ending, and the arithmetic that it asks for: `NAME+int8`, or `int8` for weights without a name.
     pub fn of_name(name: &str) -> (&str, Self) {
         let whole = name.strip_suffix(INT8).or((name == &INT8[1..]).then_some(""));
         whole.map_or((name, Self::Single), |name| (name, Self::Int8))
@@ -80,7 +80,7 @@ impl Conv {
             Self::Small(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::Large(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::WholeDirect(conv) => {
-                dispatch!(level, simd => conv.run(simd, input, output, finish, &mut scratch.steps))
+                dispatch!(level, simd => conv.run(simd, input, output, finish, &mut scratch.steps));
             }
             Self::WholeSmall(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),
             Self::WholeLarge(conv) => dispatch!(level, simd => conv.run(simd, input, output, finish, scratch)),

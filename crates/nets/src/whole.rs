@@ -163,7 +163,7 @@ fn blocks<S: Simd, const N: usize>(
                 let weights = i16x32::from_slice(simd, &panel[k]);
                 for n in 0..N {
                     let pair: i16x32<S> = i32x16::splat(simd, pieces[n][k]).bitcast();
-                    sums[n] = sums[n] + pair.pairwise_dot_product(weights);
+                    sums[n] += pair.pairwise_dot_product(weights);
                 }
             }
         }

@@ -11,7 +11,7 @@ use thiserror::Error;
 
 use crate::noise::{Noise, NoiseSeed};
 use crate::observer::sense;
-use crate::sensor::Out;
+use crate::out::Out;
 use crate::{Lidar, Proprioception, Sight, View};
 
 /// Why a sensor has nothing to say.
@@ -65,7 +65,7 @@ struct Eye {
     lit_at: Option<u64>,
 }
 
-/// What a camera is asked for.
+/// A question to a camera.
 enum Wanted<'a> {
     Geometry,
     Image,

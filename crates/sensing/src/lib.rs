@@ -37,6 +37,7 @@ mod lidar;
 mod message;
 mod noise;
 mod observer;
+mod out;
 mod registry;
 mod sampler;
 mod sensor;

@@ -11,7 +11,7 @@ use fiatlux_wire::{frame_of, point_cloud, time_of};
 use fiatlux_world::{CameraVariation, Scene};
 
 use crate::devices::Devices;
-use crate::sensor::Out;
+use crate::out::Out;
 use crate::{NoiseSeed, SenseError, Sensor, Sensors, Setup, Sight, Term, View};
 
 /// The sensors of one robot, episode after episode. What is computed in a row is kept until the next one.

@@ -84,7 +84,7 @@ impl EpisodeSpec {
         Light::draw(self.seed, self.episode, &self.randomize)
     }
 
-    /// What varies in its pictures; `None` where that is nothing. No row depends on it.
+    /// Variation of its pictures; `None` where nothing of them varies. No row depends on it.
     pub fn camera(&self) -> Option<CameraVariation> {
         CameraVariation::of(&self.varied(), self.seed, self.episode)
     }

@@ -4,7 +4,8 @@ use fiatlux_proto::v3;
 use fiatlux_render::{HEAD_CAMERA, Renderer};
 
 use crate::Setup;
-use crate::sensor::{Class, Entry, Needs, Out, Term};
+use crate::out::Out;
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "depth",

@@ -5,7 +5,8 @@ use fiatlux_render::{HEAD_CAMERA, Renderer};
 use fiatlux_world::ShapeOwner;
 
 use crate::Setup;
-use crate::sensor::{Class, Entry, Needs, Out, Term};
+use crate::out::Out;
+use crate::sensor::{Class, Entry, Needs, Term};
 
 pub(crate) const ENTRY: Entry = Entry {
     name: "segmentation",

@@ -1,6 +1,6 @@
-use fiatlux_rules::CONTROL_DT;
+use std::collections::BTreeMap;
 
-use super::Varied;
+use fiatlux_rules::CONTROL_DT;
 
 const X: &str = "camera.x";
 const Y: &str = "camera.y";
@@ -59,8 +59,8 @@ pub struct CameraVariation {
 }
 
 impl CameraVariation {
-    /// What an episode drew; `None` where nothing of it is of cameras.
-    pub fn of(varied: &Varied, seed: u64, episode: u64) -> Option<Self> {
+    /// Of the values that an episode drew; `None` where none of them is of cameras.
+    pub fn of(varied: &BTreeMap<String, f64>, seed: u64, episode: u64) -> Option<Self> {
         let or = |name: &str, nominal: f64| varied.get(name).copied().unwrap_or(nominal);
         let is_varied = CAMERA_RANGES.iter().any(|(name, ..)| varied.contains_key(*name));
         is_varied.then(|| Self {

@@ -77,7 +77,7 @@ fn ranges_are_drawn_uniformly_and_apart() {
     assert!(matches!(delay_steps(&draws[0]), Some(1..=3)));
 }
 
-/// What varies in pictures changes no scene, and an episode without it has none.
+/// Variation of pictures changes no scene, and an episode without it has none.
 #[test]
 fn cameras_vary_apart_from_the_scene() {
     let given: Vec<_> = camera::CAMERA_RANGES.iter().map(|(name, range, _)| ((*name).to_owned(), *range)).collect();
