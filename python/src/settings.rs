@@ -11,7 +11,7 @@ use fiatlux_proto::v3::OpenRequest;
 use fiatlux_robot::{GainSet, Gains, Robot};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, Thresholds, Variant};
 use fiatlux_sensing::{Sampler, Sensor, Sensors};
-use fiatlux_world::EpisodeSpec;
+use fiatlux_world::{EpisodeRanges, EpisodeSpec};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -102,6 +102,7 @@ impl Settings {
             sensors: self.sensors(task)?,
             noise: randomize.sensors,
             noise_scale: [1.0; 2],
+            camera: EpisodeRanges::default(),
             action_delay: [delay_steps(self.action_delay)?; 2],
             image_size: self.image_size,
             action_form: self.action_form()?,

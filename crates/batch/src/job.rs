@@ -16,7 +16,7 @@ const MAX_SHARED_BANKS: usize = 16;
 
 /// Words of an observation up to which a world keeps room for the last one of an episode. With pictures, whose memory counts, the room
 /// is there only in a step in which an episode ends.
-const KEPT_WORDS: usize = 1 << 14;
+const KEPT_WORDS: usize = 1 << 13;
 
 /// A job for one world.
 #[derive(Clone)]

@@ -7,7 +7,7 @@
 //!
 //! Results follow only from config and actions: they depend neither on the number of threads nor on the other worlds in
 //! the batch. Each world has its own random stream, given by the batch's seed and the world's index. A step allocates
-//! nothing.
+//! nothing but the last observation of an episode with pictures.
 //!
 //! ```
 //! use std::sync::Arc;
