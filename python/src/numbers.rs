@@ -24,13 +24,30 @@ struct Part {
     field: String,
     offset: usize,
     length: usize,
+    /// Its numbers are the bytes of a picture.
+    is_picture: bool,
+}
+
+impl Part {
+    /// Appends its numbers as environments have them: those of a picture as bytes, four to a word.
+    fn put(&self, numbers: &[f64], words: &mut Vec<f32>) {
+        if !self.is_picture {
+            words.extend(numbers.iter().map(|number| *number as f32));
+            return;
+        }
+        words.extend(numbers.chunks(size_of::<f32>()).map(|numbers| {
+            let mut bytes = [0; size_of::<f32>()];
+            bytes.iter_mut().zip(numbers).for_each(|(byte, number)| *byte = *number as u8);
+            f32::from_ne_bytes(bytes)
+        }));
+    }
 }
 
 /// The numbers of the latest observation.
 #[derive(Default)]
 pub(crate) struct Numbers {
     sensors: Vec<Sensed>,
-    /// A sensor that is not due keeps its last numbers; their age, s, comes after them.
+    /// A sensor that is not due keeps its last numbers; their age, s, comes after them. Pictures are bytes, four to a word.
     latest: Vec<f32>,
     fields: Vec<Described>,
 }
@@ -46,10 +63,11 @@ impl Numbers {
                 field: term.field.clone(),
                 offset: term.offset as usize,
                 length: term.length(),
+                is_picture: field(term).is_picture(),
             };
-            fields.extend(terms.iter().map(described));
+            fields.extend(terms.iter().map(|term| build::described(&field(term))));
             fields.extend(oldest.map(|oldest| build::described(&Field::of_age(name, oldest))));
-            let length = terms.iter().map(ObservationTerm::length).sum();
+            let length = terms.iter().map(|term| field(term).words()).sum();
             sensors.push(Sensed { parts: terms.iter().map(part).collect(), length, oldest, taken_at: 0 });
         }
         let count = sensors.iter().map(|sensor| sensor.length + usize::from(sensor.oldest.is_some())).sum();
@@ -77,9 +95,9 @@ impl Numbers {
                 }
                 is_due |= !field.1.is_empty();
                 match field.1.get(part.offset..part.offset + part.length) {
-                    Some(numbers) => found.extend(numbers.iter().map(|number| *number as f32)),
+                    Some(numbers) => part.put(numbers, &mut found),
                     // A single number is not sent if it is zero.
-                    None => found.resize(found.len() + part.length, 0.0),
+                    None => part.put(&vec![0.0; part.length], &mut found),
                 }
             }
             let (places, others) = rest.split_at_mut(sensor.length);
@@ -107,7 +125,7 @@ fn oldest(sensor: &v3::Sensor) -> Option<f64> {
 }
 
 /// A term as an environment's field.
-fn described(term: &ObservationTerm) -> Described {
+fn field(term: &ObservationTerm) -> Field {
     let shape: Vec<usize> = term.shape.iter().map(|extent| *extent as usize).collect();
-    build::described(&Field::of_sensor(&term.sensor, &term.name, &shape, [term.low, term.high], term.noise, term.scale))
+    Field::of_sensor(&term.sensor, &term.name, &shape, [term.low, term.high], term.noise, term.scale)
 }
