@@ -19,7 +19,10 @@ MAX_SIDE = 4096
 
 
 def real(value: Any) -> NDArray[np.float64]:
-    """An array of real numbers. Raises ValueError for what NumPy would make numbers of: text, dates, ``None``, complex numbers."""
+    """An array of real numbers. Raises ValueError for what NumPy would make numbers of: text, dates, ``None``, complex numbers, and
+    the numbers under a mask."""
+    if np.ma.is_masked(value):
+        raise ValueError("a masked array has no number where it is masked; give array.filled(NUMBER)")
     array: NDArray[Any] = np.asarray(value)
     if array.dtype.kind == "O":
         strange = next((item for item in array.flat if item is None or isinstance(item, (str, complex))), array)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ._files import regular
+
 FORMAT = "fiatlux-baseline/1"
 """Name and version of the contract's layout."""
 TOLERANCE = 1e-3
@@ -21,7 +23,7 @@ def format_of(file: str | PathLike[str]) -> Any:
     Raises:
         ValueError: It is not an exported file.
     """
-    _, metadata = _tensors(Path(file), Path(file).read_bytes())
+    _, metadata = _tensors(Path(file), regular(file).read_bytes())
     try:
         return json.loads(metadata["contract"])["format"]
     except (KeyError, TypeError, ValueError):
@@ -41,7 +43,7 @@ class Network:
     """
 
     def __init__(self, file: str | PathLike[str], form: str, command: str) -> None:
-        data = Path(file).read_bytes()
+        data = regular(file).read_bytes()
         tensors, metadata = _tensors(Path(file), data)
         try:
             self.contract: dict[str, Any] = json.loads(metadata["contract"])

@@ -152,8 +152,11 @@ def writer() -> tuple[Any, Any]:
     """LeRobot's function that joins data sets, and its class of one.
 
     Raises:
-        ImportError: ``lerobot`` is not installed.
+        ImportError: ``lerobot`` is not installed, or NumPy is too new for it.
     """
+    # It makes numbers of arrays of one number, which NumPy refuses from 2.4 on.
+    if np.lib.NumpyVersion(np.__version__) >= "2.4.0":
+        raise ImportError(f"lerobot cannot write with NumPy {np.__version__}; pip install 'numpy<2.4'")
     try:
         from lerobot.datasets.aggregate import aggregate_datasets
         from lerobot.datasets.lerobot_dataset import LeRobotDataset

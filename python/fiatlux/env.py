@@ -94,7 +94,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             raise ValueError(f"render_mode is {render_mode!r}; known ones are None, 'rgb_array'")
         self.render_mode = render_mode
         self._render_size, self._render_camera = size_of("render_size", render_size), render_camera
-        self._task = task
+        self._task = task = _native.task_of(task)
         arguments = ("observation", "render_mode", "render_size", "render_camera")
         self._settings = complete(task, observation, settings, arguments)
         check_camera(render_camera, self._settings["robot"])
@@ -117,21 +117,20 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         self._check_open()
         seed = None if seed is None else seed_of(seed)
-        super().reset(seed=seed)
         options = dict(options or {})
-        if seed is not None:
-            self._seed, self._index = seed, 0
-        elif self._seed is None:
-            self._seed, self._index = int(self.np_random.integers(*TRAINING_SEEDS)), 0
-        else:
-            self._index += 1
-        if "episode" in options:
-            self._index = seed_of(options.pop("episode"), "episode")
+        asked = seed_of(options.pop("episode"), "episode") if "episode" in options else None
         if options:
             raise ValueError(f"options has no {next(iter(options))!r}; known keys are 'episode'")
-        self._begun = False
-        self._episode = _native.Episode(self._task, self._seed, self._index, self._settings)
-        self._begun = True
+        super().reset(seed=seed)
+        index = 0
+        if seed is None:
+            seed, index = self._seed, self._index + 1
+        if seed is None:
+            seed, index = int(self.np_random.integers(*TRAINING_SEEDS)), 0
+        index = index if asked is None else asked
+        # Until the new episode is there, the old one goes on: Ctrl-C may end the call.
+        episode = _native.Episode(self._task, seed, index, self._settings)
+        self._seed, self._index, self._episode, self._begun = seed, index, episode, True
         info = {"seed": self._seed, "episode": self._index, "drawn": self._episode.drawn()}
         return self._observation(), info
 
@@ -229,7 +228,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
     @property
     def task(self) -> Task:
         """The task of this environment."""
-        return next(task for task in TASKS.values() if self._task in (task.short_id, task.id))
+        return TASKS[self._task]
 
     @property
     def looks(self) -> bool:

@@ -187,7 +187,7 @@ class Experts:
         Raises:
             FiatluxError: A world cannot be sensed.
         """
-        self._env._check_open()
+        self._env._check_begun()
         if self._env._batch is not self._batch:
             self._batch = self._env._batch
             self.reset()

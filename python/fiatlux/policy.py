@@ -37,6 +37,9 @@ def check_policy(policy: Any) -> None:
         raise TypeError(
             f"policy: a {type(policy).__name__} answers by predict; {remedy}, with observation='flat' for a flat model"
         )
+    if isinstance(policy, str):
+        remedy = "fiatlux evaluate --policy NAME plays those that come with it"
+        raise TypeError(f"policy is {policy!r}; give a function from an observation to an action: {remedy}")
     raise TypeError(
         f"policy: a {type(policy).__name__} cannot be called; give a function from an observation to an action"
     )

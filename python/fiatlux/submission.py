@@ -130,6 +130,8 @@ def _files(folder: Path) -> dict[str, Path]:
         raise ValueError(f"there is no bag in {folder}; name the folder of a run, or of *.mcap files")
     files: dict[str, Path] = {}
     for index, path in enumerate(bags + journals):
+        if not path.is_file():
+            raise ValueError(f"{path} is not a regular file; move it out of {folder}")
         files[path.name if path.name not in files else f"{index}-{path.name}"] = path
     return files
 

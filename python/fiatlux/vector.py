@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
-from gymnasium.error import ClosedEnvironmentError
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector import VectorEnv as Base
 from gymnasium.vector.utils import batch_space
@@ -208,6 +208,19 @@ def _plain(row: Mapping[str, Any]) -> dict[str, list[float]]:
     return {name: [float(number) for number in numbers] for name, numbers in row.items() if name != "step"}
 
 
+class _Done:
+    """Takes note of a native call that was done, even if Ctrl-C is raised as it returns; a call that was refused changed nothing."""
+
+    def __init__(self, note: Callable[..., None], *arguments: Any) -> None:
+        self._note, self._arguments = note, arguments
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None or not issubclass(kind, Exception):
+            self._note(*self._arguments)
+
+
 class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     """Base class of all vectors of worlds.
 
@@ -215,7 +228,9 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
     that step is the first of the new episode; ``info["final_obs"]`` has the last one of the old episode for the worlds that
     ``info["_final_obs"]`` marks. The other modes are as Gymnasium defines them.
 
-    A copy or a pickle is made from the same arguments and continues from the same state.
+    A copy or a pickle is made from the same arguments and continues from the same state. Before the first :meth:`reset` or
+    :meth:`restore` of all worlds, a step, a rollout and a picture raise Gymnasium's ``ResetNeeded``, while the worlds can be read
+    and changed. Ctrl-C is raised when a call is done.
     """
 
     metadata: dict[str, Any] = {
@@ -264,10 +279,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._reward = np.zeros(worlds, np.float32)
         self._terms = np.zeros((worlds, len(layout.reward_terms)), np.float32)
         self._terminated, self._truncated, self._success = (np.zeros(worlds, np.bool_) for _ in range(3))
-        # True where the last step only began the world's next episode.
-        self._was_over = np.zeros(worlds, np.bool_)
         self.reward_weights: dict[str, float] = dict(zip(layout.reward_terms, batch.spec["reward_weights"]))
-        self._is_closed = False
+        self._is_closed = self._begun = False
         # How often each world was put into another state than its own; who follows worlds looks at it.
         self._jumps = np.zeros(worlds, np.int64)
 
@@ -289,7 +302,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             raise ValueError(f"options has no {unknown[0]!r}; the one known key is 'reset_mask'")
         mask = (options or {}).get("reset_mask")
         marks = np.ones(self.num_envs, np.bool_) if mask is None else self._marks("reset_mask", mask)
-        self._observe(lambda observation: self._batch.reset(marks, observation, seed))
+        with _Done(self._jump, np.False_, mask is None):
+            self._observe(lambda observation: self._batch.reset(marks, observation, seed))
         return self._layout.show(self._observation, self.copies), {"drawn": self.drawn()} if mask is None else {}
 
     def reset_worlds(self, mask: Any, like: int | Mapping[str, Any] | None = None) -> Any:
@@ -319,8 +333,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._check_open()
         marks = self._marks("worlds", worlds)
         number = whole("world", world, 0, self.num_envs - 1)
-        self._observe(lambda observation: self._batch.copy_world(number, marks, observation))
-        self._jumps += marks
+        with _Done(self._jump, marks, False):
+            self._observe(lambda observation: self._batch.copy_world(number, marks, observation))
         return self._layout.show(self._observation, self.copies)
 
     def terminate(self, mask: Any) -> Any:
@@ -329,8 +343,6 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._check_open()
         marks = self._marks("mask", mask)
         self._observe(lambda observation: self._batch.end_episodes(marks, observation))
-        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            self._was_over |= marks
         return self._layout.show(self._observation, self.copies)
 
     def look(self, sensors: Sequence[str], worlds: Any = None) -> Any:
@@ -358,8 +370,16 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Lets the simulator write all observations. Pictures are returned as they lie there, so a vector that returns copies takes a new
         array each time; the old one stays where the simulator refuses."""
         observation = np.empty_like(self._observation) if self._is_fresh else self._observation
-        write(observation)
+        with _Done(self._take, observation):
+            write(observation)
+
+    def _take(self, observation: NDArray[np.float32]) -> None:
         self._observation = observation
+
+    def _jump(self, marks: NDArray[np.bool_] | np.bool_, begins: bool) -> None:
+        """Takes note that the marked worlds are in another state than their own, and that all begin."""
+        self._begun |= begins
+        self._jumps += marks
 
     def _marks(self, name: str, mask: Any) -> NDArray[np.bool_]:
         """A boolean for each world, some of them true."""
@@ -390,17 +410,18 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended. ``success`` is of the judge in force, the one that
         ``protocol`` names, as in :class:`fiatlux.Env`. Ctrl-C is raised when the step is done, and the next one can follow.
         """
-        self._check_open()
+        self._check_begun()
         array = as_actions(actions, self.action_space.shape or ())
         if self._final is not None and self._layout.has_pictures:
             # Memory that nobody has written to costs nothing, and few worlds end in a step.
             self._final = np.zeros(self._final.shape, np.float32)
         final, others = self._final, (self._reward, self._terms, self._terminated, self._truncated, self._success)
-        self._observe(lambda observation: self._batch.step(array, observation, final, *others))
         own = np.copy if self.copies else np.asarray
-        info: dict[str, Any] = {"reward_terms": own(self._terms), "success": own(self._success)}
-        if self._judge is not None:
-            self._apply(self._judge, info)
+        info: dict[str, Any] = {}
+        # Worlds in which this step only begins the next episode.
+        waited = np.array(self._batch.ended()) if self._judge is not None else None
+        with _Done(self._conclude, info, waited):
+            self._observe(lambda observation: self._batch.step(array, observation, final, *others))
         ended = self._terminated | self._truncated
         if self._final is not None and ended.any():
             info["final_obs"] = self._layout.show(self._final, self.copies)
@@ -408,7 +429,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         observation = self._layout.show(self._observation, self.copies)
         return observation, own(self._reward), own(self._terminated), own(self._truncated), info
 
-    def _apply(self, judge: Judgement, info: dict[str, Any]) -> None:
+    def _conclude(self, info: dict[str, Any], waited: NDArray[np.bool_] | None) -> None:
+        """What a step is made whole by: the judge of the caller's."""
+        own = np.copy if self.copies else np.asarray
+        info |= {"reward_terms": own(self._terms), "success": own(self._success)}
+        if self._judge is not None and waited is not None:
+            self._apply(self._judge, info, waited)
+
+    def _apply(self, judge: Judgement, info: dict[str, Any], waited: NDArray[np.bool_]) -> None:
         """Pays and ends as a judge of the caller's says."""
         ended = self._terminated | self._truncated
         last = self._observation.copy()
@@ -421,16 +449,14 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
                 world = int(np.argmin(np.isfinite(paid)))
                 raise ValueError(f"judge: the reward of world {world} is {paid[world]}; give finite numbers")
             self._reward[:] = paid
-            self._reward[self._was_over] = 0.0
+            self._reward[waited] = 0.0
         if ends is not None:
-            ends = self._judged("end", ends, np.bool_) & ~ended & ~self._was_over
+            ends = self._judged("end", ends, np.bool_) & ~ended & ~waited
             if ends.any():
                 self._observe(lambda observation: self._batch.end_episodes(ends, observation))
                 self._terminated |= ends
                 if self._final is not None:
                     self._final[ends] = last[ends]
-        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            self._was_over = self._terminated | self._truncated
 
     def _judged(self, what: str, values: Any, dtype: Any) -> NDArray[Any]:
         array = np.asarray(values, dtype)
@@ -452,7 +478,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             ValueError: A wrong shape, or an action that is refused; no step was taken then. The vector has a judge of its own, or
                 the autoreset mode ``"disabled"``, in which a step may be refused.
         """
-        self._check_open()
+        self._check_begun()
         if self._judge is not None:
             raise ValueError(
                 "rollout: a judge of your own is called after each step; use step, or make the vector without it"
@@ -488,20 +514,18 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             rollout.truncated,
             rollout.success,
         )
-        if observations:
-            self._observation[:] = seen[-1]
         return replace(rollout, observation=self._layout.show(seen, self.copies and not observations))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of each world, height x width x 3; ``None`` without ``render_mode="rgb_array"``."""
-        self._check_open()
+        self._check_begun()
         if self.render_mode is None:
             return None
         return tuple(self.render_world(world) for world in range(self.num_envs))
 
     def render_world(self, world: int) -> NDArray[np.uint8]:
         """A picture of one world, height x width x 3, from where ``render_camera`` says."""
-        self._check_open()
+        self._check_begun()
         width, height = self._render_size
         number = whole("world", world, 0, self.num_envs - 1)
         pixels = self._batch.render(number, width, height, self._render_camera)
@@ -544,8 +568,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """
         self._check_open()
         marks = None if worlds is None else self._marks("worlds", worlds)
-        self._observe(lambda observation: self._batch.restore(snapshot, observation, marks))
-        self._jumps += True if marks is None else marks
+        with _Done(self._jump, np.True_ if marks is None else marks, marks is None):
+            self._observe(lambda observation: self._batch.restore(snapshot, observation, marks))
         return self._layout.show(self._observation, self.copies)
 
     def row(self, world: int) -> dict[str, Any]:
@@ -591,6 +615,11 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         if self._is_closed:
             raise ClosedEnvironmentError("the environment is closed; make another one")
 
+    def _check_begun(self) -> None:
+        self._check_open()
+        if not self._begun:
+            raise ResetNeeded("no episode has begun; call reset() first")
+
 
 def check_trainer(env: _Batch, wrapper: str) -> None:
     """Refuses a vector that a library for training would misread: it keeps observations, and knows one autoreset mode."""
@@ -632,7 +661,7 @@ class VectorEnv(_Batch):
         reward_weights: Mapping[str, float] | None = None,
         **settings: "Unpack[VectorSettings]",
     ) -> None:
-        num_envs = whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
+        task, num_envs = _native.task_of(task), whole("num_envs", num_envs, 1, _native.MAX_WORLDS)
         shared: dict[str, Any] = {"observation": "dict", "variations": 16}
         shared |= {name: value for name, value in settings.items() if name in _SHARED}
         rooms = seeds_of(ROOMS[:num_envs] if seeds is None else seeds, num_envs)

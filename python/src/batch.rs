@@ -343,6 +343,12 @@ impl Batch {
         })
     }
 
+    /// Worlds whose next episode has not begun yet.
+    fn ended(slf: &Bound<'_, Self>) -> PyResult<Vec<bool>> {
+        own!(slf, this);
+        guarded(|| this.worlds.ended())
+    }
+
     /// Lets each world's present episode end this many steps earlier.
     fn shorten_episodes(slf: &Bound<'_, Self>, steps: Vec<u64>) -> PyResult<()> {
         own_mut!(slf, this);

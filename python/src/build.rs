@@ -20,6 +20,12 @@ pub(crate) fn tasks() -> Vec<(&'static str, &'static str, &'static str, &'static
     tasks.map(|task| (task.short_id(), task.id(), task.name(), task.instruction(), task.horizon_steps())).collect()
 }
 
+/// Short id of a task that is named in any of its forms, such as `s5`.
+#[pyfunction]
+pub(crate) fn task_of(name: &str) -> PyResult<&'static str> {
+    task(name).map(Task::short_id)
+}
+
 /// Names of all robots, the benchmark's first.
 #[pyfunction]
 pub(crate) fn robots() -> Vec<&'static str> {
@@ -92,8 +98,7 @@ pub(crate) fn climber_contract(
 }
 
 pub(crate) fn task(name: &str) -> PyResult<Task> {
-    let by_id = Task::ALL.into_iter().find(|task| task.id() == name);
-    by_id.map_or_else(|| name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error)), Ok)
+    name.parse().map_err(|error: fiatlux_rules::UnknownTask| refused(&error))
 }
 
 /// A field of an observation: name, shape, least and greatest value, and whether it is a picture.

@@ -40,7 +40,9 @@ pub(crate) fn evaluate_into(
     let (settings, weights) = settings.split_weights();
     let assets: Vec<AssetArg> = assets.into_iter().map(|(place, path)| AssetArg { place, path }).collect();
     let scene = SceneConfig::default().with_assets(&assets).map_err(|error| refused(&error))?;
-    std::fs::create_dir_all(&out)?;
+    std::fs::create_dir_all(&out).map_err(|error| {
+        std::io::Error::new(error.kind(), format!("cannot use the output folder {}: {error}", out.display()))
+    })?;
     let shard = run.shard()?;
     let options = RunOptions { is_alone: true, ..run.options(&settings)? };
     if let Some(shard) = shard {

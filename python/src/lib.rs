@@ -54,6 +54,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<wbc::WholeBodies>()?;
     module.add_function(wrap_pyfunction!(bag::is_leftover, module)?)?;
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
+    module.add_function(wrap_pyfunction!(build::task_of, module)?)?;
     module.add_function(wrap_pyfunction!(build::robots, module)?)?;
     module.add_function(wrap_pyfunction!(build::segments, module)?)?;
     module.add_function(wrap_pyfunction!(build::cameras, module)?)?;

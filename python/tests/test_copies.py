@@ -175,14 +175,19 @@ def run(script):
 def test_a_batch_in_a_forked_child_is_refused_at_once():
     run("""
 env = fiatlux.WalkingVectorEnv(8, num_threads=2)
+env.reset()
 snapshot = env.save()
 calls = [env.reset, lambda: env.step(actions), lambda: env.row(0), env.save, lambda: env.restore(snapshot)]
 for call in calls:
     said = forked(call)
     assert "make the batch in the child" in said and f"process {os.getpid()}" in said, said
 assert forked(env.close) == "fine"
-assert forked(lambda: fiatlux.WalkingVectorEnv(8, num_threads=2).step(actions)) == "fine"
+def own():
+    mine = fiatlux.WalkingVectorEnv(8, num_threads=2)
+    mine.reset(), mine.step(actions)
+assert forked(own) == "fine"
 one = fiatlux.WalkingVectorEnv(8, num_threads=1)
+one.reset()
 assert forked(lambda: one.step(actions)) == "fine"
 env.step(actions)
 """)

@@ -5,7 +5,7 @@ import importlib.util
 import fiatlux
 import numpy as np
 import pytest
-from fiatlux import lerobot
+from fiatlux import dataset, lerobot
 from fiatlux.dataset import _commands, _features, _frames
 from fiatlux.train_lerobot import MAX_PAUSE, main, shortened
 
@@ -155,3 +155,9 @@ def test_a_policy_is_not_trained_in_rooms_for_judging(tmp_path, capsys, seed, pu
     assert ended.value.code == 2
     message = capsys.readouterr().err
     assert f"seed {seed} is for" in message and purpose in message and "use seeds 1000 to 99999" in message
+
+
+def test_a_numpy_that_the_writer_cannot_use_is_named(monkeypatch):
+    monkeypatch.setattr(np, "__version__", "2.4.6")
+    with pytest.raises(ImportError, match="NumPy 2.4.6; pip install 'numpy<2.4'"):
+        dataset.writer()

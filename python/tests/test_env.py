@@ -27,6 +27,17 @@ def test_check_env_has_nothing_to_say(observation):
     env.close()
 
 
+@pytest.mark.parametrize("name", ["S05", "s5", "S005", "fiatlux-s05-carrybulbtodisposal-v1"])
+def test_a_task_may_be_named_as_in_the_programs(name):
+    env = fiatlux.Env(name)
+    env.reset(seed=0)
+    assert env.task.short_id == "S05" and "Env S05" in repr(env)
+    other = fiatlux.Env("S05")
+    other.restore(env.save())
+    assert other.digest == env.digest
+    assert "VectorEnv S05" in repr(fiatlux.VectorEnv(name, 1))
+
+
 def test_observations_are_the_same_numbers_in_both_forms():
     seen = {}
     for form in ("dict", "flat"):
@@ -100,6 +111,7 @@ def test_bad_use_is_refused_by_name():
     for action, match in [
         (np.zeros(52), r"action: shape \(52,\) instead of \(53,\)"),
         ("up", "action: cannot be read as numbers"),
+        (np.ma.masked_equal(np.zeros(53), 0), "a masked array has no number where it is masked"),
         (np.full(53, np.nan), "action of joint 'left_hip_pitch_joint' is not finite"),
         (np.full(53, 1e4), "action of joint 'left_hip_pitch_joint' is 10000.0"),
     ]:
@@ -127,6 +139,28 @@ def test_bad_use_is_refused_by_name():
     ]:
         with pytest.raises(ValueError, match=match):
             fiatlux.Env(**{"task": "S05", **settings})
+
+
+def test_a_reset_that_is_refused_or_interrupted_counts_no_episode(monkeypatch):
+    env = fiatlux.Env("S05")
+    env.reset(seed=3)
+    env.step(np.zeros(53))
+    env.np_random.random()
+    state = env.np_random.bit_generator.state
+    for options in ({"room": 1}, {"episode": -1}, {"episode": "first"}):
+        with pytest.raises(ValueError):
+            env.reset(seed=9, options=options)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(fiatlux._native, "Episode", interrupted)
+        env.reset()
+    assert env.row()["step"] == 1 and env.np_random.bit_generator.state == state
+    env.step(np.zeros(53))
+    _, info = env.reset()
+    assert (info["seed"], info["episode"]) == (3, 1)
 
 
 def test_pictures_show_something():

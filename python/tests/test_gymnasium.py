@@ -1,5 +1,7 @@
 """Tests vectors with Gymnasium's own wrappers, in each of its autoreset modes."""
 
+import copy
+
 import fiatlux
 import gymnasium
 import numpy as np
@@ -52,6 +54,46 @@ def test_the_next_step_begins_the_next_episode():
         observation, reward, terminated, truncated, info = env.step(zeros(env) + 1.0)
         assert env.row(0)["step"] == 0 and not (reward.any() or terminated.any() or truncated.any())
         assert not info["reward_terms"].any() and not info["success"].any()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_before_the_first_reset_nothing_goes_on(mode):
+    env = walkers(mode, render_mode="rgb_array")
+    env.reset(options={"reset_mask": np.arange(WORLDS) == 0})
+    for call in (
+        lambda: env.step(zeros(env)),
+        lambda: env.rollout(zeros(env)[None]),
+        env.render,
+        lambda: env.render_world(0),
+        lambda: copy.deepcopy(env).step(zeros(env)),
+    ):
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) first"):
+            call()
+    # A whole state begins an episode, too.
+    other = walkers(mode)
+    other.reset(seed=1)
+    env.restore(other.save())
+    np.testing.assert_array_equal(env.step(zeros(env))[0], other.step(zeros(env))[0])
+
+
+def test_experts_of_worlds_wait_for_their_reset():
+    worlds = fiatlux.VectorEnv("S05", 1)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        fiatlux.Experts(worlds).label()
+
+
+def test_a_reset_lets_the_next_step_count():
+    env = walkers("next_step", judge=lambda observation, info: (np.ones(WORLDS), np.ones(WORLDS)))
+    for _ in range(2):
+        env.reset(seed=1)
+        _, reward, terminated, _, _ = env.step(zeros(env))
+        assert reward.tolist() == [1.0] * WORLDS and terminated.all()
+    over = env.save()
+    _, reward, terminated, _, _ = env.step(zeros(env))
+    assert not reward.any() and not terminated.any()
+    # A saved state knows which worlds wait.
+    env.restore(over)
+    assert not env.step(zeros(env))[1].any()
 
 
 def test_disabled_waits_for_a_reset_of_the_worlds_that_ended():

@@ -35,6 +35,11 @@ def run(command, *arguments, **options):
     return subprocess.run([command, *arguments], capture_output=True, text=True, timeout=120, **options)
 
 
+def test_the_launcher_is_a_module():
+    said = run(sys.executable, "-m", "fiatlux", "--version")
+    assert (said.returncode, said.stdout) == (0, f"fiatlux {fiatlux.__version__}\n")
+
+
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_each_goes_by_its_name(commands, name):
     said = run(commands / name, "--version")

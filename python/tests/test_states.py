@@ -167,6 +167,7 @@ def test_starts_that_cannot_be_are_refused(starts, says):
 
 def test_the_first_episodes_end_at_random_times():
     env = errand(horizon_steps=40, num_envs=12, noise=False)
+    env.reset()
     env.stagger()
     ends = np.array([env.step(np.zeros(env.action_space.shape))[3] for _ in range(80)])
     first = ends.argmax(axis=0)
@@ -329,6 +330,7 @@ def test_a_recorded_episode_goes_on_from_any_of_its_rows(tmp_path):
     (path,) = tmp_path.rglob("*.mcap")
     bag = fiatlux.Bag(path)
     env = errand("S05", 2)
+    env.reset()
     assert bag.row(20).keys() == env.row(0).keys()
     env.reset_worlds(np.array([True, False]), like=bag.row(20))
     env.step(np.zeros(env.action_space.shape))

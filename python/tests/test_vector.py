@@ -155,6 +155,7 @@ def test_worlds_are_spread_over_rooms_and_differ():
     env.reset(seed=3)
     assert len({tuple(env.row(world)["robot_pose"]) for world in range(18)}) == 16
     env = fiatlux.VectorEnv("S05", 2)
+    env.reset()
     assert len({tuple(env.row(world)["robot_pose"]) for world in range(2)}) == 2
     env = walkers(6, ranges=None, disturbances=None)
     observed, _ = env.reset(seed=3)
@@ -219,8 +220,8 @@ def test_ctrl_c_lets_a_long_step_end():
     env = walkers(4096, 1)
     env.reset()
     actions = np.zeros((4096, 15), np.float32)
-    threading.Timer(0.02, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
+        threading.Timer(0.02, _thread.interrupt_main).start()
         for _ in range(100):
             env.step(actions)
     assert len({int(env.row(world)["step"]) for world in range(0, 4096, 64)}) == 1
@@ -231,11 +232,56 @@ def test_ctrl_c_works_while_worlds_step():
     env = walkers(1, 1)
     env.reset()
     actions = np.zeros((1, 15), np.float32)
-    threading.Timer(0.3, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
+        threading.Timer(0.3, _thread.interrupt_main).start()
         for _ in range(100_000):
             env.step(actions)
     env.step(actions)
+
+
+class Interrupted:
+    """The native part of a vector, with Ctrl-C as each call returns."""
+
+    def __init__(self, batch):
+        self.batch = batch
+
+    def __getattr__(self, name):
+        def call(*arguments):
+            getattr(self.batch, name)(*arguments)
+            raise KeyboardInterrupt
+
+        return getattr(self.batch, name) if name == "ended" else call
+
+
+def test_ctrl_c_leaves_no_call_half_done():
+    judged = []
+
+    def judge(observation, info):
+        judged.append(observation)
+        return None, np.arange(2) == 0
+
+    env = fiatlux.VectorEnv("S05", 2, seeds=[1000], observation="flat", judge=judge)
+    own, none = env._batch, np.zeros(env.action_space.shape)
+
+    def interrupted(call):
+        env._batch = Interrupted(own)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                call()
+        finally:
+            env._batch = own
+
+    interrupted(lambda: env.reset(seed=1))
+    jumps = env._jumps.copy()
+    # The judge ends the first world's episode, which begins anew.
+    interrupted(lambda: env.step(none))
+    assert len(judged) == 1 and [int(env.row(world)["step"]) for world in (0, 1)] == [0, 1]
+    interrupted(lambda: env.copy_world(1, np.array([True, False])))
+    assert (env._jumps - jumps).tolist() == [1, 0] and env.row(0)["step"] == 1
+    saved = env.save()
+    interrupted(lambda: env.restore(saved))
+    assert (env._jumps - jumps).tolist() == [2, 1]
+    env.step(none)
 
 
 def test_weights_of_the_reward_can_be_given():
@@ -243,6 +289,7 @@ def test_weights_of_the_reward_can_be_given():
     ours = walkers(reward_weights={"alive": 2 * usual.reward_weights["alive"]})
     assert list(usual.reward_weights) and set(ours.reward_weights) == set(ours.reward_terms)
     place = ours.reward_terms.index("alive")
+    usual.reset(), ours.reset()
     paid = [
         env.step(np.zeros(env.action_space.shape, np.float32))[4]["reward_terms"][:, place] for env in (usual, ours)
     ]

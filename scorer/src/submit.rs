@@ -1,6 +1,5 @@
 //! `scorer submit`: sends the folder of a run to a leaderboard.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -131,7 +130,7 @@ const MAX_TOKEN_BYTES: u64 = 1 << 16;
 /// Reads the only line of the file.
 fn read_token(path: &Path) -> Result<String> {
     let unreadable = || format!("cannot read the token in {}", path.display());
-    let file = File::open(path).with_context(unreadable)?;
+    let file = fiatlux_files::open_stream(path).with_context(unreadable)?;
     if let Err(exposed) = check_private(&file, path) {
         fiatlux_cli::report(format!("warning: {exposed}"));
     }

@@ -61,7 +61,7 @@ fn is_private(mode: u32, owner: u32) -> bool {
 }
 
 fn open(path: &Path) -> Result<File, AccessError> {
-    File::open(path).map_err(|source| AccessError::Read { path: path.to_owned(), source })
+    fiatlux_files::open_stream(path).map_err(|source| AccessError::Read { path: path.to_owned(), source })
 }
 
 fn text_of(file: &File, path: &Path) -> Result<String, AccessError> {

@@ -312,6 +312,12 @@ impl Batch {
         self.carry_out(&order, actions, &mut || true, |job| buffers.copy_from(job))
     }
 
+    /// Worlds whose episode has ended while the next one has not begun, as [`Autoreset`] may leave them.
+    #[must_use]
+    pub fn ended(&self) -> Vec<bool> {
+        self.workers.jobs().map(|job| job.slot.has_ended).collect()
+    }
+
     /// A copy of a world's row.
     ///
     /// # Errors

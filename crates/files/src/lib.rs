@@ -2,11 +2,16 @@
 //!
 //! A size from a file's metadata says nothing about a device or a pipe: a link to `/dev/zero` has 0 bytes and never ends, and
 //! opening a pipe waits for a writer. [`read`] and [`open`] refuse both. Settings and secrets may come through a pipe or from
-//! `/dev/null`: [`read_stream`] takes any kind of file, but stops at its limit.
+//! `/dev/null`: [`read_stream`] takes any kind of file, but stops at its limit, and does not wait for ever for a pipe's writer.
 
 use std::fs::File;
 use std::io::{self, Error, ErrorKind, Read as _};
 use std::path::Path;
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// Time in which somebody must open the other end of a pipe, long enough for a program that is starting.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Opens a regular file, or what a link to one leads to.
 ///
@@ -44,9 +49,36 @@ pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
 /// The text of a file of any kind of at most `limit` bytes: it waits for the end of a pipe.
 ///
 /// # Errors
-/// Those of the system; [`ErrorKind::FileTooLarge`]; [`ErrorKind::InvalidData`] where it is not UTF-8.
+/// As [`open_stream`]; [`ErrorKind::FileTooLarge`]; [`ErrorKind::InvalidData`] where it is not UTF-8.
 pub fn read_stream(path: &Path, limit: u64) -> io::Result<String> {
-    text(limited(File::open(path)?, limit)?)
+    text(limited(open_stream(path)?, limit)?)
+}
+
+/// Opens a file of any kind.
+///
+/// # Errors
+/// Those of the system; [`ErrorKind::TimedOut`] for a pipe that nobody opens for writing within 5 s.
+pub fn open_stream(path: &Path) -> io::Result<File> {
+    if !is_pipe(path)? {
+        return File::open(path);
+    }
+    let (sender, opened) = mpsc::channel();
+    let path = path.to_owned();
+    // Nothing but a writer wakes a thread that opens a pipe; without one it ends with the program.
+    std::thread::Builder::new().name("fiatlux-pipe".into()).spawn(move || sender.send(File::open(path)))?;
+    let error = |_| Error::new(ErrorKind::TimedOut, "it is a pipe that nobody writes to; name a file");
+    opened.recv_timeout(PATIENCE).map_err(error)?
+}
+
+#[cfg(unix)]
+fn is_pipe(path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::FileTypeExt as _;
+    Ok(std::fs::metadata(path)?.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &Path) -> io::Result<bool> {
+    Ok(false)
 }
 
 /// The rest of an open file, of at most `limit` bytes.
@@ -116,6 +148,11 @@ mod tests {
         for path in [device.as_path(), pipe.as_path(), folder.0.as_path()] {
             assert_eq!(open(path).unwrap_err().kind(), ErrorKind::InvalidInput, "{}", path.display());
         }
+        assert_eq!(read_stream(&pipe, 1000).unwrap_err().kind(), ErrorKind::TimedOut);
+        // One that is written to late is read to its end.
+        let mut writer = Command::new("sh").args(["-c", "sleep 0.2; echo late >\"$0\""]).arg(&pipe).spawn().unwrap();
+        assert_eq!(read_stream(&pipe, 1000).unwrap(), "late\n");
+        writer.wait().unwrap();
         // A stream stops at its limit.
         assert_eq!(read_stream(&device, 1000).unwrap_err().kind(), ErrorKind::FileTooLarge);
         assert_eq!(read_stream(Path::new("/dev/null"), 1000).unwrap(), "");

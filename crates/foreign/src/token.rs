@@ -1,6 +1,6 @@
 //! Tokens, the commands for GEAR-SONIC's decoder.
 
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use crate::ForeignError;
@@ -50,13 +50,10 @@ impl RecordedTokens {
     /// Reads a text file with one token on each line: 64 numbers, separated by spaces or commas, as `numpy.savetxt`
     /// writes them. Empty lines and lines that begin with `#` are ignored.
     pub fn read(path: &Path) -> Result<Self, ForeignError> {
-        let unreadable = |source| ForeignError::Read { path: path.into(), source };
-        let mut text = String::new();
-        let file = std::fs::File::open(path).map_err(unreadable)?;
-        file.take(FILE_LIMIT + 1).read_to_string(&mut text).map_err(unreadable)?;
-        if text.len() as u64 > FILE_LIMIT {
-            return Err(ForeignError::FileSize { path: path.into(), most: FILE_LIMIT });
-        }
+        let text = fiatlux_files::read_stream(path, FILE_LIMIT).map_err(|source| match source.kind() {
+            ErrorKind::FileTooLarge => ForeignError::FileSize { path: path.into(), most: FILE_LIMIT },
+            _ => ForeignError::Read { path: path.into(), source },
+        })?;
         let mut tokens = Vec::new();
         for (index, line) in text.lines().enumerate() {
             let wrong = |problem| ForeignError::Tokens { path: path.into(), line: index + 1, problem };

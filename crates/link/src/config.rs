@@ -1,9 +1,7 @@
 //! Config of a session: Zenoh's defaults, then a file, then our defaults for keys that the file leaves out, then the
 //! flags.
 
-use std::io::Read;
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::Path;
 use std::time::Duration;
 
 use fiatlux_proto::keys::ServerKeys;
@@ -57,23 +55,14 @@ pub fn embedded() -> Result<Config, LinkError> {
 
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
 
-fn read(path: &Path) -> Result<String, String> {
-    let file = std::fs::File::open(path).map_err(|source| source.to_string())?;
-    let mut text = String::new();
-    file.take(MAX_CONFIG_BYTES + 1).read_to_string(&mut text).map_err(|source| source.to_string())?;
-    if text.len() as u64 > MAX_CONFIG_BYTES {
-        return Err(format!("it has more than {MAX_CONFIG_BYTES} bytes"));
-    }
-    Ok(text)
-}
-
 /// Config for a program in this role with these options.
 pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
     let mut config = match &args.config {
         None => Config::default(),
         Some(path) => {
             let refuse = |reason: String| LinkError::ConfigFile { path: path.clone(), reason };
-            let text = read(path).map_err(&refuse)?;
+            let text =
+                fiatlux_files::read_stream(path, MAX_CONFIG_BYTES).map_err(|source| refuse(source.to_string()))?;
             // Not by Zenoh's own reader of files, whose YAML nobody here can check.
             let config = Config::from_json5(&text).map_err(|source| refuse(reason_of(&source)))?;
             honoured::check_keys(&text, &config).map_err(&refuse)?;

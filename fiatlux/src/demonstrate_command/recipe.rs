@@ -65,11 +65,7 @@ pub fn entries(task: Task, policy: &str, kept: &[Demonstration]) -> anyhow::Resu
 /// It cannot be read, is of another version of the benchmark, or has a line that is none.
 pub fn read(path: &Path) -> anyhow::Result<Vec<Entry>> {
     let shown = path.display();
-    let size = std::fs::metadata(path).with_context(|| format!("cannot read '{shown}'"))?.len();
-    if size > MAX_LIST {
-        bail!("'{shown}' has {size} bytes; a list has at most {MAX_LIST}");
-    }
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read '{shown}'"))?;
+    let text = fiatlux_files::read_stream(path, MAX_LIST).with_context(|| format!("cannot read '{shown}'"))?;
     if text.lines().next() != Some(first_line().as_str()) {
         bail!("'{shown}' does not begin with '{}': it is no list, or one of another version", first_line());
     }

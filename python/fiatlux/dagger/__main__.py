@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from .._files import regular
 from .lessons import GOALS, Lesson, play, shape_of, state_of
 from .network import GOAL, WALKS, Network, Shape, export, normalised
 from .settings import FIRST_ROOM, keep
@@ -164,7 +165,7 @@ def lesson_of(
 
 def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
     """The network of a checkpoint, and the record of its training."""
-    state = torch.load(checkpoint, map_location=device, weights_only=True)
+    state = torch.load(regular(checkpoint), map_location=device, weights_only=True)
     network = Network(Shape(**state["shape"])).to(device).eval()
     network.load_state_dict(state["network"])
     return network, state["record"]

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 
+from .._files import regular
 from .._native import TRAINING_SEEDS
 from .lessons import SETTLES
 
@@ -46,7 +47,7 @@ def keep(given: argparse.Namespace) -> None:
         os.replace(part_file, file)
         return
     try:
-        kept = dict(json.loads(file.read_text()))
+        kept = dict(json.loads(regular(file).read_text()))
     except (ValueError, TypeError) as error:
         raise ValueError(f"{file} is damaged; name another folder with --out") from error
     others = [

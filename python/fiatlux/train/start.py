@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from safetensors import safe_open
 
+from .._files import regular
+
 DEVIATION = 0.18
 """Standard deviation of each action at the start, as at the end of the shipped controller's training; no file holds it."""
 LOOKS = 100
@@ -21,7 +23,7 @@ def read(file: Path) -> tuple[list[torch.Tensor], dict[str, Any]]:
         ValueError: The file is not an exported controller.
     """
     try:
-        with safe_open(str(file), "pt") as tensors:
+        with safe_open(str(regular(file)), "pt") as tensors:
             contract = json.loads(tensors.metadata()["contract"])
             layers = range(len(contract["layers"]) - 1)
             parts = [tensors.get_tensor(f"layer{number}.{part}") for number in layers for part in ("weight", "bias")]

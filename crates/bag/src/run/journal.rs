@@ -63,7 +63,7 @@ pub fn is_torn(path: &Path) -> Result<bool, LedgerError> {
 /// thousands of finished runs starts at once.
 pub fn ends_finished(path: &Path) -> Result<bool, LedgerError> {
     let failed = || LedgerError::io("read", path);
-    let mut file = File::open(path).map_err(LedgerError::io("open", path))?;
+    let mut file = fiatlux_files::open(path).map_err(LedgerError::io("open", path))?;
     let length = file.metadata().map_err(failed())?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(LAST_LINE))).map_err(failed())?;
     let mut end = Vec::new();

@@ -1,7 +1,7 @@
 //! The small file that lets a run be resumed.
 
-use std::fs::{File, OpenOptions};
-use std::io::{Read, Write};
+use std::fs::OpenOptions;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use data_encoding::HEXLOWER;
@@ -64,10 +64,8 @@ impl RunFile {
     /// [`RunFileError`], most often because the file's run plays something else.
     pub fn open_of(path: &Path, spec: &RunSpec, policy_digest: &str) -> Result<Self, RunFileError> {
         let io = |what| move |source| RunFileError::Io { what, path: path.into(), source };
-        match File::open(path) {
-            Ok(file) => {
-                let mut text = String::new();
-                file.take(MAX_FILE).read_to_string(&mut text).map_err(io("read"))?;
+        match fiatlux_files::read_text(path, MAX_FILE) {
+            Ok(text) => {
                 let content = |reason: String| RunFileError::Content { path: path.into(), reason };
                 let found: Self = toml::from_str(&text).map_err(|error| content(error.message().into()))?;
                 let mut differs = differences(&found.spec, spec);
@@ -234,6 +232,10 @@ mod tests {
             let error = RunFile::open(&path, &spec()).unwrap_err().to_string();
             assert!(error.contains("is not the file of a run"), "{error}");
         }
+        std::fs::remove_file(&path).unwrap();
+        // Reading a pipe that nobody writes to would wait.
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        assert!(matches!(RunFile::open(&path, &spec()), Err(RunFileError::Io { what: "read", .. })));
         std::fs::remove_file(&path).unwrap();
         let nowhere = path.join("RUN.toml");
         assert!(matches!(RunFile::open(&nowhere, &spec()), Err(RunFileError::Io { what: "create", .. })));
