@@ -20,6 +20,7 @@ use crate::files::{graded, make, write};
 
 /// Lists the files that the next merge may remove from OUT: all are in the shards.
 const MARK: &str = "merged.json";
+const MAX_MARK_BYTES: u64 = 1 << 26;
 /// The file that an evaluation locks in its folder.
 const LOCK: &str = "evaluate.lock";
 /// Largest number of missing episodes that are named.
@@ -188,7 +189,8 @@ fn place(out: &Path, shards: &[PathBuf], files: &BTreeMap<String, PathBuf>) -> R
     }
     let mark = out.join(MARK);
     let earlier: BTreeSet<String> = match mark.exists() {
-        true => serde_json::from_slice(&fs::read(&mark)?).with_context(|| mark.display().to_string())?,
+        true => serde_json::from_slice(&fiatlux_files::read(&mark, MAX_MARK_BYTES)?)
+            .with_context(|| mark.display().to_string())?,
         false => BTreeSet::new(),
     };
     let is_file = |entry: io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != LOCK);

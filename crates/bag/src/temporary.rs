@@ -66,7 +66,7 @@ impl Drop for Temporary {
 fn sweep(all: &Path) {
     for folder in fs::read_dir(all).into_iter().flatten().flatten() {
         if folder.file_name().to_string_lossy().starts_with(PREFIX)
-            && let Ok(lock) = File::open(folder.path().join(LOCK))
+            && let Ok(lock) = fiatlux_files::open(&folder.path().join(LOCK))
             && lock.try_lock().is_ok()
         {
             // Another user's, perhaps.
