@@ -21,13 +21,17 @@ use crate::gait::{self, Gait};
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "see[:FILE]",
-    does: "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09) by what its cameras see; see:FILE acts with a network that \
-           python -m fiatlux.dagger trained",
+    does: "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09), puts the spent bulb into the crate (S06) and takes the \
+           fresh one (S08) by what its cameras see; see:FILE acts with a network that python -m fiatlux.dagger trained",
     make: |file| Ok(Box::new(See::new(file)?)),
 };
 
-/// The network that comes with this version; `weights/README.md` is its card.
-const SHIPPED: &[u8] = include_bytes!("../weights/walks.safetensors");
+/// The networks that come with this version, and what each plays; `weights/README.md` is their card.
+const SHIPPED: [(&[u8], &[Task]); 3] = [
+    (include_bytes!("../weights/walks.safetensors"), &[Task::S05, Task::S07]),
+    (include_bytes!("../weights/ladder.safetensors"), &[Task::S09]),
+    (include_bytes!("../weights/hands.safetensors"), &[Task::S06, Task::S08]),
+];
 /// Ranges of the commanded velocity: ahead and to the left, m/s, and about the vertical, rad/s.
 const RANGES: [[f64; 2]; 3] = [[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]];
 /// A force on a body of a hand that counts as the largest, N.
@@ -38,10 +42,18 @@ const HZ: f64 = 1.0 / CONTROL_DT;
 /// Acts by pictures.
 pub struct See {
     name: String,
-    network: Network,
+    networks: Vec<Player>,
+    /// Which of them plays.
+    playing: usize,
     tasks: &'static [Task],
     body: Arc<fiatlux_wbc::Network>,
     episode: Option<Episode>,
+}
+
+/// A network, and the tasks that it plays.
+struct Player {
+    network: Network,
+    tasks: Vec<Task>,
 }
 
 /// State of an episode.
@@ -56,6 +68,9 @@ struct Episode {
     memory: VecDeque<Frame>,
     /// The last decision.
     command: BodyCommand,
+    /// What it is doing, and the step in which that began.
+    phase: Option<usize>,
+    since: u64,
 }
 
 /// The pictures of a step, encoded, and where the robot was.
@@ -87,19 +102,36 @@ impl Place {
 }
 
 impl See {
-    /// Reads its network from a file, or takes the one that comes with this version if the file's name is empty.
+    /// Reads its network from a file, or takes those that come with this version if the file's name is empty.
     ///
     /// # Errors
     /// A file that cannot be read, or that is not such a network.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
         let shipped = file.is_empty();
-        let network = if shipped { Network::from_bytes(SHIPPED) } else { Network::read(Path::new(file)) };
-        let network = network.map_err(PolicyError::of("see"))?;
+        let of_version = |(bytes, tasks): (&[u8], &[Task])| {
+            Network::from_bytes(bytes).map(|network| Player { network, tasks: tasks.to_vec() })
+        };
+        let networks: Result<Vec<_>, _> = match shipped {
+            true => SHIPPED.into_iter().map(of_version).collect(),
+            false => Network::read(Path::new(file)).map(|network| {
+                let tasks = network.contract().tasks();
+                vec![Player { network, tasks }]
+            }),
+        };
+        let networks = networks.map_err(PolicyError::of("see"))?;
         let (name, body) = body::network("see", "", "")?;
-        let name = if shipped { name } else { body::label("see", file, &[network.digest()]) };
+        let digests: Vec<&str> = networks.iter().map(|player| player.network.digest()).collect();
+        let name = if shipped { name } else { body::label("see", file, &digests) };
+        let is_known = |task: &Task| networks.iter().any(|player| player.tasks.contains(task));
+        let tasks: Vec<Task> = Task::ALL.into_iter().filter(is_known).collect();
         // A policy's tasks are borrowed for as long as the program runs; a program makes few.
-        let tasks = Box::leak(network.contract().tasks().into_boxed_slice());
-        Ok(Self { name, network, tasks, body, episode: None })
+        let tasks = Box::leak(tasks.into_boxed_slice());
+        Ok(Self { name, networks, playing: 0, tasks, body, episode: None })
+    }
+
+    /// Sensors and pictures are those of the first one: networks that come together have them in common.
+    fn contract(&self) -> &Contract {
+        self.networks[self.playing].network.contract()
     }
 }
 
@@ -113,29 +145,37 @@ impl Policy for See {
     }
 
     fn sensors(&self) -> Vec<Sensor> {
-        let rate_hz = HZ / self.network.contract().every as f64;
+        let rate_hz = HZ / self.contract().every as f64;
         let camera = |name: &String| Sensor { rate_hz, ..Sensor::from(name.as_str()) };
-        let cameras = self.network.contract().cameras.iter().map(camera);
+        let cameras = self.contract().cameras.iter().map(camera);
         gait::SENSORS.into_iter().map(Sensor::from).chain(cameras).collect()
     }
 
     fn image_size(&self) -> Option<[u32; 2]> {
-        Some(self.network.contract().picture.map(|side| side as u32))
+        Some(self.contract().picture.map(|side| side as u32))
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
-        let contract = self.network.contract();
+        let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        let plays = |player: &Player| player.tasks.iter().any(|known| known.short_id() == task);
+        let playing = self.networks.iter().position(plays);
+        let place = |index: usize| {
+            let known = &self.networks[index].network.contract().tasks;
+            Some((index, known.iter().position(|known| known == task)?))
+        };
+        let Some((playing, task)) = playing.and_then(place) else {
+            let known: Vec<&str> = self.tasks.iter().map(|task| task.short_id()).collect();
+            let reason = format!("it learned {}, but this is {task}; use another policy", known.join(", "));
+            return Err(PolicyError::Unfit { policy: "see", reason });
+        };
+        self.playing = playing;
+        let contract = self.networks[playing].network.contract();
         for sensor in CAMERAS {
             let is_held = info.sensors.iter().any(|held| held.name == sensor);
             if contract.cameras.iter().any(|camera| camera == sensor) && !is_held {
                 return Err(PolicyError::Sensor { policy: "see", sensor });
             }
         }
-        let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let Some(task) = contract.tasks.iter().position(|known| known == task) else {
-            let reason = format!("it learned {}, but this is {task}; use another policy", contract.tasks.join(", "));
-            return Err(PolicyError::Unfit { policy: "see", reason });
-        };
         let names = info.joints.iter().map(|joint| &joint.name);
         if contract.has_hands() && !names.eq(&contract.joints) {
             let reason = "it learned on a robot with other joints; use a network of this robot".into();
@@ -149,20 +189,23 @@ impl Policy for See {
             last: None,
             memory: VecDeque::new(),
             command: BodyCommand::default(),
+            phase: None,
+            since: first.step,
         });
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("see"))?;
-        let sensed = sensed(self.network.contract(), observation)?;
+        let network = &mut self.networks[self.playing].network;
+        let sensed = sensed(network.contract(), observation)?;
         episode.reckon(observation.step, &sensed);
-        let pictures = pictures(self.network.contract(), observation)?;
+        let pictures = pictures(network.contract(), observation)?;
         if let Some(pictures) = &pictures {
-            episode.look(&mut self.network, observation.step, pictures);
+            episode.look(network, observation.step, pictures);
         }
-        if pictures.is_some() || self.network.contract().has_hands() {
-            episode.decide(&mut self.network, observation.step, &sensed);
+        if pictures.is_some() || network.contract().has_hands() {
+            episode.decide(network, observation.step, &sensed);
         }
         episode.gait.step(observation, episode.command)
     }
@@ -246,9 +289,17 @@ impl Episode {
         }
         let moved = frames.iter().skip(1).flat_map(|frame| self.place.of(&frame.place));
         let tasks = (0..contract.tasks.len()).map(|task| f32::from(u8::from(task == self.task)));
-        let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(tasks).collect();
+        let phase = contract.phase(self.phase, step.saturating_sub(self.since));
+        let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(phase).chain(tasks).collect();
         let ages: Vec<&[f32]> = frames.iter().map(|frame| frame.embedding.as_slice()).collect();
-        let (walks, hands) = network.decide(&ages, &state).split_at(WALKS);
+        let phases = contract.phases.len();
+        let answer = network.decide(&ages, &state);
+        let (moves, phases) = answer.split_at(answer.len() - phases);
+        let phase = phases.iter().enumerate().max_by(|one, other| one.1.total_cmp(other.1)).map(|(index, _)| index);
+        if phase != self.phase {
+            (self.phase, self.since) = (phase, step);
+        }
+        let (walks, hands) = moves.split_at(WALKS);
         let within = |axis: usize| f64::from(walks[axis]).clamp(RANGES[axis][0], RANGES[axis][1]);
         self.command.velocity = if walks[WALKS - 1] > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
         if let Some((&[height, roll, pitch, yaw], targets)) = hands.split_first_chunk::<POSTURE>() {

@@ -19,13 +19,15 @@ from torch import nn
 
 from .._files import regular
 from .lessons import GOALS, Lesson, play, shape_of, state_of
-from .network import GOAL, WALKS, Network, Shape, export, normalised
+from .network import WALKS, Network, Shape, export, normalised
 from .settings import FIRST_ROOM, keep
 
-LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 2.0}
-"""Weights of what is learned: velocity, whether to stand, where the goal is, and what arms and hands do."""
+LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5}
+"""Weights of what is learned: velocity, whether to stand, where the goal is, what arms and hands do, and the phase."""
+GOALS_FAR, GOALS_NEAR = (2.0, 2.0), (0.4, 3.0)
+"""Distance to the goal that counts as 1, m, and the largest that counts: where it walks, and where hands must be exact."""
 SHIFTED = 2
-"""Largest shift of a picture in training, pixels."""
+"""Largest shift of a picture in training, pixels; none where hands must be exact."""
 SURE = 0.02
 """It learns to be this far from sure whether to stand: the teacher stops within millimetres that no picture shows."""
 EXAMPLES = """examples:
@@ -61,6 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument(
         "--start", type=Path, help="checkpoint of another run to begin with; the teacher then drives in no round"
     )
+    train.add_argument(
+        "--demonstrates", action="store_true", help="the teacher drives in round 0 of a run with --start, too"
+    )
     train.add_argument("--steps", type=int, default=1250, help="control steps of a round in each world [default: 1250]")
     train.add_argument("--updates", type=int, default=5000, help="steps of training in each round [default: 5000]")
     train.add_argument(
@@ -69,7 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=0.0,
         help="share of a student's episodes that the teacher ends, from a drawn time on [default: 0]",
     )
-    train.add_argument("--batch", type=int, default=384, help="decisions in a step of training [default: 384]")
+    train.add_argument(
+        "--batch", type=int, default=384, help="looks in a step of training, each with its decisions [default: 384]"
+    )
     train.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
     train.add_argument("--picture", type=int, nargs=2, default=(128, 128), metavar=("WIDTH", "HEIGHT"))
     train.add_argument("--ages", type=int, nargs="+", default=(0, 50, 150), help="ages of pictures, control steps")
@@ -117,9 +124,10 @@ def train_rounds(given: argparse.Namespace) -> None:
         checkpoint = given.out / f"round-{number}.pt"
         # One task's worlds work while another's wait for the slowest of theirs.
         with ThreadPoolExecutor() as pool:
-            new = list(pool.map(lambda task: lesson_of(task, number, shape, student, given, device), shape.tasks))  # noqa: B023
+            driver = None if number == 0 and given.demonstrates else student
+            new = list(pool.map(lambda task: lesson_of(task, number, shape, driver, given, device), shape.tasks))  # noqa: B023
         lessons += new
-        record["labelled" if student else "demonstrated"] += sum(len(each.back) for each in new)
+        record["labelled" if driver else "demonstrated"] += sum(len(each.back) for each in new)
         if checkpoint.exists():
             student, record = load(checkpoint, device)
             continue
@@ -179,7 +187,7 @@ def export_file(given: argparse.Namespace) -> None:
     print(f"play it: fiatlux evaluate --policy see:{given.file} --tasks {','.join(network.shape.tasks)}")
 
 
-def varied(pictures: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+def varied(pictures: torch.Tensor, generator: torch.Generator, shifted: int) -> torch.Tensor:
     """Normalised pictures with another contrast, brightness and tint for each decision, all shifted alike by some pixels; count x ages x
     cameras x 3 x height x width."""
 
@@ -187,8 +195,9 @@ def varied(pictures: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         number = torch.rand((len(pictures), 1, 1, *shape, 1, 1), device=pictures.device, generator=generator)
         return most * (2 * number - 1)
 
-    down, right = torch.randint(-SHIFTED, SHIFTED + 1, (2,), device=pictures.device, generator=generator).tolist()
-    pictures = torch.roll(pictures, (down, right), dims=(-2, -1))
+    if shifted:
+        down, right = torch.randint(-shifted, shifted + 1, (2,), device=pictures.device, generator=generator).tolist()
+        pictures = torch.roll(pictures, (down, right), dims=(-2, -1))
     return pictures * (1 + drawn(0.2, 1)) + drawn(0.4, 1) + drawn(0.2, 3)
 
 
@@ -200,7 +209,10 @@ def fit(
     generator = torch.Generator(device).manual_seed(given.seed + number)
     columns = {
         name: np.concatenate([getattr(lesson, name) for lesson in lessons])
-        for name in ("body", "place", "where", "back", "task", "velocity", "stands", "moves", "goal", "settles")
+        for name in (
+            *("body", "place", "where", "back", "task", "velocity", "stands", "moves", "phase", "since", "does"),
+            *("goal", "settles"),
+        )
     }
     back, where = columns["back"].astype(np.int64), columns["where"].astype(np.float64)
     looks = np.cumsum([0, *(len(lesson.where) for lesson in lessons)])
@@ -208,18 +220,32 @@ def fit(
     # Each episode is in its lesson from its first look on, so that what it looks back at is there.
     olds = [newest - np.minimum(age // shape.every, back) for age in shape.ages]
     place = columns["place"].astype(np.float64)
-    state = state_of(shape.tasks, columns["body"], place, [where[old] for old in olds[1:]], columns["task"])
+    then = [where[old] for old in olds[1:]]
+    state = state_of(shape, columns["body"], place, then, columns["phase"], columns["since"], columns["task"])
     learned = np.flatnonzero(~columns["settles"].astype(bool))
+    # Rows of a look, which follow one another; where there are fewer, the last one counts more.
+    _, begins, counts = np.unique(newest[learned], return_index=True, return_counts=True)
+    steps = np.arange(shape.every if shape.joints else 1)
+    rows = learned[begins[:, None] + np.minimum(steps, counts[:, None] - 1)]
     to = lambda array, kind=torch.float32: torch.from_numpy(np.ascontiguousarray(array)).to(device, kind)  # noqa: E731
-    pictures = torch.cat([torch.from_numpy(np.array(lesson.pictures)).to(device) for lesson in lessons])
-    ages, states, learned_rows = to(np.stack(olds, 1), torch.int64), to(state), to(learned, torch.int64)
+    pictures = torch.empty((looks[-1], *lessons[0].pictures.shape[1:]), dtype=torch.uint8, device=device)
+    for first, lesson in zip(looks, lessons):
+        for part in range(0, len(lesson.pictures), 4096):
+            some = torch.from_numpy(np.array(lesson.pictures[part : part + 4096]))
+            pictures[first + part : first + part + len(some)] = some.to(device)
+    ages, states, learned_rows = to(np.stack(olds, 1), torch.int64), to(state), to(rows, torch.int64)
     wanted = torch.cat((to(columns["velocity"]), to(columns["stands"])[:, None], to(columns["moves"])), dim=1)
-    goal = (to(columns["goal"]) / GOAL).clamp(-2, 2)
+    far, farthest = GOALS_NEAR if shape.joints else GOALS_FAR
+    goal, does = (to(columns["goal"]) / far).clamp(-farthest, farthest), to(columns["does"], torch.int64)
+    # What is seldom done is looked at more often than it is seen.
+    kinds = columns["task"][rows[:, 0]] * (len(shape.phases) + 1) + columns["does"][rows[:, 0]]
+    often = to(1 / np.sqrt(np.bincount(kinds - kinds.min())[kinds - kinds.min()])) if shape.phases else None
     network = Network(shape).to(device)
-    network.normalise(states[learned_rows], wanted[learned_rows, WALKS:])
+    network.normalise(states[learned_rows[:, 0]], wanted[learned_rows[:, 0], WALKS:])
     if start is not None:
         network.load_state_dict(start.state_dict())
-    wanted = (wanted - network.centre) / network.scale
+    moved = WALKS + shape.moves
+    wanted = (wanted - network.centre[:moved]) / network.scale[:moved]
     worth = torch.tensor(list(LEARNED.values()), device=device)
     optimizer = torch.optim.AdamW(network.parameters(), lr=given.rate, weight_decay=1e-4)
     network.train()
@@ -231,24 +257,27 @@ def fit(
         rate = given.rate * min(1, step / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * step / given.updates)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        drawn = torch.randint(len(learned_rows), (given.batch,), device=device, generator=generator)
-        at = learned_rows[drawn]
-        seen = varied(normalised(pictures[ages[at]]), generator)
+        if often is None:
+            drawn = torch.randint(len(learned_rows), (given.batch,), device=device, generator=generator)
+        else:
+            drawn = torch.multinomial(often, given.batch, replacement=True, generator=generator)
+        at = learned_rows[drawn].flatten()
+        seen = varied(normalised(pictures[ages[learned_rows[drawn, 0]]]), generator, 0 if shape.joints else SHIFTED)
         sensed = states[at] + 0.02 * network.deviation * torch.randn(
-            (given.batch, shape.state), device=device, generator=generator
+            (len(at), shape.state), device=device, generator=generator
         )
         with torch.autocast(device, torch.bfloat16, enabled=device == "cuda"):
             embedding = network.encode(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])
-            output, found = network.decide(embedding, sensed)
-        errors, stands = (output.float() - wanted[at]).abs(), wanted[at, WALKS - 1]
+            output, found = network.decide(embedding.repeat_interleave(len(steps), dim=0), sensed)
+        output, phases = output.float().split([moved, len(shape.phases)], dim=1)
+        errors, stands = (output - wanted[at]).abs(), wanted[at, WALKS - 1]
         losses = torch.stack(
             (
                 (errors[:, : WALKS - 1] * (1 - stands)[:, None]).mean(),
-                nn.functional.binary_cross_entropy_with_logits(
-                    output[:, WALKS - 1].float(), stands.clamp(SURE, 1 - SURE)
-                ),
+                nn.functional.binary_cross_entropy_with_logits(output[:, WALKS - 1], stands.clamp(SURE, 1 - SURE)),
                 (found.float() - goal[at]).abs().mean(),
                 errors[:, WALKS:].sum() / max(errors[:, WALKS:].numel(), 1),
+                nn.functional.cross_entropy(phases, does[at]) if shape.phases else errors.new_zeros(()),
             )
         )
         optimizer.zero_grad(set_to_none=True)

@@ -15,7 +15,7 @@ from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
 from ..whole_body import ARMS, DEAD_ZONE, LEGS_AND_WAIST, WholeBodies
-from .network import POSTURE, WALKS, Network, Shape, normalised
+from .network import CLOCKS, POSTURE, WALKS, Network, Shape, normalised
 
 SETTLES = 25
 """Control steps for which the robot stands first, and that are not learned."""
@@ -25,8 +25,16 @@ RANGES = np.array([[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]])
 """Of the commanded velocity, m/s and rad/s, as in ``crates/policies/src/see.rs``."""
 GOALS = {"S05": "crate", "S07": "fresh_bulb", "S09": "ladder", "S06": "crate", "S08": "fresh_bulb"}
 """The thing to which each task walks, or at which it works."""
-WITH_HANDS = "S06", "S08"
-"""Tasks for a network that has hands."""
+PHASES = {
+    "S06": ("StepUp", "Settle", "Above", "Lower", "Rest", "Open", "Rise", "StandUp", "TakeDown"),
+    "S08": (
+        *("StepBack", "Raise", "StepUp", "Settle", "PreGrasp", "Approach", "Close", "Lift", "Hold", "Open", "Retreat"),
+    ),
+}
+"""The expert's phases in the tasks for a network that has hands, as in ``crates/policies/src/hands``."""
+LAGS = 0.4, 30
+"""In a lesson with hands that the teacher drives, what stands for the student's own phase: share of the changes that it is behind the
+teacher, and for how many control steps at most."""
 RATES = 1.2, 3.0
 """Largest rates of the targets of arms and of hands, rad/s, as in ``crates/policies/src/gait.rs``."""
 MAX_TOUCH_N = 20.0
@@ -38,6 +46,13 @@ SLOW_NOISE = 0.02, 1.0
 in which that changes, s."""
 HANDED_OVER = 0.5, 12.0
 """In a lesson with hands that a student drives: share of the episodes that the teacher begins, and for how long at most, s."""
+HEAD_OF_HANDS = (512, 512)
+"""Widths of the head's layers of a network that has hands."""
+STARTS = 4
+"""Starts of the task in each room, which episodes draw from."""
+FAR_BEHIND_M = 0.15
+"""Where the height that the teacher commands is so far from the robot's, it does what comes later than what the robot does: nothing is
+learned there."""
 SENSED = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height")
 SENSORS = ("proprioception", "hand_contact", "last_action", "privileged")
 STUMBLES = 0.02, (15, 75)
@@ -68,6 +83,11 @@ class Lesson:
     stands: Array
     moves: Array
     """The teacher's posture and targets of arms and hands, for a network that has hands."""
+    phase: Array
+    """Which phase the student believed to be in, -1 for none, and for how many control steps."""
+    since: Array
+    does: Array
+    """The teacher's phase, -1 where it is none of the network's."""
     goal: Array
     """Where the goal is, ahead and to the left, m."""
     settles: Array
@@ -97,10 +117,11 @@ class Notebook:
             "body": (shape.sensed,),
             "place": (3,),
             "velocity": (3,),
-            "moves": (shape.outputs - WALKS,),
+            "moves": (shape.moves,),
             "goal": (2,),
         }
-        kinds = {"frame": np.int64, "back": np.int64, "stands": np.bool_, "settles": np.bool_}
+        kinds: dict[str, type] = {"stands": np.bool_, "settles": np.bool_}
+        kinds |= dict.fromkeys(("frame", "back", "phase", "since", "does"), np.int64)
         names = [field.name for field in fields(Lesson) if field.name not in ("pictures", "where", "task")]
         self.columns: dict[str, Array] = {
             name: np.zeros((worlds, decisions, *widths.get(name, ())), kinds.get(name, np.float32)) for name in names
@@ -157,25 +178,62 @@ class Memory:
         self.places[worlds, now] = place
 
     @torch.inference_mode()
-    def decide(self, worlds: Array, body: Array, place: Array, back: Array, task: int) -> Array:
-        """The network's answer in these worlds, m/s, rad/s, m and rad; ``back`` is of the newest look."""
+    def decide(
+        self, worlds: Array, body: Array, place: Array, back: Array, phase: Array, since: Array, task: int
+    ) -> Array:
+        """The network's answer in these worlds, m/s, rad/s, m and rad, and a number for each phase; ``back`` is of the newest look."""
         at = torch.from_numpy(worlds).to(self.device)
         slots = [(back - np.minimum(age, back)) % self.room for age in self.ages]
         seen = torch.stack([self.seen[at, torch.from_numpy(slot).to(self.device)] for slot in slots], dim=1)
         old = [self.places[worlds, slot] for slot in slots[1:]]
-        state = torch.from_numpy(state_of(self.network.shape.tasks, body, place, old, np.full(len(worlds), task)))
+        state = torch.from_numpy(
+            state_of(self.network.shape, body, place, old, phase, since, np.full(len(worlds), task))
+        )
         output, _ = self.network.decide(seen, state.to(self.device))
         return self.network.answer(output).cpu().numpy()
 
 
-def state_of(tasks: Sequence[str], body: Array, place: Array, old: Sequence[Array], task: Array) -> NDArray[np.float32]:
-    """The numbers that the head reads beside embeddings, count x numbers: body, where the robot was at each old picture, and the task."""
+def state_of(
+    shape: Shape, body: Array, place: Array, old: Sequence[Array], phase: Array, since: Array, task: Array
+) -> NDArray[np.float32]:
+    """The numbers that the head reads beside embeddings, count x numbers: body, where the robot was at each old picture, phase and time
+    in it, and the task."""
     cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
     parts = [body]
     for then in old:
         x, y, turn = (then - place).T
         parts.append(np.stack((cos * x + sin * y, cos * y - sin * x, np.cos(turn), np.sin(turn)), axis=1))
-    return np.concatenate([*parts, np.eye(len(tasks))[task]], axis=1).astype(np.float32)
+    if shape.phases:
+        # The last row is that of no phase.
+        parts.append(np.eye(len(shape.phases) + 1, len(shape.phases))[phase])
+        parts.append(np.minimum(since[:, None] / np.array(CLOCKS), 1))
+    return np.concatenate([*parts, np.eye(len(shape.tasks))[task]], axis=1).astype(np.float32)
+
+
+class Phases:
+    """The phase in which each world's student believes to be, as ``crates/policies/src/see.rs`` has it."""
+
+    def __init__(self, random: np.random.Generator, worlds: int) -> None:
+        self.random = random
+        self.now, self.began, self.waits = np.full(worlds, -1), np.zeros(worlds, np.int64), np.zeros(worlds, np.int64)
+
+    def reset(self, marks: Array) -> None:
+        """Begins an episode in these worlds."""
+        self.now[marks], self.began[marks], self.waits[marks] = -1, 0, 0
+
+    def choose(self, chosen: Array, steps: Array) -> None:
+        """A phase for each world, in the control step of its episode."""
+        changes = chosen != self.now
+        self.now, self.began = np.where(changes, chosen, self.now), np.where(changes, steps, self.began)
+
+    def follow(self, taught: Array, steps: Array) -> None:
+        """The teacher's phase; it is seen at once or a little later."""
+        changes = taught != self.now
+        self.waits = np.where(changes, self.waits - 1, self.waits)
+        self.choose(np.where(changes & (self.waits < 0), taught, self.now), steps)
+        due, count = changes & (self.waits < 0), len(taught)
+        lags = (self.random.random(count) < LAGS[0]) * self.random.integers(1, LAGS[1] + 1, count)
+        self.waits = np.where(due, lags, self.waits)
 
 
 class Bodies:
@@ -208,14 +266,17 @@ def shape_of(tasks: Sequence[str], **settings: Any) -> Shape:
     Raises:
         ValueError: Some need hands and others do not.
     """
-    if not set(tasks) & set(WITH_HANDS):
+    if not set(tasks) & set(PHASES):
         return Shape(tuple(tasks), **settings)
-    if others := [task for task in tasks if task not in WITH_HANDS]:
-        raise ValueError(f"{' and '.join(WITH_HANDS)} need a network that has hands; train {' '.join(others)} apart")
+    if others := [task for task in tasks if task not in PHASES]:
+        raise ValueError(f"{' and '.join(PHASES)} need a network that has hands; train {' '.join(others)} apart")
     env = VectorEnv(tasks[0], 1, sensors=["hand_contact"])
     touched = touch(env.reset()[0]).shape[1]
     env.close()
-    return Shape(tuple(tasks), joints=tuple(env.action_names), touched=touched, **settings)
+    phases = tuple(dict.fromkeys(name for task in tasks for name in PHASES[task]))
+    return Shape(
+        tuple(tasks), joints=tuple(env.action_names), touched=touched, phases=phases, hidden=HEAD_OF_HANDS, **settings
+    )
 
 
 @dataclass
@@ -252,7 +313,7 @@ def play(
         task,
         worlds,
         seeds=rooms,
-        episodes=1,
+        episodes=STARTS,
         num_threads=threads,
         seed=seed,
         sensors=[*SENSORS, *(f"{camera}@{round(1 / (every * CONTROL_DT))}" for camera in cameras)],
@@ -266,6 +327,7 @@ def play(
     bodies, experts = Bodies(worlds, env.num_threads, has_hands), Experts(env, num_threads=env.num_threads)
     memory = None if student is None else Memory(student, worlds, device)
     disturbs = Stumbles(random, worlds, every) if not has_hands else SlowNoise(random, worlds, len(env.action_names))
+    phases, indices = Phases(random, worlds), {name: index for index, name in enumerate(shape.phases)}
     count, ended, everyone = np.zeros(worlds, np.int64), np.zeros(worlds, np.int64), np.arange(worlds)
     place, wanted, successes = np.zeros((worlds, 3)), np.zeros((worlds, 3)), 0
     posture, arms = np.tile(UPRIGHT, (worlds, 1)), np.zeros((worlds, len(env.action_names) - LEGS_AND_WAIST))
@@ -297,6 +359,10 @@ def play(
         command = np.nan_to_num(label.body_command)
         velocity, moves = command[:, :3], np.zeros((worlds, 0))
         body, back = pelvis.astype(np.float32), count // every
+        does = np.array([indices.get(name, -1) for name in label.phase])
+        since = count - phases.began
+        behind = (does < 0) | (np.abs(command[:, 3] - pelvis[:, -1]) > FAR_BEHIND_M)
+        unlearned = behind if has_hands else count < SETTLES
         if has_hands:
             moves = np.nan_to_num(np.concatenate([command[:, 3:], label.joint_target[:, LEGS_AND_WAIST:]], axis=1))
             body = np.concatenate([body, _columns(seen, ("joint_position",)), touch(seen)], axis=1).astype(np.float32)
@@ -317,15 +383,22 @@ def play(
                 stands=np.all(np.abs(velocity) < DEAD_ZONE, axis=1),
                 moves=moves,
                 goal=_ahead(seen, GOALS[task]),
-                settles=((count < SETTLES) & (not has_hands)) | ~label.can_label,
+                phase=phases.now,
+                since=since,
+                does=does,
+                settles=unlearned | ~label.can_label,
             )
             if memory is not None:
-                answer = memory.decide(at, body[at], place[at], back[at], number)
+                answer = memory.decide(at, body[at], place[at], back[at], phases.now[at], since[at], number)
                 within = np.clip(answer[:, :3], RANGES[:, 0], RANGES[:, 1])
                 wanted[at] = np.where(answer[:, 3:WALKS] > 0, 0.0, within)
                 if has_hands:
-                    posture, arms = np.split(answer[:, WALKS:].astype(np.float64), [POSTURE], axis=1)
+                    ends = [WALKS, WALKS + POSTURE, WALKS + shape.moves]
+                    _, posture, arms, chosen = np.split(answer.astype(np.float64), ends, axis=1)
                     arms = np.clip(arms, lower, upper)
+                    phases.choose(chosen.argmax(axis=1), count)
+            elif has_hands:
+                phases.follow(does, count)
         # A teacher that cannot answer says NaN.
         last = robot.q0 + 0.5 * seen["last_action"]
         taught = np.where(np.isfinite(label.joint_target), label.joint_target, last)
@@ -348,6 +421,7 @@ def play(
             count[over], place[over], wanted[over] = 0, 0.0, 0.0
             disturbs.reset(over)
             bodies.reset(over)
+            phases.reset(over)
             drives[:, over] = student_drives()[:, over]
     env.close()
     return Played(notebook.lesson(number), int(ended.sum()), successes, int((ended == 0).sum()))

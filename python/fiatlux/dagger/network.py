@@ -27,11 +27,11 @@ WALKS = 4
 """Numbers that come out first: the velocity, and above 0 where it rather stands."""
 POSTURE = 4
 """Those of one that has hands come next: height, m, roll, pitch and yaw, rad; then the targets of arms and hands, rad."""
-GOAL = 2.0
-"""Distance to the goal that counts as 1, m."""
+CLOCKS = (25, 75, 200, 500)
+"""Times up to which the time in a phase is read, control steps: each becomes a number from 0 to 1."""
 MIN_DEVIATION = 0.02
 DROPPED = 0.1
-"""Share of the numbers between layers that training leaves out at random."""
+"""Share of the numbers between layers that training leaves out at random; none where hands must be exact."""
 MIN_MOVE = 0.05
 """Least deviation of what it moves, m or rad, so that what hardly moves does not count more than it is worth."""
 
@@ -58,6 +58,9 @@ class Shape:
     """Of a network that has hands: all joints of the robot, whose angles it reads in each control step. It moves arms and hands."""
     touched: int = 0
     """Bodies of the hands whose force it feels."""
+    phases: tuple[str, ...] = ()
+    """Of a network that keeps in mind what it does: the expert's phases. It chooses one in each decision, and reads in the next one which
+    that was, and for how long."""
 
     @property
     def sensed(self) -> int:
@@ -67,12 +70,22 @@ class Shape:
     @property
     def state(self) -> int:
         """Numbers that the head reads beside embeddings."""
-        return self.sensed + MOVED * (len(self.ages) - 1) + len(self.tasks)
+        return self.measured + (len(self.phases) + len(CLOCKS) if self.phases else 0) + len(self.tasks)
+
+    @property
+    def measured(self) -> int:
+        """The first of them, whose scales come from data."""
+        return self.sensed + MOVED * (len(self.ages) - 1)
+
+    @property
+    def moves(self) -> int:
+        """Numbers that say what posture, arms and hands do."""
+        return POSTURE + len(self.joints) - LEGS_AND_WAIST if self.joints else 0
 
     @property
     def outputs(self) -> int:
         """Numbers that come out."""
-        return WALKS + (POSTURE + len(self.joints) - LEGS_AND_WAIST if self.joints else 0)
+        return WALKS + self.moves + len(self.phases)
 
 
 class Eye(nn.Module):
@@ -119,13 +132,13 @@ class Network(nn.Module):
         self.scale[: len(SPEEDS)] = torch.tensor(SPEEDS)
 
     def normalise(self, states: torch.Tensor, moves: torch.Tensor) -> None:
-        """Takes the scales of the state from data, but those of the tasks; and the scales of posture and joints."""
-        numbers = self.shape.state - len(self.shape.tasks)
+        """Takes the scales of the measured part of the state from data, and those of posture and joints."""
+        numbers = self.shape.measured
         self.mean[:numbers] = states[:, :numbers].mean(0)
         self.deviation[:numbers] = states[:, :numbers].std(0).clamp(min=MIN_DEVIATION)
         if self.shape.joints:
-            self.centre[WALKS:] = moves.mean(0)
-            self.scale[WALKS:] = moves.std(0).clamp(min=MIN_MOVE)
+            self.centre[WALKS : WALKS + self.shape.moves] = moves.mean(0)
+            self.scale[WALKS : WALKS + self.shape.moves] = moves.std(0).clamp(min=MIN_MOVE)
 
     def encode(self, pictures: torch.Tensor) -> torch.Tensor:
         """Embeddings of pictures, which are normalised: count x cameras x 3 x height x width becomes count x numbers."""
@@ -135,10 +148,11 @@ class Network(nn.Module):
 
     def decide(self, seen: torch.Tensor, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The answer in units of :attr:`scale`, and where the goal is, from embeddings (count x ages x numbers) and state."""
-        seen = nn.functional.dropout(seen.flatten(1), DROPPED, self.training)
+        dropped = 0.0 if self.shape.joints else DROPPED
+        seen = nn.functional.dropout(seen.flatten(1), dropped, self.training)
         numbers = torch.cat([seen, (state - self.mean) / self.deviation], dim=1)
         for layer in self.head:
-            numbers = nn.functional.dropout(nn.functional.elu(layer(numbers)), DROPPED, self.training)
+            numbers = nn.functional.dropout(nn.functional.elu(layer(numbers)), dropped, self.training)
         return self.last(numbers), self.goal(numbers)
 
     def answer(self, output: torch.Tensor) -> torch.Tensor:

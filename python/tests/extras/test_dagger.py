@@ -15,7 +15,7 @@ pytest.importorskip("safetensors")
 
 from fiatlux.dagger import lessons  # noqa: E402
 from fiatlux.dagger.__main__ import load, main  # noqa: E402
-from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, play  # noqa: E402
+from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, Phases, play  # noqa: E402
 from fiatlux.dagger.network import Network, Shape, export  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
 
@@ -118,7 +118,7 @@ def test_a_blind_student_sees_no_picture():
         answers = []
         for picture in pictures:
             memory.look(one, picture, place, back)
-            answers.append(memory.decide(one, np.zeros((1, 10), np.float32), place, back, 0))
+            answers.append(memory.decide(one, np.zeros((1, 10), np.float32), place, back, -one, 0 * one, 0))
         assert np.array_equal(*answers) == blind
 
 
@@ -146,6 +146,11 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
         network = Network(dataclasses.replace(network.shape, blind=True)).eval()
         network.load_state_dict(weights)
     file, out, number = tmp_path / "sees.safetensors", tmp_path / "out", network.shape.tasks.index(task)
+    if count := len(network.shape.phases):
+        # After a few updates phases are so alike that rounding would choose: here the last one is chosen in the first step, and kept.
+        with torch.no_grad():
+            network.last.weight[-count:] = 0.0
+            network.last.bias[-count:] = torch.arange(count) / 8
     export(network, file, record)
     settings = ["--tasks", task, "--seeds", "1003", "--record", "camera@10,chest_camera@10", "--end-on", "time-out"]
     played = [program, "evaluate", "--policy", f"see:{file}", "--out", str(out), *settings]
@@ -163,6 +168,7 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
     targets = bag["/state"]["joint_target"]
     images, commands = bag.images(), bag.commands()
     memory, place, velocity, wanted = Memory(network, 1, "cpu"), np.zeros(3), np.zeros(3), np.zeros(3)
+    phases = Phases(np.random.default_rng(0), 1)
     for step in range(min(400, len(commands))):
         numbers = body[step].astype(np.float64)
         if step:
@@ -174,7 +180,13 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
             pictures = np.stack([images[camera][step] for camera in network.shape.cameras])[None]
             memory.look(one, pictures, place[None], back)
         if step % 5 == 0 or network.shape.joints:
-            answer = memory.decide(one, read[step][None].astype(np.float32), place[None], back, number)[0]
+            since = step - phases.began
+            answer = memory.decide(
+                one, read[step][None].astype(np.float32), place[None], back, phases.now, since, number
+            )[0]
+            answer, chosen = np.split(answer, [len(answer) - len(network.shape.phases)])
+            if len(chosen):
+                phases.choose(chosen[None].argmax(axis=1), np.array([step]))
             # Where it hardly prefers to stand or to go, rounding decides.
             assert abs(answer[3]) > 1e-3
             wanted = np.zeros(3) if answer[3] > 0 else np.clip(answer[:3], RANGES[:, 0], RANGES[:, 1])
@@ -213,7 +225,7 @@ def test_a_run_of_counted_updates_follows_from_its_seed(tmp_path, capsys):
         assert torch.equal(numbers, weights[1][name]), name
     assert "none ended in 2 of 2 worlds" in capsys.readouterr().out
     curve = (tmp_path / "one" / "curve-1.csv").read_text().splitlines()
-    assert curve[0] == "step,velocity,stands,goal,moves" and len(curve) == 7
+    assert curve[0] == "step,velocity,stands,goal,moves,phases" and len(curve) == 7
 
 
 def test_the_teacher_takes_over_where_it_is_asked_to():
@@ -225,3 +237,37 @@ def test_the_teacher_takes_over_where_it_is_asked_to():
     )
     # It walks at a time drawn from the first 200 steps on: what the robot does then is what the teacher says.
     assert np.abs(taken.body[:, 6] - given_up.body[:, 6]).max() > 0.1
+
+
+def test_the_phase_of_a_lesson_is_the_teachers_or_a_little_behind():
+    phases, random = Phases(np.random.default_rng(3), 200), np.random.default_rng(4)
+    taught, behind = np.zeros(200, int), np.zeros(200, int)
+    most, late = 0, 0
+    for step in range(400):
+        taught = np.where(random.random(200) < 0.01, taught + 1, taught)
+        phases.follow(taught, np.full(200, step))
+        behind = np.where(phases.now == taught, 0, behind + 1)
+        most, late = max(most, behind.max()), late + (behind > 0).mean()
+        assert (phases.now <= taught).all() and (phases.began <= step).all()
+    assert 20 <= most <= 60 and 5 < late < 60
+    phases.reset(np.arange(200) < 100)
+    assert (phases.now[:100] == -1).all() and (phases.now[100:] >= 0).all()
+
+
+def test_hands_choose_their_phase_and_read_it_in_the_next_decision(hands):
+    network, _ = load(hands / "round-1.pt", "cpu")
+    shape, back = network.shape, np.zeros(1, int)
+    assert shape.phases[:2] == ("StepUp", "Settle") and "Close" in shape.phases
+    body, place = np.zeros((1, shape.sensed)), np.zeros((1, 3))
+    state = lambda phase, since: lessons.state_of(  # noqa: E731
+        shape, body, place, [place, place], np.array([phase]), np.array([since]), back
+    )[0]
+    first = shape.measured
+    assert len(state(-1, 0)) == shape.state and not state(-1, 0)[first : first + len(shape.phases) + 4].any()
+    assert state(1, 50)[first : first + len(shape.phases)].argmax() == 1
+    np.testing.assert_allclose(state(1, 50)[first + len(shape.phases) :][:4], [1, 50 / 75, 0.25, 0.1], rtol=1e-6)
+    lesson = Lesson.load(hands / "lessons-0-S06")
+    # The teacher drove: what stands for the student's phase is the teacher's of the step before, or an older one.
+    begins = np.flatnonzero(np.array(lesson.since) == 0)
+    assert (np.array(lesson.phase)[begins] == -1).all()
+    assert (np.array(lesson.does) >= 0).all()

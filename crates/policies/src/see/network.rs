@@ -28,7 +28,9 @@ const MOVED: usize = 4;
 pub(super) const WALKS: usize = 4;
 /// Those of a network that has hands come next: height, m, roll, pitch and yaw, rad; then the targets of arms and hands, rad.
 pub(super) const POSTURE: usize = 4;
-/// Most joints of a robot, and most bodies of its hands.
+/// Times up to which the time in a phase is read, control steps: each becomes a number from 0 to 1.
+const CLOCKS: [f32; 4] = [25.0, 75.0, 200.0, 500.0];
+/// Most joints of a robot, most bodies of its hands, and most phases.
 const MAX_PARTS: usize = 128;
 /// Largest number of products in the convolutions of a picture, and of numbers between them: some 0.1 s of a core, and 64 MB.
 const MAX_PRODUCTS: usize = 2_000_000_000;
@@ -83,6 +85,10 @@ pub(super) struct Contract {
     /// Bodies of the hands whose force it feels.
     #[serde(default)]
     pub touched: usize,
+    /// Of a network that keeps in mind what it does: names of the phases. The numbers that come out last choose one, and in the next
+    /// decision it reads which that was, and for how long.
+    #[serde(default)]
+    pub phases: Vec<String>,
 }
 
 impl Contract {
@@ -141,6 +147,9 @@ impl Contract {
         if self.touched > if self.joints.is_empty() { 0 } else { MAX_PARTS } {
             return refuse("touched", &self.touched, "0 without joints, at most 128 with them");
         }
+        if self.phases.len() > MAX_PARTS {
+            return refuse("phases", &self.phases.len(), "at most 128");
+        }
         Ok(())
     }
 
@@ -165,7 +174,16 @@ impl Contract {
 
     /// Numbers that the head reads beside embeddings.
     fn state(&self) -> usize {
-        PELVIS + self.joints.len() + self.touched + MOVED * (self.ages.len() - 1) + self.tasks.len()
+        let clocks = if self.phases.is_empty() { 0 } else { CLOCKS.len() };
+        let moved = MOVED * (self.ages.len() - 1);
+        PELVIS + self.joints.len() + self.touched + moved + self.phases.len() + clocks + self.tasks.len()
+    }
+
+    /// What it reads of the phase that it is in, if any, and of the control steps since that began.
+    pub fn phase(&self, phase: Option<usize>, steps: u64) -> impl Iterator<Item = f32> {
+        let phases = (0..self.phases.len()).map(move |index| f32::from(u8::from(phase == Some(index))));
+        let clocks = if self.phases.is_empty() { &[][..] } else { &CLOCKS };
+        phases.chain(clocks.iter().map(move |most| (steps as f32 / most).min(1.0)))
     }
 
     /// True if it moves arms and hands, too.
@@ -175,7 +193,8 @@ impl Contract {
 
     /// Numbers that come out.
     fn outputs(&self) -> usize {
-        WALKS + if self.has_hands() { POSTURE + self.joints.len() - fiatlux_wbc::MOVED } else { 0 }
+        let hands = if self.has_hands() { POSTURE + self.joints.len() - fiatlux_wbc::MOVED } else { 0 };
+        WALKS + hands + self.phases.len()
     }
 }
 
@@ -266,8 +285,8 @@ impl Network {
         self.eyes[camera].run(rgb)
     }
 
-    /// Velocity ahead, to the left and about the vertical, whether to stand, and what a network that has hands does with them, from the
-    /// embeddings of each age (cameras one after the other) and the other numbers.
+    /// Velocity ahead, to the left and about the vertical, whether to stand, what a network that has hands does with them, and a number
+    /// for each phase, from the embeddings of each age (cameras one after the other) and the other numbers.
     pub fn decide(&mut self, ages: &[&[f32]], state: &[f32]) -> &[f32] {
         let [from, to] = &mut self.rows;
         let numbers = ages.iter().copied().flatten().chain(state);

@@ -196,6 +196,7 @@ fn a_file_that_does_not_fit_is_refused_by_name() {
         ("hidden", json!([1 << 20])),
         ("joints", json!(["left_hip_pitch_joint"])),
         ("touched", json!(3)),
+        ("phases", json!(vec!["Open"; 129])),
     ] {
         let mut changed = contract();
         changed[field] = value;
@@ -211,10 +212,36 @@ fn a_file_that_does_not_fit_is_refused_by_name() {
     assert!(Network::from_bytes(&[0; 7]).is_err() && Network::from_bytes(b"").is_err());
 }
 
-/// Guards the shipped file: it is read, gives the numbers of its export, and is of the three tasks.
+/// Guards the shipped files: they are read, give the numbers of their export, have learned what they play, and look alike: sensors are
+/// asked for before the task is known.
 #[test]
-fn the_shipped_network_walks_in_three_tasks() {
-    let see = See::new("").expect("the shipped network");
+fn the_shipped_networks_play_five_tasks() {
+    let see = See::new("").expect("the shipped networks");
     assert_eq!(see.name(), "see");
-    assert_eq!(see.tasks(), [Task::S05, Task::S07, Task::S09]);
+    assert_eq!(see.tasks(), [Task::S05, Task::S06, Task::S07, Task::S08, Task::S09]);
+    for player in &see.networks {
+        let contract = player.network.contract();
+        assert!(player.tasks.iter().all(|task| contract.tasks().contains(task)), "{:?}", player.tasks);
+        let first = see.networks[0].network.contract();
+        let looks = (&contract.cameras, contract.picture, contract.every);
+        assert_eq!(looks, (&first.cameras, first.picture, first.every), "{:?}", player.tasks);
+    }
+}
+
+#[test]
+fn a_network_that_keeps_its_phase_in_mind_reads_it_and_the_time_in_it() {
+    let phases = ["StepUp", "Settle", "Open"];
+    let [joints, touched] = PARTS;
+    let made = Made::of(STATE + joints + touched + phases.len() + 4, WALKS + 4 + joints - 15 + phases.len());
+    let mut contract = with_hands();
+    contract["phases"] = json!(phases);
+    let mut network = Network::from_bytes(&made.file(&contract, &made.output())).expect("a sound file");
+    let read = |phase, steps| network.contract().phase(phase, steps).collect::<Vec<_>>();
+    assert_eq!(read(None, 0), [0.0; 7]);
+    assert_eq!(read(Some(1), 50), [0.0, 1.0, 0.0, 1.0, 50.0 / 75.0, 0.25, 0.1]);
+    assert_eq!(read(Some(2), 5000)[2..], [1.0; 5]);
+    let seen: Vec<f32> = made.embedding().iter().map(|number| *number as f32).collect();
+    assert_eq!(network.decide(&[&seen, &seen], &made.state).len(), WALKS + 4 + joints - 15 + phases.len());
+    // A file without them has no room for them.
+    assert!(Network::from_bytes(&Made::with_hands().file(&contract, &[])).is_err());
 }
