@@ -68,7 +68,7 @@ struct Episode {
     memory: VecDeque<Frame>,
     /// The last decision.
     command: BodyCommand,
-    /// What it is doing, and the step in which that began.
+    /// The phase that it chose last, and the step in which that began.
     phase: Option<usize>,
     since: u64,
 }

@@ -179,7 +179,7 @@ impl Contract {
         PELVIS + self.joints.len() + self.touched + moved + self.phases.len() + clocks + self.tasks.len()
     }
 
-    /// What it reads of the phase that it is in, if any, and of the control steps since that began.
+    /// Its inputs for the phase that it is in, if any, and for the control steps since that began.
     pub fn phase(&self, phase: Option<usize>, steps: u64) -> impl Iterator<Item = f32> {
         let phases = (0..self.phases.len()).map(move |index| f32::from(u8::from(phase == Some(index))));
         let clocks = if self.phases.is_empty() { &[][..] } else { &CLOCKS };
