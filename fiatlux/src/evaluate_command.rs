@@ -13,7 +13,7 @@ use fiatlux_client::{RunProgress, SeedList, SessionArgs, Shard, ShardRecord, Tas
 use fiatlux_grading::tables;
 use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
-use fiatlux_rules::{CONTROL_DT, Task};
+use fiatlux_rules::{CONTROL_DT, Guest, Relay, Task};
 use fiatlux_runs::{EvaluateError, EvaluateOptions, evaluate};
 use fiatlux_world::{AssetArg, SceneConfig};
 use outcome::finish;
@@ -24,6 +24,8 @@ const EXAMPLES: &str = "Examples:
                                                           16 rooms drawn afresh
   fiatlux evaluate --policy stand --tasks S05,S06 --seeds 0..9
   fiatlux evaluate --policy hold --tasks climb --seeds 0 --json
+  fiatlux evaluate --policy expert --with S03=see:FILE --seeds fresh:16
+                                                          the errand, and in it one subtask by another policy
   fiatlux evaluate --policy walk --seeds 0..99 --shard 2/4
                                                           every fourth episode; scorer merge makes one result
   fiatlux evaluate --external --name lab --listen tcp/0.0.0.0:7447 --out results/mine
@@ -46,6 +48,10 @@ pub struct EvaluateArgs {
     /// Policy: expert, or another of those below and of `fiatlux policies`.
     #[arg(long, required_unless_present = "external")]
     policy: Option<String>,
+    /// With --policy expert, in the task replace: another policy for one subtask of the errand, such as S03=see:FILE; repeat it
+    /// for more. All else is the expert's. Results say how often that subtask was reached and done; such runs are never ranked.
+    #[arg(long = "with", value_name = "SUBTASK=POLICY", requires = "policy")]
+    guests: Vec<Guest>,
     /// Serve a policy that connects from elsewhere: start a server that records, print the command for its client, wait
     /// for the run, and grade it at the end.
     #[arg(long, conflicts_with = "policy")]
@@ -101,6 +107,11 @@ impl EvaluateArgs {
     }
 }
 
+/// Tasks where none are named: a relay plays the errand alone.
+fn default_tasks(guests: &[Guest]) -> &'static [Task] {
+    if guests.is_empty() { &Task::SUBTASKS } else { &[Task::Replace] }
+}
+
 /// Number of threads, one for each core unless the user says otherwise.
 pub(crate) fn workers(given: Option<u16>) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -123,7 +134,8 @@ pub(crate) fn unfit(policies: &Policies, name: &str) -> Option<String> {
 /// Runs the command: evaluates a policy, or waits for one that connects from elsewhere.
 pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> {
     fiatlux_cli::init_quiet_log();
-    let Some(policy) = &args.policy else { return external::run(args) };
+    let Some(host) = &args.policy else { return external::run(args) };
+    let policy = &Relay { host: host.clone(), guests: args.guests.clone() }.to_string();
     if let Some(problem) = unfit(&policies, policy) {
         return Ok(fiatlux_cli::usage(format!("--policy {}: {problem}", plain(policy))));
     }
@@ -156,7 +168,7 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     let options = EvaluateOptions {
         policies,
         policy: policy.clone(),
-        tasks: args.tasks.as_ref().map_or_else(|| Task::SUBTASKS.to_vec(), |tasks| tasks.0.clone()),
+        tasks: args.tasks.as_ref().map_or_else(|| default_tasks(&args.guests).to_vec(), |tasks| tasks.0.clone()),
         seeds: seeds.map_or_else(|| (0..=3).collect(), |seeds| seeds.seeds),
         out,
         thin: args.bags.is_thin(),

@@ -55,6 +55,12 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
         ),
         (&["evaluate", "--policy", "zero", "--seeds", "0", "--hosted", "4"], "cannot be used with"),
         (&["evaluate", "--policy", "zero", "--tasks", "S13"], "there is no task 'S13'"),
+        (&["evaluate", "--policy", "zero", "--with", "S03=stand"], "use expert"),
+        (&["evaluate", "--policy", "expert", "--with", "replace=stand"], "such as S03=stand"),
+        (
+            &["evaluate", "--policy", "expert", "--with", "S03=stand", "--tasks", "S05"],
+            "choose tasks that it plays: --tasks replace",
+        ),
         (&[], "Usage: policy-client"),
     ];
     for (args, part) in cases {

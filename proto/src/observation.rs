@@ -139,6 +139,19 @@ impl Observation {
         }
     }
 
+    /// The observation as a session of these sensors alone has it. `terms` are those of the session that it comes from.
+    #[must_use]
+    pub fn of_sensors(&self, terms: &[ObservationTerm], sensors: impl Fn(&str) -> bool) -> Self {
+        let kept = terms.iter().filter(|term| sensors(&term.sensor)).map(|term| term.field.as_str());
+        let kept = kept.map(|path| path.split_once('.').map_or(path, |(field, _)| field)).chain(NO_SENSORS);
+        let kept: Vec<u32> = kept.filter_map(number_of).collect();
+        let bytes = self.encode_to_vec();
+        let shown = Fields(&bytes).filter(|field| kept.contains(&field.number));
+        let shown: Vec<u8> = shown.flat_map(|field| field.whole.iter().copied()).collect();
+        // Whole fields of an observation are an observation.
+        Observation::decode(shown.as_slice()).unwrap_or_default()
+    }
+
     /// The fields that sensors have filled, with their sizes in a message, bytes.
     pub fn sizes(&self) -> BTreeMap<&'static str, usize> {
         let (bytes, mut sizes) = (self.encode_to_vec(), BTreeMap::new());
@@ -172,6 +185,11 @@ fn find(path: &str) -> Option<&'static Field> {
         found = Some(field);
     }
     found
+}
+
+/// Number of a field of an observation.
+fn number_of(name: &str) -> Option<u32> {
+    messages().get(OBSERVATION)?.iter().find(|(_, field)| field.name == name).map(|(number, _)| *number)
 }
 
 impl Field {
@@ -309,6 +327,17 @@ mod tests {
         let mut observation = Observation { lidar: vec![5.0; 4], last_action: vec![1.0], ..seen() };
         observation.overlay(&Observation { step: 7, lidar: vec![3.0], ..Observation::default() });
         assert_eq!(observation, Observation { lidar: vec![3.0], last_action: vec![1.0], ..seen() });
+    }
+
+    /// Guards that nobody is shown a sensor that another one asked for.
+    #[test]
+    fn an_observation_of_fewer_sensors_has_those_alone() {
+        let info =
+            info(&[("lidar", "lidar", &[2]), ("camera", "camera.rgb", &[1, 2, 3]), ("verdict", "verdict.reward", &[])]);
+        let of = |sensors: &[&str]| seen().of_sensors(&info.terms, |name| sensors.contains(&name));
+        assert_eq!(of(&["camera"]), Observation { lidar: Vec::new(), verdict: None, ..seen() });
+        assert_eq!(of(&["lidar", "verdict", "camera"]), seen());
+        assert_eq!(of(&[]), Observation { step: 7, ..Observation::default() });
     }
 
     #[test]

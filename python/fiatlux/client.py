@@ -96,6 +96,7 @@ class Client:
         *,
         parallel: int | None = None,
         hosted_seeds: int = 0,
+        part: str | None = None,
         server: str | None = None,
         name: str | None = None,
         version: str = "",
@@ -121,6 +122,7 @@ class Client:
             parallel: Episodes to play at once; by default as many as the servers allow. A policy object with ``reset`` plays
                 one at a time: give its class to play several.
             hosted_seeds: Number of seeds that the server draws, instead of ``seeds``.
+            part: Subtask of the errand that the policy plays, such as ``"S03"``, as in :func:`fiatlux.evaluate`.
             server: Name of the server, or of a group: ``lab`` stands for ``lab``, ``lab-1`` and so on.
             name, version, link: Name, version and web page of the policy, for the record.
             run_file: File with the run's name and secret key, and a digest of the policy's code and weights
@@ -131,10 +133,11 @@ class Client:
             settings: See :class:`fiatlux.Settings`.
         """
         check_policy(policy)
-        asked = complete(None, observation, settings_for(policy, settings))
+        asked = complete(part, observation, settings_for(policy, settings))
         drawn = () if hosted_seeds else seeds_of(seeds, record=Path(run_file).with_suffix(".seeds"))
         run = {
-            **run_of(policy, tasks, drawn, parallel, name, run_file),
+            **run_of(policy, tasks_of(part, tasks), drawn, parallel, name, run_file),
+            "part": part,
             "version": version,
             "link": link,
             "hosted_seeds": hosted_seeds,
@@ -181,4 +184,14 @@ def run_of(
         "record": [],
         "patience_s": 60.0,
         "shard": None,
+        "part": None,
     }
+
+
+def tasks_of(part: str | None, tasks: Sequence[str]) -> Sequence[str]:
+    """The tasks to play: a part of the errand is played in the errand alone."""
+    if part is None or list(tasks) == ["replace"]:
+        return tasks
+    if tuple(tasks) != SUBTASKS:
+        raise ValueError(f"part: a part of the errand is played in the task replace, not in {', '.join(tasks)}")
+    return ("replace",)

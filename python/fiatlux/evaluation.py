@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from . import _native
 from ._numbers import seeds_of
-from .client import run_of
+from .client import run_of, tasks_of
 from .env import Env
 from .policy import Player, PolicyLike, check_policy, settings_for
 from .settings import Settings, complete, spelt_out
@@ -100,6 +100,7 @@ def evaluate(
     record: Sequence[str] = (),
     max_steps: int | None = None,
     assets: Mapping[str, str | PathLike[str]] | None = None,
+    part: str | None = None,
     shard: str | None = None,
     run_file: str | PathLike[str] | None = None,
     progress: Callable[[dict[str, Any]], None] | None = None,
@@ -124,6 +125,9 @@ def evaluate(
         record: Sensors to record in the bags in addition to the small ones, such as ``"camera"``.
         assets: Objects in place of things of the room, by place, such as ``{"crate": "DIR"}``, where ``python -m fiatlux.assets build``
             wrote the folder; only with ``out``. Such evaluations are ranked apart.
+        part: Subtask such as ``"S03"`` that the policy plays within the task ``replace``; the expert plays all else. The policy is reset
+            where its subtask begins, and sees the sensors that it asks for. Only with ``out``, whose ``results.json`` says in ``parts``
+            how often each subtask was reached and done. Such evaluations are never ranked.
         shard: Part of the episodes to play, such as ``"2/4"``: the second and every fourth after it; ``"auto"`` takes it from Slurm's
             array or Kubernetes' indexed Job. Each shard has its own ``out``, and all have one ``run_file``; ``scorer merge`` makes
             one result of them. In the scores of a shard by itself the others' episodes count as failures.
@@ -140,6 +144,7 @@ def evaluate(
         raise ValueError("seeds: each shard would draw rooms of its own; give all of them the same rooms")
     seeds = seeds_of(seeds, record=None if out is None else Path(out) / "seeds.txt")
     chosen = settings_for(policy, settings)
+    tasks = tasks_of(part, tasks)
     if out is not None:
         if max_steps is not None:
             raise ValueError("max_steps: a bag always holds a whole episode; drop either out or max_steps")
@@ -159,6 +164,7 @@ def evaluate(
             chosen,
             objects,
             shard,
+            part,
             run_file,
             is_thin(bags),
         )
@@ -168,6 +174,7 @@ def evaluate(
         "record": record or None,
         "assets": assets or None,
         "shard": shard,
+        "part": part,
     }
     for field, given in {**recorded_only, "run_file": run_file}.items():
         if given is not None:
@@ -249,14 +256,15 @@ def _recorded(
     settings: Mapping[str, Any],
     assets: Mapping[str, str],
     shard: str | None,
+    part: str | None,
     run_file: str | PathLike[str] | None,
     thin: bool,
 ) -> Evaluation:
     if len(tasks) == 0 or len(seeds) == 0:
         raise ValueError("tasks and seeds: give at least one each")
-    asked = complete(tasks[0] if len(tasks) == 1 else None, observation, settings)
+    asked = complete(part or (tasks[0] if len(tasks) == 1 else None), observation, settings)
     run = run_of(policy, tasks, seeds, parallel, name, out / "RUN.toml" if run_file is None else run_file)
-    run |= {"record": list(record), "shard": shard}
+    run |= {"record": list(record), "shard": shard, "part": part}
     # A policy may be made even if nothing is left to play.
     begun = Event()
     play_one = lambda: Player(policy, observation, begun)

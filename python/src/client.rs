@@ -14,8 +14,10 @@ use fiatlux_client::{
     RunProgress, Shard,
 };
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_proto::v3::{Observation, ObservationTerm, OpenRequest, RunSpec, SessionInfo};
-use fiatlux_sensing::Sensor;
+use fiatlux_policies::Expert;
+use fiatlux_proto::v3::{Observation, ObservationTerm, OpenRequest, RunSpec, Sensor, SessionInfo};
+use fiatlux_rules::{Guest, NotAGuest, Relay, Task};
+use fiatlux_sensing::Sensor as Known;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyConnectionError, PyValueError};
 use pyo3::prelude::*;
@@ -126,6 +128,7 @@ impl Client {
     ) -> PyResult<Py<PyDict>> {
         check_process()?;
         let form = settings.action_form()?;
+        let part = run.part(&settings)?;
         let options = RunOptions { access: self.access.clone(), ..run.options(&settings)? };
         let (link, failure) = (self.link.clone(), Failure::default());
         let noted = failure.clone();
@@ -133,7 +136,7 @@ impl Client {
             py,
             move |stop, tell| {
                 let failure = Failure { stop: Arc::clone(stop), ..noted };
-                play(&link, &options, make_player, form, &failure, &mut |progress| tell(progress.clone()))
+                play(&link, &options, make_player, part, form, &failure, &mut |progress| tell(progress.clone()))
             },
             |py, step| tell(py, progress.as_ref(), &step),
         )?;
@@ -168,9 +171,25 @@ pub(crate) struct Run {
     pub record: Vec<String>,
     pub patience_s: f64,
     pub shard: Option<String>,
+    pub part: Option<String>,
+}
+
+/// The subtask of the errand that a Python policy plays, and the sensors that it asks for. The expert plays all else.
+#[derive(Clone)]
+pub(crate) struct Part {
+    task: Task,
+    sensors: Vec<Sensor>,
 }
 
 impl Run {
+    /// The part of the errand that the policy plays, if it plays a part of it.
+    pub(crate) fn part(&self, settings: &Settings) -> PyResult<Option<Part>> {
+        let Some(name) = &self.part else { return Ok(None) };
+        let guest: Result<Guest, NotAGuest> = format!("{name}={}", self.name).parse();
+        let guest = guest.map_err(|_| PyValueError::new_err(format!("part is {name:?}; name one of S01 to S12")))?;
+        Ok(Some(Part { task: guest.task, sensors: settings.request(&self.record)?.sensors }))
+    }
+
     /// The part of its episodes to play.
     pub(crate) fn shard(&self) -> PyResult<Option<Shard>> {
         let shard = self.shard.as_deref().map(str::parse::<Shard>).transpose();
@@ -185,11 +204,16 @@ impl Run {
         let patience = Duration::try_from_secs_f64(self.patience_s)
             .map_err(|_| PyValueError::new_err(format!("patience_s is {}; give seconds", self.patience_s)))?;
         let tasks = self.tasks.iter().map(|name| Ok(build::task(name)?.to_string())).collect::<PyResult<_>>()?;
+        let (mut policy, mut session) = (self.name.clone(), settings.request(&self.record)?);
+        if let Some(Part { task, sensors }) = self.part(settings)? {
+            session.sensors = Expert::new().map_err(|error| failed(&error))?.sensors_with(sensors);
+            policy = Relay { host: "expert".into(), guests: vec![Guest { task, policy }] }.to_string();
+        }
         let spec = RunSpec {
-            policy: self.name.clone(),
+            policy,
             policy_version: self.version.clone(),
             policy_link: self.link.clone(),
-            session: Some(settings.request(&self.record)?),
+            session: Some(session),
             tasks,
             seeds: self.seeds.clone(),
             hosted_seeds: self.hosted_seeds,
@@ -209,6 +233,7 @@ pub(crate) fn play(
     link: &Carrier,
     options: &RunOptions,
     make_player: Py<PyAny>,
+    part: Option<Part>,
     form: ActionForm,
     failure: &Failure,
     progress: &mut dyn FnMut(&RunProgress),
@@ -216,7 +241,10 @@ pub(crate) fn play(
     let name = options.file.spec.policy.clone();
     let make_policy = || {
         let player = Python::attach(|py| make_player.call0(py)).map_err(|error| failure.note(error))?;
-        Ok(Box::new(Player::new(player, name.clone(), form, failure.clone())) as Box<dyn Policy>)
+        let mut player = Player::new(player, name.clone(), form, failure.clone());
+        let Some(Part { task, sensors }) = part.clone() else { return Ok(Box::new(player) as Box<dyn Policy>) };
+        player.sensors = sensors;
+        Ok(Box::new(Expert::new()?.with(vec![(task, Box::new(player))])?) as Box<dyn Policy>)
     };
     Session::evaluate(link, options, make_policy, progress, &failure.stop)
 }
@@ -297,6 +325,8 @@ struct Player {
     form: ActionForm,
     failure: Failure,
     numbers: Numbers,
+    /// Sensors that it asks for where it plays a part of the errand; elsewhere those of its sessions are in their request.
+    sensors: Vec<Sensor>,
     /// Sensors that are seen when the policy looks.
     on_request: Vec<&'static str>,
     /// It could not say where to look.
@@ -305,7 +335,8 @@ struct Player {
 
 impl Player {
     fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
-        Self { object, name, form, failure, numbers: Numbers::default(), on_request: Vec::new(), is_lost: false }
+        let (numbers, sensors, on_request) = (Numbers::default(), Vec::new(), Vec::new());
+        Self { object, name, form, failure, numbers, sensors, on_request, is_lost: false }
     }
 
     fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
@@ -343,9 +374,9 @@ fn seen(info: &SessionInfo) -> Vec<ObservationTerm> {
 fn looked_at(object: &Bound<'_, PyAny>, numbers: &[f32]) -> PyResult<Vec<&'static str>> {
     let names: Vec<String> = object.call_method1("look", (PyArray1::from_slice(object.py(), numbers),))?.extract()?;
     let known = |name: &String| {
-        let sensor = Sensor::by_name(name).map(Sensor::name);
+        let sensor = Known::by_name(name).map(Known::name);
         sensor.ok_or_else(|| {
-            PyValueError::new_err(format!("look: '{name}' is not a sensor; known ones are {}", Sensor::names()))
+            PyValueError::new_err(format!("look: '{name}' is not a sensor; known ones are {}", Known::names()))
         })
     };
     names.iter().map(known).collect()
@@ -356,10 +387,14 @@ impl Policy for Player {
         self.name.clone()
     }
 
+    fn sensors(&self) -> Vec<Sensor> {
+        self.sensors.clone()
+    }
+
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         self.numbers = Numbers::new(&seen(info), &info.sensors);
         let on_request = info.sensors.iter().filter(|sensor| sensor.on_request);
-        self.on_request = on_request.filter_map(|sensor| Sensor::by_name(&sensor.name)).map(Sensor::name).collect();
+        self.on_request = on_request.filter_map(|sensor| Known::by_name(&sensor.name)).map(Known::name).collect();
         Python::attach(|py| self.begin(info, first, py)).map_err(|error| self.failure.note(error))
     }
 

@@ -43,7 +43,7 @@ pub(crate) fn evaluate_into(
     std::fs::create_dir_all(&out).map_err(|error| {
         std::io::Error::new(error.kind(), format!("cannot use the output folder {}: {error}", out.display()))
     })?;
-    let shard = run.shard()?;
+    let (shard, part) = (run.shard()?, run.part(&settings)?);
     let options = RunOptions { is_alone: true, ..run.options(&settings)? };
     if let Some(shard) = shard {
         keep_record(&out, shard, &options.file.spec)?;
@@ -66,7 +66,7 @@ pub(crate) fn evaluate_into(
         move |stop, tell| {
             let failure = Failure { stop: Arc::clone(stop), ..noted };
             let mut progress = |progress: &RunProgress| tell(progress.clone());
-            evaluate_run(&hosting, |carrier| play(carrier, &options, make_player, form, &failure, &mut progress))
+            evaluate_run(&hosting, |carrier| play(carrier, &options, make_player, part, form, &failure, &mut progress))
         },
         |py, step| tell(py, progress.as_ref(), &step),
     )?;

@@ -54,6 +54,25 @@ def test_scores_and_episodes_are_those_of_the_programs():
     assert not episode["broken"] and f"{row['broken_rate']:.2f} {row['dropped_rate']:>8.2f}" in ours.table()
 
 
+def test_a_policy_plays_a_part_of_the_errand(tmp_path):
+    policy = Zero()
+    evaluation = fiatlux.evaluate(policy, seeds=[0], part="S01", name="mine", out=tmp_path / "part")
+    results = json.loads((tmp_path / "part" / "results.json").read_text())
+    assert policy.begun == [("S01", 0)] and [episode["task"] for episode in evaluation.episodes] == ["replace"]
+    assert (results["policy"], results["conditions"]["relay"]) == ("expert with S01=mine", ["S01=mine"])
+    assert not results["conditions"]["ranked"]
+    first, second = results["parts"][:2]
+    assert (first["id"], first["reached"], first["successes"], first["policy"]) == ("S01", 1, 0, "mine")
+    assert (second["reached"], second["policy"]) == (0, "expert")
+    for wrong, reason in [
+        ({"part": "S13", "out": tmp_path / "other"}, "S13"),
+        ({"part": "S01", "tasks": ["S05"], "out": tmp_path / "other"}, "in the task replace"),
+        ({"part": "S01"}, "only a recorded evaluation"),
+    ]:
+        with pytest.raises(ValueError, match=reason):
+            fiatlux.evaluate(Zero, **{"seeds": [0], **wrong})
+
+
 def test_a_recorded_evaluation_has_what_its_results_say(tmp_path):
     evaluation = fiatlux.evaluate(Zero, ["S05"], [0, 1], out=tmp_path)
     results = json.loads((tmp_path / "results.json").read_text())

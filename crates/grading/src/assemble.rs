@@ -8,6 +8,7 @@ use fiatlux_rules::{Benchmark, Episode, Protocol, Rate, SeedScore, Spread, Subta
 use crate::conditions::compared;
 use crate::episode::GradedEpisode;
 use crate::flaw::Flaw;
+use crate::parts::summed;
 use crate::results::{
     EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, Score, Scores, SeedRow,
     TaskResult, Versions,
@@ -145,7 +146,10 @@ fn roll_up(
         played.scores(|task| ends(task, &entries, &failures));
     let policy = entries.first().map(|entry| entry.header.policy.as_str());
     let policy = policy.or(run.as_ref().map(|(run, _)| run.policy())).unwrap_or_default().to_owned();
+    let versions = versions(&entries);
+    let episodes = rows(entries, &failures, strict.is_some());
     let results = Results {
+        parts: summed(&policy, &episodes),
         policy,
         score,
         score_strict,
@@ -155,8 +159,8 @@ fn roll_up(
         extra_tasks,
         excluded,
         conditions,
-        versions: versions(&entries),
-        episodes: rows(entries, &failures, strict.is_some()),
+        versions,
+        episodes,
         seeds: seeds.into_iter().collect(),
         run: None,
         without_journal: without_journal.into_iter().collect(),
@@ -435,6 +439,7 @@ fn episode_row(entry: TableEntry) -> EpisodeRow {
         steps_in_gate: graded.steps_in_gate,
         notes: graded.notes,
         signed_by: graded.signer.map(|key| key.to_string()),
+        parts: graded.parts,
         series: graded.series,
     }
 }
@@ -467,6 +472,7 @@ fn failed_row(failure: &RunFailure, is_strict: bool) -> EpisodeRow {
         steps_in_gate: 0,
         notes: Some(failure.detail.clone()).filter(|detail| !detail.is_empty()).into_iter().collect(),
         signed_by: None,
+        parts: Vec::new(),
         series: Series::default(),
     }
 }

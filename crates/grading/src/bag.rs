@@ -5,6 +5,7 @@ use std::path::Path;
 use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Completeness, Patience};
 use fiatlux_cli::in_full;
+use fiatlux_rules::{Relay, Task};
 use fiatlux_wire::{layout_of, read_row};
 
 use crate::GradeOptions;
@@ -56,6 +57,31 @@ pub(crate) enum Ungraded {
     Machine(BagError),
 }
 
+/// For each action of a relay's bag the subtask that it belongs to; one that held for want of another belongs to the same. Damaged actions
+/// and those behind them are left out: whatever reads the whole bag finds them.
+///
+/// # Errors
+/// [`Ungraded::Machine`].
+fn of_relay(bag: &Bag) -> Result<Vec<Option<Task>>, Ungraded> {
+    let (mut tasks, mut last) = (Vec::new(), None);
+    if Relay::of(&bag.header().policy).is_none() {
+        return Ok(tasks);
+    }
+    for record in bag.actions() {
+        match record {
+            Ok(record) => {
+                if let Some(chunk) = record.action.and_then(|action| action.chunk) {
+                    last = Relay::task_of(&chunk.phase);
+                }
+                tasks.push(last);
+            }
+            Err(error) if error.is_of_machine() => return Err(Ungraded::Machine(error)),
+            Err(_) => break,
+        }
+    }
+    Ok(tasks)
+}
+
 /// Grades a bag up to its end, or to the first record that cannot be read.
 pub(crate) fn read(path: &Path, options: &GradeOptions, patience: Option<Patience>) -> Result<BagContent, Ungraded> {
     // The message must not depend on the folder from which the bag was graded.
@@ -86,6 +112,7 @@ pub(crate) fn read(path: &Path, options: &GradeOptions, patience: Option<Patienc
         Completeness::Whole => None,
         Completeness::Cut { reason, .. } => Some((Fault::Cut, reason.clone())),
     };
+    let mut played = of_relay(&bag)?.into_iter();
     let mut states = bag.states();
     let mut step = 0;
     while let Some(state) = states.next() {
@@ -100,7 +127,13 @@ pub(crate) fn read(path: &Path, options: &GradeOptions, patience: Option<Patienc
         let row = read_row(&state, layout);
         states.reuse(state);
         match row {
-            Ok(row) => grader.push(&row),
+            Ok(row) => {
+                // The last row has no action: it still belongs to the subtask before.
+                if let Some(task) = played.next() {
+                    grader.play(task);
+                }
+                grader.push(&row);
+            }
             Err(error) => {
                 grader.refuse(step, &error);
                 break;

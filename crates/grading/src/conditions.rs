@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fiatlux_proto::{is_of_images, plain, v3};
-use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};
+use fiatlux_rules::{BENCHMARK_VERSION, Relay, Thresholds, pins};
 use serde::{Deserialize, Serialize};
 
 /// Conditions that all episodes of a table share; `RESULTS.md` describes the fields.
@@ -60,6 +60,9 @@ pub struct Conditions {
     /// Objects from files in place of the scene's own things, each as its place and digest.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assets: Vec<String>,
+    /// Subtasks of the errand that another policy than the run's played, each as `SUBTASK=POLICY`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub relay: Vec<String>,
 }
 
 /// Beginnings of the deviations that are about what the policy was shown.
@@ -198,6 +201,10 @@ impl Conditions {
                 deviations.push(format!("{key} is {value} instead of {usual}"));
             }
         }
+        let relay = relay(header);
+        if !relay.is_empty() {
+            deviations.push(format!("several policies played the errand: {}", listed(&relay)));
+        }
         if published {
             deviations.push("criteria are counted as in the published numbers".into());
         }
@@ -228,6 +235,7 @@ impl Conditions {
             model_digest: header.model_digest.clone(),
             scene_digest: header.scene_digest.clone(),
             assets,
+            relay,
         }
     }
 
@@ -260,6 +268,12 @@ pub(crate) fn is_person(header: &v3::EpisodeHeader) -> bool {
         || header.source != 0
         || header.request.as_ref().is_some_and(|request| request.source != 0)
         || header.policy.contains(STREAM)
+}
+
+/// Subtasks that other policies of a relay played, as the policy's name says.
+fn relay(header: &v3::EpisodeHeader) -> Vec<String> {
+    let guests = Relay::of(&header.policy).map(|relay| relay.guests).unwrap_or_default();
+    guests.iter().map(|guest| plain(&guest.to_string()).into_owned()).collect()
 }
 
 fn protocol(header: &v3::EpisodeHeader) -> &str {

@@ -2,7 +2,9 @@
 
 use fiatlux_access::{PublicKey, Signer, signer_of};
 use fiatlux_proto::{ABORTED, PROTOCOL, STOPPED, is_compatible, v3};
-use fiatlux_rules::{JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, ThresholdError, Thresholds};
+use fiatlux_rules::{
+    JudgeOptions, Judges, Protocol, Rewards, Row, RowDigest, Summary, Task, ThresholdError, Thresholds,
+};
 use fiatlux_wire::{
     WireError, end_message, header_digest, joint_groups_of, judgement_message, read_geometry, read_identity, reward_of,
 };
@@ -11,7 +13,9 @@ use thiserror::Error;
 use crate::Series;
 use crate::conditions::is_take;
 use crate::flaw::{Difference, Flaw, RowSums, first_difference};
+use crate::parts::Parts;
 use crate::request::{contradiction, unplayable};
+use crate::results::PartRow;
 use crate::series::SeriesBuilder;
 
 #[derive(Debug, Error)]
@@ -52,6 +56,8 @@ pub struct GradedEpisode {
     /// Number of judged steps in which all criteria of the gate held.
     pub steps_in_gate: u64,
     pub series: Series,
+    /// Subtasks that a relay played, in their order; empty for other policies.
+    pub parts: Vec<PartRow>,
     pub notes: Vec<String>,
     /// Key of the server that signed the result.
     pub signer: Option<PublicKey>,
@@ -77,6 +83,7 @@ pub struct Grader {
     sums: RowSums,
     row_flaw: Option<Flaw>,
     recorder: SeriesBuilder,
+    parts: Parts,
     next_step: u64,
     gap: Option<String>,
     steps_in_gate: u64,
@@ -105,7 +112,9 @@ impl Grader {
         let geometry = read_geometry(&header.geometry)?;
         let options = JudgeOptions { end_on: Some(identity.ends_on), published_counting };
         let judges = Judges::new(identity.protocol, identity.task, &thresholds, &geometry, options);
+        let parts = Parts::new(identity.protocol, thresholds.clone(), geometry.clone());
         Ok(Self {
+            parts,
             rewards: Rewards::new(judges.in_force(), reward_of(header)?, joint_groups_of(header)?),
             judges,
             digest,
@@ -126,6 +135,11 @@ impl Grader {
         })
     }
 
+    /// Takes the subtask that the action in answer to the next row belongs to, where a relay says so.
+    pub fn play(&mut self, task: Option<Task>) {
+        self.parts.play(task);
+    }
+
     /// Takes the next row; a gap before it becomes a flaw.
     pub fn push(&mut self, row: &Row) {
         if row.step != self.next_step && self.gap.is_none() {
@@ -135,6 +149,7 @@ impl Grader {
         self.digest.push(row);
         self.rows.push(row);
         self.sums.push(row);
+        self.parts.push(row);
         if row.step == 0 {
             self.judges.start(row);
             self.rewards.start(self.judges.in_force(), row);
@@ -201,6 +216,7 @@ impl Grader {
             thresholds: judge.thresholds().clone(),
             strict: strict.map(|judge| judge.summary()),
             series: self.recorder.finish(criteria),
+            parts: self.parts.finish(),
             steps_in_gate: self.steps_in_gate,
             summary,
             end,

@@ -41,6 +41,7 @@ mod find;
 mod flaw;
 mod grade;
 mod options;
+mod parts;
 pub mod report;
 mod request;
 mod results;
@@ -60,8 +61,8 @@ pub use flaw::{Difference, Flaw, first_difference};
 pub use grade::{GradeProgress, grade, patience};
 pub use options::GradeOptions;
 pub use results::{
-    EpisodeRow, ExcludedBag, Fault, Overall, RESULTS_VERSION, RateRow, Results, RunFailure, RunResult, Score, Scores,
-    SeedRow, TaskResult, Versions,
+    EpisodeRow, ExcludedBag, Fault, Overall, PartResult, PartRow, RESULTS_VERSION, RateRow, Results, RunFailure,
+    RunResult, Score, Scores, SeedRow, TaskResult, Versions,
 };
 pub use rows::{BagRows, RowsError, rows_of};
 pub use series::{CriterionHeld, MAX_BUCKETS, Series};

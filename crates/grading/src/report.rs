@@ -50,6 +50,7 @@ fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
         subtasks(&mut out, results);
     }
     sections::extra_tasks(&mut out, results);
+    sections::parts(&mut out, results);
     if !results.episodes.is_empty() {
         episodes::section(&mut out, results, FigureSource::File(has_replay));
     }

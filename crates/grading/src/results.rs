@@ -30,6 +30,38 @@ pub struct Results {
     pub run: Option<RunResult>,
     #[serde(default)]
     pub without_journal: Vec<String>,
+    /// Of a relay: the subtasks of the errand, whoever played them; empty for other policies.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<PartResult>,
+}
+
+/// A subtask within the errands of a relay: judged by its own gate, from the states that the subtasks before it left.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PartResult {
+    pub id: String,
+    pub name: String,
+    /// The policy that played it.
+    pub policy: String,
+    /// Number of times that it was begun, and that it succeeded by the protocol of the episodes.
+    pub reached: u64,
+    pub successes: u64,
+    pub success_rate: f64,
+    pub success_interval: [f64; 2],
+    /// How the times that it was begun ended, by cause; `left` where the policy went on to another subtask without success.
+    pub ends: BTreeMap<String, u64>,
+}
+
+/// A subtask within an errand.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PartRow {
+    pub task: String,
+    /// The row from which it was played.
+    pub first_step: u64,
+    /// Number of steps until the next subtask was begun.
+    pub steps: u64,
+    /// By the protocol of the episode.
+    pub success: bool,
+    pub end: String,
 }
 
 impl Results {
@@ -178,6 +210,9 @@ pub struct EpisodeRow {
     pub notes: Vec<String>,
     #[serde(default)]
     pub signed_by: Option<String>,
+    /// Of a relay: the subtasks in the order in which they were played.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<PartRow>,
     #[serde(skip)]
     pub series: Series,
 }

@@ -2,17 +2,19 @@
 //! the room asks for it.
 
 mod errand;
+mod guest;
 
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
-use fiatlux_rules::{Task, Thresholds};
+use fiatlux_rules::{Relay, Task, Thresholds};
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BodyCommand, Network};
 use nalgebra::Vector3;
 
 use self::errand::Facts;
+use self::guest::Guest;
 use crate::entry::Entry;
 use crate::{Climb, Hands, Ladder, Walk, WholeBody, body};
 
@@ -42,6 +44,8 @@ const DROPPED_M: f64 = 0.1;
 /// Plays each task by the skill that plays it, and the errand by all of them.
 pub struct Expert {
     skills: Vec<Box<dyn Part>>,
+    /// Others' policies for subtasks of the errand.
+    guests: Vec<Guest>,
     network: Arc<Network>,
     episode: Option<Episode>,
 }
@@ -105,6 +109,8 @@ struct Episode {
     task: Option<Task>,
     since: u64,
     rests: u64,
+    /// Step at which the choice was last thought over.
+    chosen: Option<u64>,
     /// Step of the last touch of a hand and a bulb.
     touched: Option<u64>,
     /// Step of the last observation that was answered.
@@ -116,6 +122,8 @@ struct Episode {
 enum Plays {
     /// A skill, by its place in the list.
     Skill(usize),
+    /// Another's policy, by its place in the list.
+    Guest(usize),
     /// The robot stands; no skill plays what is due.
     Stands(Box<WholeBody>),
 }
@@ -134,22 +142,60 @@ impl Expert {
                 Box::new(Ladder::new("")?),
                 Box::new(Climb::new()?),
             ],
+            guests: Vec::new(),
             network,
             episode: None,
         })
     }
 
+    /// The same for the errand alone, but others' policies play these subtasks of it. Each is reset where its subtask begins, in a
+    /// session of that subtask, and is shown the sensors that it asks for.
+    ///
+    /// # Errors
+    /// [`PolicyError::Unfit`]: a subtask is named twice, or two policies want one sensor in different forms.
+    pub fn with(mut self, guests: Vec<(Task, Box<dyn Policy>)>) -> Result<Self, PolicyError> {
+        for (task, policy) in guests {
+            if self.guests.iter().any(|guest| guest.task == task) {
+                return Err(unfit(format!("{task} has two policies; name one")));
+            }
+            self.guests.push(Guest::new(task, policy));
+        }
+        let sensors = self.sensors();
+        let twice =
+            sensors.iter().enumerate().find(|(at, one)| sensors[..*at].iter().any(|other| other.name == one.name));
+        match twice {
+            Some((_, sensor)) => Err(unfit(format!("its policies want the sensor {} in different forms", sensor.name))),
+            None => Ok(self),
+        }
+    }
+
+    /// Sensors of a session in which another policy plays a subtask, where that one asks for these.
+    pub fn sensors_with(&self, asked: Vec<Sensor>) -> Vec<Sensor> {
+        self.and_sensors(guest::shown_for(asked))
+    }
+
+    /// Those of its skills and these, each once.
+    fn and_sensors(&self, others: impl IntoIterator<Item = Sensor>) -> Vec<Sensor> {
+        let mut sensors: Vec<Sensor> = Vec::new();
+        for sensor in self.skills.iter().flat_map(|skill| skill.sensors()).chain(others) {
+            if !sensors.contains(&sensor) {
+                sensors.push(sensor);
+            }
+        }
+        sensors
+    }
+
     /// The subtask of the errand that is played now, and whether a skill plays it; `None` where nothing is due.
     pub fn progress(&self) -> Option<(Task, bool)> {
         let episode = self.episode.as_ref()?;
-        Some((episode.task?, matches!(episode.plays, Plays::Skill(_))))
+        Some((episode.task?, !matches!(episode.plays, Plays::Stands(_))))
     }
 
     /// Name of what the skill does now.
     pub fn phase(&self) -> Option<String> {
         match self.episode.as_ref()?.plays {
             Plays::Skill(index) => Some(self.skills[index].phase()),
-            Plays::Stands(_) => None,
+            Plays::Guest(_) | Plays::Stands(_) => None,
         }
     }
 
@@ -175,6 +221,7 @@ impl Expert {
         let (phase, is_over) = self.does(&episode.plays);
         let (body_command, part_done) = match &episode.plays {
             Plays::Skill(index) => (self.skills[*index].body_command(), self.skills[*index].part_done()),
+            Plays::Guest(_) => (None, None),
             Plays::Stands(body) => (body.commanded(), None),
         };
         Ok(Label { joint_target, body_command, phase, part_done, is_over })
@@ -184,6 +231,7 @@ impl Expert {
     fn does(&self, plays: &Plays) -> (String, bool) {
         match plays {
             Plays::Skill(index) => (self.skills[*index].phase(), self.skills[*index].is_over()),
+            Plays::Guest(index) => (String::new(), self.guests[*index].is_over()),
             Plays::Stands(_) => ("Stand".into(), true),
         }
     }
@@ -196,6 +244,10 @@ impl Expert {
         is_errand: bool,
         first: &Observation,
     ) -> Result<Plays, PolicyError> {
+        if let Some(index) = self.guests.iter().position(|guest| is_errand && Some(guest.task) == task) {
+            self.guests[index].begin(info, first)?;
+            return Ok(Plays::Guest(index));
+        }
         let plays = |skill: &dyn Part| task.is_some_and(|task| skill.tasks().contains(&task));
         let Some(index) = self.skills.iter().position(|skill| plays(skill.as_ref())) else {
             let stands = WholeBody::own("expert", Arc::clone(&self.network), info, first)?;
@@ -209,6 +261,10 @@ impl Expert {
         self.skills[index].reset(&info, &since(first, first.step))?;
         Ok(Plays::Skill(index))
     }
+}
+
+fn unfit(reason: String) -> PolicyError {
+    PolicyError::Unfit { policy: "relay", reason }
 }
 
 /// An observation as it is in an episode that began at a step.
@@ -258,17 +314,25 @@ fn touches(observation: &Observation) -> bool {
 
 impl Policy for Expert {
     fn name(&self) -> String {
-        "expert".into()
+        let guests =
+            self.guests.iter().map(|guest| fiatlux_rules::Guest { task: guest.task, policy: guest.policy.name() });
+        Relay { host: "expert".into(), guests: guests.collect() }.to_string()
+    }
+
+    fn tasks(&self) -> &'static [Task] {
+        if self.guests.is_empty() { &Task::ALL } else { &[Task::Replace] }
+    }
+
+    fn image_size(&self) -> Option<[u32; 2]> {
+        self.guests.iter().find_map(|guest| guest.policy.image_size())
+    }
+
+    fn is_person(&self) -> bool {
+        self.guests.iter().any(|guest| guest.policy.is_person())
     }
 
     fn sensors(&self) -> Vec<Sensor> {
-        let mut sensors: Vec<Sensor> = Vec::new();
-        for sensor in self.skills.iter().flat_map(|skill| skill.sensors()) {
-            if !sensors.contains(&sensor) {
-                sensors.push(sensor);
-            }
-        }
-        sensors
+        self.and_sensors(self.guests.iter().flat_map(|guest| guest.sensors().iter().cloned()))
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
@@ -283,9 +347,25 @@ impl Policy for Expert {
         }
         let since = first.step;
         let info = info.clone();
+        let (rests, chosen, answered, over_since) = (0, None, None, None);
         self.episode =
-            Some(Episode { info, is_errand, plays, task, since, rests: 0, touched, answered: None, over_since: None });
+            Some(Episode { info, is_errand, plays, task, since, rests, chosen, touched, answered, over_since });
         Ok(())
+    }
+
+    fn look(&mut self, observation: &Observation) -> Vec<&'static str> {
+        if self.guests.is_empty() {
+            return Vec::new();
+        }
+        let Some(mut episode) = self.episode.take() else { return Vec::new() };
+        // Where the choice fails here, it fails again in `act`, which says so.
+        let chosen = self.choose(&mut episode, observation);
+        let looks = match (&episode.plays, chosen) {
+            (Plays::Guest(index), Ok(())) => self.guests[*index].look(observation),
+            _ => Vec::new(),
+        };
+        self.episode = Some(episode);
+        looks
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
@@ -296,6 +376,7 @@ impl Policy for Expert {
         let command = match &mut episode.plays {
             Plays::Skill(index) if episode.since == 0 => self.skills[*index].act(observation),
             Plays::Skill(index) => self.skills[*index].act(&since(observation, episode.since)),
+            Plays::Guest(index) => self.guests[*index].act(observation),
             Plays::Stands(body) => body.step(observation, &BodyCommand::default()),
         };
         episode.answered = Some(observation.step);
@@ -309,13 +390,21 @@ impl Policy for Expert {
         let mut episode = self.episode.take()?;
         let command = match &mut episode.plays {
             Plays::Skill(index) => self.skills[*index].source(),
+            Plays::Guest(index) => Some(self.guests[*index].source().unwrap_or_default()),
             Plays::Stands(body) => body.record(),
         };
-        let (phase, is_over) = self.does(&episode.plays);
+        let (mut phase, is_over) = self.does(&episode.plays);
+        let mut is_over = Some(is_over);
+        if let (Plays::Guest(_), Some(said)) = (&episode.plays, &command) {
+            (phase, is_over) = (said.phase.clone(), said.is_over);
+        }
+        if let (Some(task), false) = (episode.task, self.guests.is_empty()) {
+            phase = guest::shortened(Relay::phase(task, &phase));
+        }
         let index = episode.answered;
         self.episode = Some(episode);
         let index = index?;
-        Some(Chunk { phase, is_over: Some(is_over), ..command.unwrap_or(Chunk { index, ..Chunk::default() }) })
+        Some(Chunk { phase, is_over, ..command.unwrap_or(Chunk { index, ..Chunk::default() }) })
     }
 }
 
@@ -323,20 +412,25 @@ impl Expert {
     /// Once the skill that plays has come to rest, begins what is due then.
     fn choose(&mut self, episode: &mut Episode, observation: &Observation) -> Result<(), PolicyError> {
         let step = observation.step;
+        if episode.chosen == Some(step) {
+            return Ok(());
+        }
         if touches(observation) {
             episode.touched = Some(step);
         }
-        let is_over = match &episode.plays {
-            Plays::Skill(index) => self.skills[*index].is_over(),
-            Plays::Stands(_) => true,
-        };
+        let touches = episode.touched.is_some_and(|touched| step < touched + TOUCHED);
+        if let Plays::Guest(index) = episode.plays {
+            let guest = &mut self.guests[index];
+            guest.watch(&Facts::of(observation, touches)?, observation);
+        }
+        let is_over = self.does(&episode.plays).1;
+        episode.chosen = Some(step);
         episode.rests = if is_over { episode.rests + 1 } else { 0 };
         let is_stuck = step >= episode.since + PATIENCE;
         if episode.rests < RESTS && !is_stuck {
             return Ok(());
         }
         episode.rests = 0;
-        let touches = episode.touched.is_some_and(|touched| step < touched + TOUCHED);
         let due = Facts::of(observation, touches)?.due();
         // Who stands goes on standing.
         if due == episode.task && matches!(episode.plays, Plays::Stands(_)) {

@@ -35,7 +35,7 @@ pub use hold::Hold;
 pub use labeller::Labeller;
 pub use ladder::Ladder;
 pub use random::Random;
-pub use registry::Policies;
+pub use registry::{Policies, relayed};
 pub use see::See;
 pub use stand::Stand;
 pub use vla::{Answer, ProbeReport, Vla, VlaArgs, VlaSource};

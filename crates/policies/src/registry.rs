@@ -1,8 +1,10 @@
 //! Policies by name: the built-in ones, and those that a program adds.
 
 use fiatlux_client::{Policy, PolicyError};
+use fiatlux_rules::Relay;
 
 use crate::entry::Entry;
+use crate::expert::Expert;
 use crate::{climb, expert, foreign, hands, hold, ladder, random, replay, see, stand, vla, walk, wbc, zero};
 
 /// The policies of a program: the built-in ones, and more that it adds.
@@ -55,11 +57,14 @@ impl Policies {
         &self.0
     }
 
-    /// Makes a policy by its name, such as `zero` or `replay:BAG`.
+    /// Makes a policy by its name, such as `zero`, `replay:BAG`, or that of a [`Relay`].
     ///
     /// # Errors
     /// [`PolicyError::Unknown`], or whatever keeps the policy from being made: a bag or a controller that cannot be loaded.
     pub fn make(&self, name: &str) -> Result<Box<dyn Policy>, PolicyError> {
+        if let Some(relay) = Relay::of(name) {
+            return relayed(&relay, |guest| self.make(guest));
+        }
         let (word, argument) = name.split_once(':').map_or((name, None), |(word, argument)| (word, Some(argument)));
         match self.0.iter().find(|entry| entry.word() == word && entry.takes(argument)) {
             Some(entry) => (entry.make)(argument.unwrap_or_default()),
@@ -70,4 +75,21 @@ impl Policies {
             }),
         }
     }
+}
+
+/// The expert, with the relay's other policies for the subtasks that they are named for; `make` makes one of these by its name.
+///
+/// # Errors
+/// Another policy than the expert is to play the errand, a subtask has two policies, or one of them cannot be made.
+pub fn relayed(
+    relay: &Relay,
+    make: impl Fn(&str) -> Result<Box<dyn Policy>, PolicyError>,
+) -> Result<Box<dyn Policy>, PolicyError> {
+    if relay.host != "expert" {
+        let reason =
+            format!("{} does not play the errand subtask by subtask, as a relay needs; use expert", relay.host);
+        return Err(PolicyError::Unfit { policy: "relay", reason });
+    }
+    let guests = relay.guests.iter().map(|guest| Ok((guest.task, make(&guest.policy)?)));
+    Ok(Box::new(Expert::new()?.with(guests.collect::<Result<_, PolicyError>>()?)?))
 }

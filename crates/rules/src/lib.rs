@@ -57,6 +57,7 @@ mod parts;
 pub mod pins;
 pub mod predicates;
 mod presets;
+mod relay;
 mod rewards;
 mod row;
 mod seeds;
@@ -84,6 +85,7 @@ pub use manifest::{Contact, Group, Manifest, ManifestError, Measure, Motion, Par
 pub use measure::GRAVITY;
 pub use parts::{AttachmentRow, BodyRow, Bulb, JointGroups, LIMBS, Limb, RobotLayout, Support};
 pub use presets::{NamedRange, PRESETS, preset};
+pub use relay::{Guest, NotAGuest, Relay};
 pub use rewards::{Rewards, RewardsState, Variant};
 pub use row::{By, CONTROL_DT, Field, Row};
 pub use seeds::{ReservedSeed, SeedOwner};

@@ -10,14 +10,17 @@ use anyhow::Context as _;
 use clap::Args;
 use fiatlux_cli::{ProgressLine, stop_on_signal};
 use fiatlux_client::{
-    AccessArgs, Client, Policy, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs, Shard, TaskList,
+    AccessArgs, Client, Policy, PolicyError, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs,
+    Shard, TaskList,
 };
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_policies::{Policies, VlaArgs};
-use fiatlux_rules::CONTROL_DT;
+use fiatlux_policies::{Policies, VlaArgs, VlaSource, relayed};
+use fiatlux_rules::{CONTROL_DT, Guest, Relay};
 
 use super::{Failure, model_server};
 
+/// Name of the policy that plays a model server's actions.
+const VLA: &str = "vla";
 /// Largest number of running episodes that the progress line names.
 const MAX_SHOWN: usize = 3;
 
@@ -39,6 +42,7 @@ Examples:
   policy-client evaluate --policy stand -e tcp/lab:7447 --tasks S01,S05 --seeds 0..9 --parallel 4
   policy-client evaluate --policy stand -e tcp/lab:7447 --hosted 4 --policy-version 1.2 --link https://example.org/stand
   policy-client evaluate --policy vla --dialect gr00t --model tcp://lab:5555 -e tcp/lab:7447
+  policy-client evaluate --policy expert --with S03=vla --dialect openpi --model ws://lab:8000 -e tcp/lab:7447
   policy-client evaluate --policy zero -e tcp/a:7447 -e tcp/b:7447 --server lab --run-file zero.toml
 
 A policy of your own, in Rust: `fiatlux_client::Client::evaluate`.
@@ -50,6 +54,10 @@ pub struct EvaluateArgs {
     /// episode of its bag
     #[arg(short, long, value_name = "NAME")]
     policy: String,
+    /// With --policy expert, in the task replace: another policy for one subtask of the errand, such as S03=vla; repeat it for
+    /// more. All else is the expert's. Such runs are never ranked
+    #[arg(long = "with", value_name = "SUBTASK=POLICY")]
+    guests: Vec<Guest>,
     /// Tasks: all (the twelve subtasks), or a list such as S01,S05,replace,climb [default: all]
     #[arg(short, long, value_name = "LIST")]
     tasks: Option<TaskList>,
@@ -99,9 +107,29 @@ pub struct EvaluateArgs {
     connection: LinkArgs,
 }
 
+impl EvaluateArgs {
+    /// The policy that takes --model: the one of the relay that does, if there is one.
+    fn of_model(&self) -> &str {
+        let of_guest = self.guests.iter().map(|guest| guest.policy.as_str()).find(|policy| *policy == VLA);
+        of_guest.unwrap_or(&self.policy)
+    }
+
+    /// Makes the policy, where it needs one with its model server.
+    fn make(&self, model: Option<&VlaSource>) -> Result<Box<dyn Policy>, PolicyError> {
+        let make = |name: &str| match model {
+            Some(source) if name == VLA => Ok(Box::new(source.policy()) as Box<dyn Policy>),
+            _ => Policies::default().make(name),
+        };
+        if self.guests.is_empty() {
+            return make(&self.policy);
+        }
+        relayed(&Relay { host: self.policy.clone(), guests: self.guests.clone() }, make)
+    }
+}
+
 /// Plays the run and prints the outcome; returns whether every episode was played.
 pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
-    let model = model_server(&args.policy, &args.vla, args.session.robot(), false)?;
+    let model = model_server(args.of_model(), &args.vla, args.session.robot(), false)?;
     let mut spec = plan::spec(args, model.as_ref())?;
     if let Some(seeds) = args.seeds.as_ref().filter(|seeds| seeds.fresh) {
         let file = args.run_file.with_extension("seeds");
@@ -134,10 +162,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
         ..RunOptions::new(file)
     };
     let line = ProgressLine::default();
-    let make_policy = || match &model {
-        Some(source) => Ok(Box::new(source.policy()) as Box<dyn Policy>),
-        None => Policies::default().make(&args.policy),
-    };
+    let make_policy = || args.make(model.as_ref());
     let mut progress = |progress: &RunProgress| line.show(|| look(&line, progress, options.file.protocol()));
     let outcome = Client::evaluate(&link.carrier(), &options, make_policy, &mut progress, &stop);
     line.clear();

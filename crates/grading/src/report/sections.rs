@@ -92,6 +92,36 @@ pub(super) fn extra_tasks(out: &mut String, results: &Results) {
     out.push_str("</div>\n");
 }
 
+/// Writes the table of the subtasks within the errands of a relay.
+pub(super) fn parts(out: &mut String, results: &Results) {
+    if results.parts.is_empty() {
+        return;
+    }
+    let _ = write!(
+        out,
+        "<h2>Subtasks within the errand</h2>\n<p class=\"soft small\">Each is judged by its own gate ({} protocol) from the state in \
+         which it was begun. <i>left</i>: its policy went on, or the episode ended, without success.</p>\n<div class=\"panel scroll\" \
+         tabindex=\"0\" role=\"region\" aria-label=\"Subtasks within the errand\"><table><thead><tr><th class=\"l\">Subtask</th>\
+         <th class=\"l\">Played by</th><th>Reached</th><th>Succeeded</th><th>Rate</th><th class=\"l\">Ends</th></tr></thead><tbody>",
+        escape(&results.conditions.protocol)
+    );
+    for part in &results.parts {
+        let value = if part.reached == 0 { "\u{2013}".into() } else { rate(part.success_rate, part.success_interval) };
+        let ends: Vec<_> = part.ends.iter().map(|(cause, count)| format!("{} {count}", escape(cause))).collect();
+        let _ = write!(
+            out,
+            "<tr><td class=\"l\"><b>{}</b> {}</td><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{value}</td><td class=\"l\">{}</td></tr>",
+            escape(&part.id),
+            escape(&part.name),
+            escape(&part.policy),
+            part.reached,
+            part.successes,
+            ends.join(", ")
+        );
+    }
+    out.push_str("</tbody></table></div>\n");
+}
+
 /// Writes the list of bags that are not scored.
 pub(super) fn excluded(out: &mut String, results: &Results) {
     if results.excluded.is_empty() {

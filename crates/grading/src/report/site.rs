@@ -41,6 +41,7 @@ pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
                 subtasks(out, results);
             }
             sections::extra_tasks(out, results);
+            sections::parts(out, results);
         }),
         episodes: part(&|out| {
             if !results.episodes.is_empty() {

@@ -30,6 +30,9 @@ pub fn text(results: &Results) -> String {
         out.push_str("\nNot part of the score\n");
         table(&mut out, &results.extra_tasks, false);
     }
+    if !results.parts.is_empty() {
+        parts(&mut out, results);
+    }
     if !results.episodes.is_empty() {
         out.push('\n');
         rates(&mut out, results);
@@ -191,6 +194,23 @@ fn table(out: &mut String, tasks: &[TaskResult], scored: bool) {
         let ends: Vec<_> = ends.into_iter().map(|(cause, count)| format!("{cause} {count}")).collect();
         let line = format!("  {:<8}{}", task.id, ends.join(", "));
         let _ = writeln!(out, "{}", wrapped(&line, "          "));
+    }
+}
+
+/// The subtasks within the errands of a relay.
+fn parts(out: &mut String, results: &Results) {
+    let protocol = &results.conditions.protocol;
+    let _ = writeln!(out, "\nSubtasks within the errand, from the states they were handed over in, {protocol}");
+    let _ = writeln!(out, "{:<26} {:>7} {:>5} {:>5}  95 %          played by", "subtask", "reached", "succ", "rate");
+    for part in &results.parts {
+        let name = format!("{} {}", part.id, part.name);
+        let [low, high] = part.success_interval;
+        let rate = match part.reached {
+            0 => format!("{:>5}  {:<12}", "-", "-"),
+            _ => format!("{:>5.2}  {low:.2} to {high:.2}", part.success_rate),
+        };
+        let policy = plain(&part.policy);
+        let _ = writeln!(out, "{name:<26.26} {:>7} {:>5} {rate}  {policy}", part.reached, part.successes);
     }
 }
 

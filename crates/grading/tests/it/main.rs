@@ -7,4 +7,5 @@ mod common;
 mod compare;
 mod grade;
 mod mutated;
+mod relay;
 mod run;

@@ -6,7 +6,7 @@ use fiatlux_proto::v3::{OpenRequest, RunSpec};
 use fiatlux_rules::Task;
 
 use super::EvaluateArgs;
-use crate::cli::{Failure, policy, usage};
+use crate::cli::{Failure, usage};
 
 /// Seeds of the published protocol.
 const PUBLISHED_SEEDS: [u64; 4] = [0, 1, 2, 3];
@@ -16,11 +16,9 @@ pub fn spec(args: &EvaluateArgs, model: Option<&VlaSource>) -> Result<RunSpec, F
     let mut spec = match fiatlux_policies::replayed_bag(&args.policy) {
         Some(path) => replay(args, &Replay::open(path)?)?,
         None => {
-            let policy = match model {
-                Some(source) => Box::new(source.policy()),
-                None => policy(&args.policy)?,
-            };
-            let tasks = args.tasks.as_ref().map_or(&Task::SUBTASKS[..], |tasks| &tasks.0);
+            let policy = args.make(model).map_err(usage)?;
+            let usual: &[Task] = if args.guests.is_empty() { &Task::SUBTASKS } else { &[Task::Replace] };
+            let tasks = args.tasks.as_ref().map_or(usual, |tasks| &tasks.0);
             check_tasks(policy.as_ref(), tasks).map_err(usage)?;
             // The run names the policy.
             let session = OpenRequest { policy: String::new(), ..request_of(policy.as_ref()) };

@@ -74,6 +74,26 @@ fn results_do_not_depend_on_the_workers() {
     assert_eq!(fs::read(one.join("results.json")).unwrap(), before);
 }
 
+/// Guards that the result of a relay says whose it is, and that the expert's own evaluation does not go on with it.
+#[test]
+fn a_relay_has_a_result_of_its_own() {
+    let scratch = Scratch::new("relay");
+    let out = scratch.path().join("out");
+    let asked = ["--policy", "expert", "--with", "S01=zero", "--seeds", "0", "--bags", "thin"];
+    let (status, table) = evaluate(&asked, &out, &scratch).finish(PATIENCE);
+    assert!(status.success() && table.contains("S01=zero") && table.contains("NOT RANKED"), "{table}");
+    let results = results(&out);
+    assert_eq!(
+        (&results["policy"], &results["episodes"][0]["task"]),
+        (&"expert with S01=zero".into(), &"replace".into())
+    );
+    assert_eq!((&results["parts"][0]["policy"], &results["parts"][0]["reached"]), (&"zero".into(), &1.into()));
+    assert_eq!((&results["parts"][0]["successes"], &results["parts"][1]["reached"]), (&0.into(), &0.into()));
+    let plain = ["--policy", "expert", "--tasks", "replace", "--seeds", "0", "--bags", "thin"];
+    let mut other = evaluate(&plain, &out, &scratch);
+    assert!(!other.finish(PATIENCE).0.success() && other.log().contains("expert with S01=zero"), "{}", other.log());
+}
+
 /// Guards the report of a folder: a second call with other tasks and seeds adds to it. What is not an episode of the
 /// evaluation is refused by name.
 #[test]
