@@ -30,7 +30,7 @@ fn run(args: &[&str]) -> (i32, String, String) {
 
 #[test]
 fn wrong_usage_exits_with_2_and_says_what_is_right() {
-    let cases: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 16] = [
         (
             &["run", "--policy", "waddle", "--task", "S01"],
             "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",

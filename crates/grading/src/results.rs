@@ -47,7 +47,7 @@ pub struct PartResult {
     pub successes: u64,
     pub success_rate: f64,
     pub success_interval: [f64; 2],
-    /// How the times that it was begun ended, by cause; `left` where the policy went on to another subtask without success.
+    /// Number of times that it ended by each cause; `left` where the policy went on to another subtask without success.
     pub ends: BTreeMap<String, u64>,
 }
 

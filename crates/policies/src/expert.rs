@@ -14,7 +14,7 @@ use fiatlux_wbc::{BodyCommand, Network};
 use nalgebra::Vector3;
 
 use self::errand::Facts;
-use self::guest::Guest;
+use self::guest::{Guest, since};
 use crate::entry::Entry;
 use crate::{Climb, Hands, Ladder, Walk, WholeBody, body};
 
@@ -265,11 +265,6 @@ impl Expert {
 
 fn unfit(reason: String) -> PolicyError {
     PolicyError::Unfit { policy: "relay", reason }
-}
-
-/// An observation as it is in an episode that began at a step.
-fn since(observation: &Observation, step: u64) -> Observation {
-    Observation { step: observation.step.saturating_sub(step), ..observation.clone() }
 }
 
 fn is_up(observation: &Observation) -> bool {

@@ -6,7 +6,6 @@ use fiatlux_rules::Task;
 use nalgebra::Vector3;
 
 use super::errand::Facts;
-use super::since;
 
 /// Sensors of a session for which a policy asks for none.
 const OF_BODY: [&str; 4] = ["proprioception", "hand_contact", "limb_contact", "last_action"];
@@ -27,7 +26,7 @@ pub(super) struct Guest {
     terms: Vec<ObservationTerm>,
     /// Step at which its subtask began.
     since: u64,
-    /// What it said of itself after its last action: that nothing is left to do, or that something is.
+    /// Its word after its last action: that nothing is left to do, or that something is.
     said: Option<bool>,
     /// Where the pelvis has been since the subtask was last not done.
     place: Option<Vector3<f64>>,
@@ -112,6 +111,11 @@ impl Guest {
 /// Sensors that a policy is shown that asks for these; if empty, those of the robot's own body.
 pub(super) fn shown_for(asked: Vec<Sensor>) -> Vec<Sensor> {
     if asked.is_empty() { OF_BODY.map(Sensor::from).into() } else { asked }
+}
+
+/// An observation as it is in an episode that began at a step.
+pub(super) fn since(observation: &Observation, step: u64) -> Observation {
+    Observation { step: observation.step.saturating_sub(step), ..observation.clone() }
 }
 
 /// The name of a phase, not longer than a message may have it.
