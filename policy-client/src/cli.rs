@@ -1,5 +1,6 @@
 //! The subcommands of the program.
 
+pub mod deploy;
 pub mod evaluate;
 pub mod inspect;
 pub mod list;

@@ -44,6 +44,8 @@ enum Subcommand {
     Inspect(Box<cli::inspect::InspectArgs>),
     /// Drive the robot of a server from a browser, and record takes there
     Teleop(Box<cli::teleop::TeleopArgs>),
+    /// Drive a Unitree G1 by a policy, over DDS
+    Deploy(cli::deploy::DeployArgs),
     /// Ask a model server for its contract and for one chunk; nothing moves
     Probe(Box<cli::probe::ProbeArgs>),
     /// List the servers that can be reached, or the policies
@@ -63,6 +65,7 @@ pub fn run() -> ExitCode {
         },
         Subcommand::Evaluate(args) => return exit(evaluate::evaluate(&args), ExitCode::from(3)),
         Subcommand::Inspect(args) => cli::inspect::inspect(&args),
+        Subcommand::Deploy(args) => cli::deploy::run(&args).map(|()| true),
         Subcommand::Probe(args) => cli::probe::probe(&args),
         Subcommand::Teleop(args) => cli::teleop::teleop(&args),
         Subcommand::List(args) => list::list(&args),

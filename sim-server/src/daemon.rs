@@ -13,6 +13,8 @@ use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
 
+use crate::robot::{self, RobotArgs};
+
 /// Largest scene file, bytes.
 const MAX_SCENE_BYTES: u64 = 16 << 20;
 /// Time that recorders have after an interrupt.
@@ -73,6 +75,8 @@ pub struct DaemonArgs {
     tokens: Option<PathBuf>,
     #[command(flatten)]
     link: LinkArgs,
+    #[command(flatten)]
+    robot: RobotArgs,
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -112,6 +116,9 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         ..ServerOptions::default()
     };
     options.workers = args.workers.unwrap_or(options.workers);
+    if args.robot.unitree {
+        return robot::run(&args.robot, options);
+    }
 
     // Set up before the server can be found, so that an early interrupt is not lost.
     let stop = fiatlux_cli::stop_on_signal()?;

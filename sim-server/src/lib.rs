@@ -2,6 +2,7 @@
 
 mod daemon;
 pub mod recorder;
+mod robot;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,7 @@ Examples:
   sim-server -l tcp/0.0.0.0:7447 --name lab   for policies on the network
   sim-server --name lab --record bags         and keep runs: every episode once, recorded here and not by the client
   sim-server --settings lab.toml              with the flags that a file has; deploy/settings/sim-server.toml shows all
+  sim-server --unitree --task S07             be a G1 for Unitree's own programs, in domain 1
   sim-server export --task S01 -o scene.xml   the same scene for MuJoCo
   sim-server export --format usd --task S01 -o scene   and as USD";
 

@@ -1,0 +1,113 @@
+//! The command `policy-client deploy`.
+
+use std::net::IpAddr;
+use std::path::PathBuf;
+
+use clap::Args;
+use fiatlux_cli::whole;
+use fiatlux_robot::Robot;
+use fiatlux_rules::Task;
+
+use super::Failure;
+
+/// Options of the command `deploy`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  policy-client deploy --policy stand --dry-run
+  policy-client deploy --policy wbc --command vx=0.3 --address 192.168.123.222 --record drive.mcap
+  policy-client deploy --policy wbc --domain 1 --address 127.0.0.1     beside sim-server --unitree --dds-address 127.0.0.1
+
+It was tried on our own simulator alone, never on a robot. Hang the robot up first, keep the remote in your hand (B and select stop), and
+release the robot's own walking (L2+R2). The robot is brought to the policy's posture within 3 s. A lean of 1 rad, 20 rad/s of a
+joint, 6 rad/s of the pelvis, 85 degrees Celsius of a motor's casing or 120 of its winding, or 0.1 s without a state or without targets
+lets it down: all motors damp until it is started again. So do the end and Ctrl-C.")]
+pub struct DeployArgs {
+    /// Name of the policy, one that reads proprioception alone and sends joint targets: hold, stand, wbc
+    #[arg(short, long, value_name = "NAME")]
+    policy: String,
+    /// Command for the policy wbc, as for run
+    #[arg(long, value_name = "LIST")]
+    command: Option<String>,
+    /// Domain of DDS: a robot is in 0, a simulator in 1
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u16>(0..=232))]
+    domain: u16,
+    /// Address of this machine on the robot's network, such as 192.168.123.222 [default: all networks]
+    #[arg(long, value_name = "ADDRESS")]
+    address: Option<IpAddr>,
+    /// How long the policy drives, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
+    seconds: f64,
+    /// Compute all commands and send none
+    #[arg(long)]
+    dry_run: bool,
+    /// Record all states and commands as an MCAP file
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
+    /// The robot, by its name or that of its hands
+    #[arg(long, value_name = "NAME", default_value = Robot::NAMES[0], value_parser = Robot::known)]
+    robot: &'static str,
+    /// Task that the policy is told
+    #[arg(short, long, default_value = "S07")]
+    task: Task,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|seconds| (0.1..=86_400.0).contains(seconds));
+    number.ok_or_else(|| "use a number of seconds from 0.1 to 86400".into())
+}
+
+/// Drives the robot.
+#[cfg(not(feature = "unitree"))]
+pub fn run(_: &DeployArgs) -> Result<(), Failure> {
+    let built = "this build has no DDS; build policy-client with `--features unitree`";
+    Err(anyhow::anyhow!(built).into())
+}
+
+/// Drives the robot.
+#[cfg(feature = "unitree")]
+pub fn run(args: &DeployArgs) -> Result<(), Failure> {
+    use fiatlux_client::{Client, request_of};
+    use fiatlux_server::{LocalServer, ServerOptions};
+    use fiatlux_unitree::{Deployment, Limits, Reason, deploy};
+
+    let name = args.command.as_ref().map(|command| format!("{}:{command}", args.policy));
+    let mut policy = super::policy(name.as_deref().unwrap_or(&args.policy))?;
+    let senses = ["proprioception", "last_action"];
+    let wanted = policy.sensors();
+    if let Some(sensor) = wanted.iter().find(|sensor| !senses.contains(&sensor.name.as_str())) {
+        let problem = format!("{} reads {}, which the robot does not send", args.policy, sensor.name);
+        return Err(Failure::Usage(problem));
+    }
+    // The joints, gains and scales of a session with this robot, which ends before the robot moves.
+    let options = ServerOptions { name: "deploy".into(), workers: 1, ..ServerOptions::default() };
+    let server = LocalServer::start(fiatlux_carrier::memory(), options, None)?;
+    let mut request = request_of(policy.as_ref());
+    (request.task, request.robot) = (args.task.to_string(), args.robot.into());
+    let client = Client::open(server.carrier(), Some("deploy"), request)?;
+    let mut info = client.info().clone();
+    // Things of a room that is not the robot's.
+    info.footprints.clear();
+    drop(client.close());
+    server.stop();
+
+    let robot = Robot::by_name(args.robot)?;
+    let stop = fiatlux_cli::stop_on_signal()?;
+    let deployment = Deployment {
+        domain: args.domain,
+        address: args.address,
+        limits: Limits::default(),
+        dry: args.dry_run,
+        record: args.record.as_deref(),
+        seconds: args.seconds,
+    };
+    let done = deploy(&deployment, &robot, &info, policy.as_mut(), &stop)?;
+    let what = if args.dry_run { "would have been sent" } else { "sent" };
+    fiatlux_cli::print(format!(
+        "let down: {}\n{} states heard ({} with a wrong checksum), {} targets of {}, {} commands {what}\n",
+        done.reason, done.states, done.unsound, done.steps, args.policy, done.commands
+    ))?;
+    match done.reason {
+        Reason::TimeOver | Reason::Stopped => Ok(()),
+        reason => Err(anyhow::anyhow!("the robot was let down: {reason}").into()),
+    }
+}
