@@ -12,7 +12,7 @@ const DEFAULT_FILTER: &str = "warn,zenoh=error,zenoh_transport::unicast::establi
     fiatlux=info,sim_server=info,recorder=info,policy_client=info,scorer=info";
 
 /// The same without the activity of our own programs.
-const QUIET_FILTER: &str = "warn,zenoh=error,zenoh_transport::unicast::establishment=off";
+const QUIET_FILTER: &str = "warn,zenoh=error,zenoh_transport::unicast::establishment=off,rustdds=off";
 
 /// Sends the log to stderr, so that stdout holds only results. The environment variable `RUST_LOG` chooses what is
 /// logged; by default, errors of Zenoh and the activity of our own programs. A second call does nothing.

@@ -157,12 +157,10 @@ impl<M: Message> Reader<M> {
         loop {
             match self.reader.try_take_one() {
                 Ok(None) => return None,
-                Ok(Some(change)) => {
-                    match M::from_cdr(&change.into_value().0) {
-                        Ok(message) => return Some(message),
-                        Err(error) => tracing::warn!("a sample of {} is left out: {error}", M::TYPE),
-                    }
-                }
+                Ok(Some(change)) => match M::from_cdr(&change.into_value().0) {
+                    Ok(message) => return Some(message),
+                    Err(error) => tracing::warn!("a sample of {} is left out: {error}", M::TYPE),
+                },
                 Err(error) => {
                     tracing::debug!("a sample of {} is left out: {error}", M::TYPE);
                     return None;

@@ -13,7 +13,7 @@ use thiserror::Error;
 
 use crate::PERIOD_S;
 use crate::dds::{Bus, DdsError};
-use crate::estimate::estimate;
+use crate::estimate::{Estimate, Estimator};
 use crate::guard::{Drive, Guard, Limits, Reason, Targets};
 use crate::messages::{LowCmd, LowState};
 use crate::motors::{Motors, MotorsError};
@@ -76,7 +76,9 @@ pub enum DeployError {
         LISTENING.as_secs()
     )]
     Silent { domain: u16 },
-    #[error("another program commands the robot on rt/lowcmd; end it first, and release the robot's own walking (L2+R2)")]
+    #[error(
+        "another program commands the robot on rt/lowcmd; end it first, and release the robot's own walking (L2+R2)"
+    )]
     Taken,
     #[error("stopped before the policy drove")]
     Stopped,
@@ -89,32 +91,41 @@ struct Senses<'a> {
     info: &'a SessionInfo,
     /// Joint targets in force, rad.
     targets: Vec<f64>,
+    estimator: Estimator,
+    /// Of the last state: angles and velocities of all joints, rad and rad/s, the pelvis's own angular velocity, rad/s, and what is estimated.
+    measured: Option<(Vec<f64>, Vec<f64>, [f64; 3], Estimate)>,
 }
 
 impl Senses<'_> {
-    fn observe(&self, step: u64, state: &LowState) -> Result<Observation, RobotError> {
+    fn measure(&mut self, state: &LowState) -> Result<(), RobotError> {
         // Fingers are not measured here: they are taken to be where they are told to be.
         let mut q = self.targets.clone();
         let mut dq = vec![0.0; q.len()];
         for (motor, joint) in state.motor_state.iter().zip(self.motors.body) {
             (q[joint], dq[joint]) = (f64::from(motor.q), f64::from(motor.dq));
         }
-        let angular_velocity = state.imu_state.gyroscope.map(f64::from);
-        let pelvis = estimate(self.robot, &q, &dq, state.imu_state.quaternion.map(f64::from), angular_velocity)?;
+        let pelvis = self.estimator.follow(self.robot, &q, &dq, &state.imu_state, state.tick)?;
+        self.measured = Some((q, dq, state.imu_state.gyroscope.map(f64::from), pelvis));
+        Ok(())
+    }
+
+    /// The last state; `None` before the first one.
+    fn observe(&self, step: u64) -> Option<Observation> {
+        let (q, dq, angular_velocity, pelvis) = self.measured.as_ref()?;
         let numbers = |numbers: &[f64]| numbers.iter().map(|number| *number as f32).collect::<Vec<f32>>();
         let relative = |angles: &[f64], scale: f64| {
             (angles.iter().zip(&self.info.joints)).map(|(angle, joint)| ((angle - joint.q0) / scale) as f32).collect()
         };
         let sensed = Proprioception {
-            base_angular_velocity: numbers(&angular_velocity),
+            base_angular_velocity: numbers(angular_velocity),
             projected_gravity: numbers(&pelvis.gravity),
             base_linear_velocity: numbers(&pelvis.linear_velocity),
             base_height: pelvis.height as f32,
-            joint_position: relative(&q, 1.0),
-            joint_velocity: numbers(&dq),
+            joint_position: relative(q, 1.0),
+            joint_velocity: numbers(dq),
         };
         let last_action = relative(&self.targets, self.info.action_scale);
-        Ok(Observation { step, proprioception: Some(sensed), last_action, ..Observation::default() })
+        Some(Observation { step, proprioception: Some(sensed), last_action, ..Observation::default() })
     }
 
     /// Takes a command over; targets of the body's motors.
@@ -127,7 +138,8 @@ impl Senses<'_> {
                 }
             }
             Command::WholeBody(..) => {
-                let reason = "it leaves the whole-body controller to a server; put the controller itself on the robot: wbc";
+                let reason =
+                    "it leaves the whole-body controller to a server; put the controller itself on the robot: wbc";
                 return Err(PolicyError::Unfit { policy: "unitree", reason: reason.into() });
             }
         }
@@ -177,9 +189,10 @@ pub fn deploy(
         let (stiffness, damping, effort_limit) = (joint.stiffness, joint.damping, joint.effort_limit);
         Drive { stiffness, damping, effort_limit, lower: joint.lower, upper: joint.upper }
     });
-    let mut senses = Senses { robot, motors, info, targets: info.joints.iter().map(|joint| joint.q0).collect() };
-    let observation = senses.observe(0, &first)?;
-    policy.reset(info, &observation)?;
+    let targets = info.joints.iter().map(|joint| joint.q0).collect();
+    let mut senses = Senses { robot, motors, info, targets, estimator: Estimator::new(), measured: None };
+    senses.measure(&first)?;
+    policy.reset(info, &senses.observe(0).unwrap_or_default())?;
 
     let commands = bus.writer::<LowCmd>()?;
     let clock = Instant::now();
@@ -196,7 +209,7 @@ pub fn deploy(
                 }
             }
         });
-        let (mut due, mut newest, mut failure, mut let_down) = (0.0, None, None, None);
+        let (mut due, mut failure, mut let_down) = (0.0, None, None);
         let mut next = Instant::now();
         loop {
             // What fails here lets the robot down, and is said at the end.
@@ -212,7 +225,12 @@ pub fn deploy(
                 }
                 if state.crc == state.checksum() {
                     guard.measure(state.clone(), now());
-                    newest = Some(state);
+                    // What is not finite is past a bound already.
+                    if guard.down().is_none()
+                        && let Err(error) = senses.measure(&state)
+                    {
+                        fails(&mut guard, error.into());
+                    }
                 } else {
                     done.unsound += 1;
                 }
@@ -232,19 +250,13 @@ pub fn deploy(
             if now() > deployment.limits.ramp + deployment.seconds {
                 guard.stop(Reason::TimeOver);
             }
+            // A policy that is still at work is asked again with a later state.
             if now() >= due
-                && let Some(state) = &newest
                 && guard.down().is_none()
+                && let Some(observation) = senses.observe(done.steps)
+                && to_policy.try_send(observation).is_ok()
             {
-                match senses.observe(done.steps, state) {
-                    // A policy that is still at work is asked again with a later state.
-                    Ok(observation) => {
-                        if to_policy.try_send(observation).is_ok() {
-                            due = (due + deployment.limits.period).max(now() - deployment.limits.period);
-                        }
-                    }
-                    Err(error) => fails(&mut guard, error.into()),
-                }
+                due = (due + deployment.limits.period).max(now() - deployment.limits.period);
             }
             let command = guard.command(now());
             if let Some(Err(error)) = record.as_mut().map(|record| record.add(&command, clock.elapsed())) {

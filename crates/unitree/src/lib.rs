@@ -3,14 +3,14 @@
 //! The figures of the messages are those of Unitree's SDK (`NOTICE`). Nothing here was tried on a robot.
 mod cdr;
 #[cfg(feature = "dds")]
+pub mod dds;
+#[cfg(feature = "dds")]
 mod deployment;
 mod estimate;
 mod guard;
 #[allow(missing_docs)] // The maker's names of fields, explained where they need it.
 mod messages;
 mod motors;
-#[cfg(feature = "dds")]
-pub mod dds;
 #[cfg(feature = "dds")]
 mod record;
 mod remote;
@@ -21,7 +21,7 @@ mod stand_in;
 pub use cdr::{CdrError, Message};
 #[cfg(feature = "dds")]
 pub use deployment::{DeployError, Deployed, Deployment, deploy};
-pub use estimate::{Estimate, estimate};
+pub use estimate::{Estimate, Estimator};
 pub use guard::{Drive, Guard, Limits, Reason, Targets};
 pub use messages::{
     HandCmds, HandMotorCmd, ImuState, LowCmd, LowState, MOTOR_SLOTS, MotorCmd, MotorState, Request, RequestHeader,

@@ -269,7 +269,8 @@ mod tests {
         state.imu_state.accelerometer[2] = 9.81;
         state.imu_state.temperature = 30;
         for (index, motor) in state.motor_state.iter_mut().enumerate() {
-            *motor = MotorState { mode: 1, q: (0.01 * index as f64) as f32, temperature: [40, 50], ..MotorState::default() };
+            *motor =
+                MotorState { mode: 1, q: (0.01 * index as f64) as f32, temperature: [40, 50], ..MotorState::default() };
         }
         assert_eq!(state.checksum(), 0xf2ce_84b8);
     }
@@ -301,7 +302,10 @@ mod tests {
         xcdr2[1] = 7;
         assert_eq!(LowCmd::from_cdr(&xcdr2), Err(CdrError::Encapsulation([0, 7])));
         // A list that says it has four billion entries, and one that has fewer than it says.
-        assert_eq!(HandCmds::from_cdr(&[0, 1, 0, 0, 255, 255, 255, 255]), Err(CdrError::List { length: u32::MAX as usize }));
+        assert_eq!(
+            HandCmds::from_cdr(&[0, 1, 0, 0, 255, 255, 255, 255]),
+            Err(CdrError::List { length: u32::MAX as usize })
+        );
         assert!(HandCmds::from_cdr(&[0, 1, 0, 0, 2, 0, 0, 0, 1]).is_err());
     }
 

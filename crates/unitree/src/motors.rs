@@ -82,7 +82,8 @@ impl Motors {
         let motor = |side: &str, fingers: &[(&str, f64)]| -> Option<Vec<(usize, f64)>> {
             fingers.iter().map(|(joint, turn)| Some((find(&format!("{side}_{joint}"))?, *turn))).collect()
         };
-        let hands: Option<Vec<_>> = (SIDES.iter()).flat_map(|side| FINGERS.map(|fingers| motor(side, fingers))).collect();
+        let hands: Option<Vec<_>> =
+            (SIDES.iter()).flat_map(|side| FINGERS.map(|fingers| motor(side, fingers))).collect();
         Ok(Self { body, hands: hands.unwrap_or_default() })
     }
 }

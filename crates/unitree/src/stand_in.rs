@@ -271,7 +271,8 @@ mod tests {
     #[test]
     fn a_silent_program_leaves_a_robot_that_only_damps() {
         let mut body = body();
-        let command = LowCmd { motor_cmd: [MotorCmd { mode: 1, kp: 100.0, ..MotorCmd::default() }; 35], ..LowCmd::default() };
+        let command =
+            LowCmd { motor_cmd: [MotorCmd { mode: 1, kp: 100.0, ..MotorCmd::default() }; 35], ..LowCmd::default() };
         let targets = body.follow(Some(&command), None, 0.11).to_vec();
         for joint in body.motors.body {
             let drive = body.drives[joint];
@@ -293,7 +294,8 @@ mod tests {
             ..LowCmd::default()
         };
         let (before, targets) = (body.targets.clone(), body.follow(Some(&command), None, 0.0).to_vec());
-        let kept: Vec<usize> = (0..29).filter(|&motor| before[body.motors.body[motor]] == targets[body.motors.body[motor]]).collect();
+        let kept: Vec<usize> =
+            (0..29).filter(|&motor| before[body.motors.body[motor]] == targets[body.motors.body[motor]]).collect();
         assert_eq!(kept, LINKED);
     }
 

@@ -15,10 +15,10 @@ use super::Failure;
 #[command(after_help = "Examples:
   policy-client deploy --policy stand --dry-run
   policy-client deploy --policy wbc --command vx=0.3 --address 192.168.123.222 --record drive.mcap
-  policy-client deploy --policy wbc --domain 1 --address 127.0.0.1     beside sim-server --unitree --dds-address 127.0.0.1
+  policy-client deploy --policy wbc --domain 1 --address 127.0.0.1 --ramp 0     beside sim-server --unitree --dds-address 127.0.0.1
 
 It was tried on our own simulator alone, never on a robot. Hang the robot up first, keep the remote in your hand (B and select stop), and
-release the robot's own walking (L2+R2). The robot is brought to the policy's posture within 3 s. A lean of 1 rad, 20 rad/s of a
+release the robot's own walking (L2+R2). A lean of 1 rad, 20 rad/s of a
 joint, 6 rad/s of the pelvis, 85 degrees Celsius of a motor's casing or 120 of its winding, or 0.1 s without a state or without targets
 lets it down: all motors damp until it is started again. So do the end and Ctrl-C.")]
 pub struct DeployArgs {
@@ -34,6 +34,10 @@ pub struct DeployArgs {
     /// Address of this machine on the robot's network, such as 192.168.123.222 [default: all networks]
     #[arg(long, value_name = "ADDRESS")]
     address: Option<IpAddr>,
+    /// Time in which the robot is brought from its posture to the policy's, s. 0 where it stands already and must be kept from falling at
+    /// once, as in a simulator
+    #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = ramp)]
+    ramp: f64,
     /// How long the policy drives, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
     seconds: f64,
@@ -54,6 +58,11 @@ pub struct DeployArgs {
 fn seconds(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|seconds| (0.1..=86_400.0).contains(seconds));
     number.ok_or_else(|| "use a number of seconds from 0.1 to 86400".into())
+}
+
+fn ramp(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|seconds| (0.0..=60.0).contains(seconds));
+    number.ok_or_else(|| "use a number of seconds from 0 to 60".into())
 }
 
 /// Drives the robot.
@@ -95,7 +104,7 @@ pub fn run(args: &DeployArgs) -> Result<(), Failure> {
     let deployment = Deployment {
         domain: args.domain,
         address: args.address,
-        limits: Limits::default(),
+        limits: Limits { ramp: args.ramp, ..Limits::default() },
         dry: args.dry_run,
         record: args.record.as_deref(),
         seconds: args.seconds,
