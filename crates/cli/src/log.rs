@@ -7,8 +7,8 @@ use crate::print::has_colour;
 
 /// Warnings of everything except Zenoh, and the activity of our own programs. Zenoh warns of every attempt to connect
 /// and of every query that a lost link ended, with places in its source, and calls a handshake that is refused an error; our
-/// own messages report the outcome.
-const DEFAULT_FILTER: &str = "warn,zenoh=error,zenoh_transport::unicast::establishment=off,\
+/// own messages report the outcome. DDS warns of each sample that a peer without multicast gets another way.
+const DEFAULT_FILTER: &str = "warn,zenoh=error,zenoh_transport::unicast::establishment=off,rustdds=off,\
     fiatlux=info,sim_server=info,recorder=info,policy_client=info,scorer=info";
 
 /// The same without the activity of our own programs.
