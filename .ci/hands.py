@@ -15,7 +15,7 @@ ROBOTS = "crates/robot/robots"
 # Numbers and names of the robots, of their hands, and of skills, models and controllers made for them.
 DATA = re.compile(
     rf"{ROBOTS}/.*|crates/rules/pins/.*\.in|crates/bridge/(hands|mappings)/.*|crates/policies/src/hands/.*\.toml"
-    r"|crates/teleop/src/grip\.toml|crates/render/src/robot_meshes/aliases\.txt"
+    r"|crates/teleop/src/grip\.toml|crates/unitree/src/hands\.toml|crates/render/src/robot_meshes/aliases\.txt"
 )
 WEIGHTS = re.compile(r"(.*/)?weights/.*")
 TESTS = re.compile(r"(.*/)?tests/.*|.*[/_]tests\.rs|\.ci/.*")

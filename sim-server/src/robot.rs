@@ -10,8 +10,7 @@ use fiatlux_server::ServerOptions;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "As a robot")]
 pub struct RobotArgs {
-    /// Be a Unitree G1 in a domain of DDS instead of serving sessions: states on rt/lowstate, commands on rt/lowcmd and
-    /// rt/inspire/cmd. The episode begins with the first command. With --record it leaves a bag. Needs a build with
+    /// Be a Unitree G1 in a domain of DDS instead of serving sessions: states on rt/lowstate, commands on rt/lowcmd. The episode begins with the first command. With --record it leaves a bag. Needs a build with
     /// --features unitree.
     #[arg(long)]
     pub unitree: bool,

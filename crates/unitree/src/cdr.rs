@@ -25,7 +25,7 @@ pub enum CdrError {
     Text,
 }
 
-/// What messages are made of.
+/// A part of messages.
 pub(crate) trait Part: Sized {
     fn write(&self, to: &mut Writer);
     fn read(from: &mut Reader<'_>) -> Result<Self, CdrError>;
@@ -36,8 +36,6 @@ pub(crate) trait Part: Sized {
 pub trait Message: Part {
     /// Its type's name on the wire.
     const TYPE: &'static str;
-    /// Where it is sent.
-    const TOPIC: &'static str;
 
     /// The bytes of a sample, encapsulation header included.
     fn to_cdr(&self) -> Vec<u8> {

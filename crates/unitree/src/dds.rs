@@ -102,28 +102,28 @@ impl Bus {
         builder.history(History::KeepLast { depth }).build()
     }
 
-    /// Offers a message's topic. Reliable, as the maker's programs write.
+    /// Offers a topic. Reliable, as the maker's programs write.
     ///
     /// # Errors
     /// [`DdsError`].
-    pub fn writer<M: Message>(&self) -> Result<Writer<M>, DdsError> {
+    pub fn writer<M: Message>(&self, topic: &str) -> Result<Writer<M>, DdsError> {
         let reliable = Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) };
         let quality = Self::quality(reliable, 1);
         let publisher = self.participant.create_publisher(&quality).map_err(|error| self.failed(error))?;
-        let topic = self.participant.create_topic(M::TOPIC.into(), M::TYPE.into(), &quality, TopicKind::NoKey);
+        let topic = self.participant.create_topic(topic.into(), M::TYPE.into(), &quality, TopicKind::NoKey);
         let topic = topic.map_err(|error| self.failed(error))?;
         let writer = publisher.create_datawriter_no_key(&topic, Some(quality)).map_err(|error| self.failed(error))?;
         Ok(Writer { writer, of: PhantomData })
     }
 
-    /// Reads a message's topic, whoever writes there.
+    /// Reads a topic, whoever writes there.
     ///
     /// # Errors
     /// [`DdsError`].
-    pub fn reader<M: Message>(&self) -> Result<Reader<M>, DdsError> {
+    pub fn reader<M: Message>(&self, topic: &str) -> Result<Reader<M>, DdsError> {
         let quality = Self::quality(Reliability::BestEffort, WAITING);
         let subscriber = self.participant.create_subscriber(&quality).map_err(|error| self.failed(error))?;
-        let topic = self.participant.create_topic(M::TOPIC.into(), M::TYPE.into(), &quality, TopicKind::NoKey);
+        let topic = self.participant.create_topic(topic.into(), M::TYPE.into(), &quality, TopicKind::NoKey);
         let topic = topic.map_err(|error| self.failed(error))?;
         let reader = subscriber.create_simple_datareader_no_key(&topic, Some(quality));
         Ok(Reader { reader: reader.map_err(|error| self.failed(error))?, of: PhantomData })

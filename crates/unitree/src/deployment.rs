@@ -15,7 +15,7 @@ use crate::PERIOD_S;
 use crate::dds::{Bus, DdsError};
 use crate::estimate::{Estimate, Estimator};
 use crate::guard::{Drive, Guard, Limits, Reason, Targets};
-use crate::messages::{LowCmd, LowState};
+use crate::messages::{LOW_CMD, LOW_STATE, LowCmd, LowState};
 use crate::motors::{Motors, MotorsError};
 use crate::record::{Record, RecordError};
 
@@ -25,7 +25,7 @@ const ALONE: Duration = Duration::from_millis(200);
 /// Damping is sent for so long: one that is lost, or the writer's end, is not the last that the robot hears.
 const LETTING_DOWN: Duration = Duration::from_secs(1);
 
-/// How a policy is put on a robot.
+/// The way in which a policy is put on a robot.
 #[derive(Debug, Clone, Copy)]
 pub struct Deployment<'a> {
     /// Domain of DDS; a robot is in 0.
@@ -38,11 +38,11 @@ pub struct Deployment<'a> {
     pub dry: bool,
     /// File for all states and commands.
     pub record: Option<&'a Path>,
-    /// How long the policy may drive, s.
+    /// Time for which the policy drives, s.
     pub seconds: f64,
 }
 
-/// How it ended.
+/// The end of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Deployed {
     /// Why the robot was let down.
@@ -160,8 +160,8 @@ pub fn deploy(
     stop: &AtomicBool,
 ) -> Result<Deployed, DeployError> {
     let bus = Bus::open(deployment.domain, deployment.address)?;
-    let mut states = bus.reader::<LowState>()?;
-    let mut others = bus.reader::<LowCmd>()?;
+    let mut states = bus.reader::<LowState>(LOW_STATE)?;
+    let mut others = bus.reader::<LowCmd>(LOW_CMD)?;
     let mut record = deployment.record.map(Record::create).transpose()?;
     let mut done = Deployed { reason: Reason::TimeOver, states: 0, unsound: 0, commands: 0, steps: 0 };
 
@@ -194,7 +194,7 @@ pub fn deploy(
     senses.measure(&first)?;
     policy.reset(info, &senses.observe(0).unwrap_or_default())?;
 
-    let commands = bus.writer::<LowCmd>()?;
+    let commands = bus.writer::<LowCmd>(LOW_CMD)?;
     let clock = Instant::now();
     let now = || clock.elapsed().as_secs_f64();
     let mut guard = Guard::new(deployment.limits, drives, first, now());
@@ -219,7 +219,7 @@ pub fn deploy(
             };
             while let Some(state) = states.take() {
                 done.states += 1;
-                if let Some(Err(error)) = record.as_mut().map(|record| record.add(&state, clock.elapsed())) {
+                if let Some(Err(error)) = record.as_mut().map(|record| record.add(LOW_STATE, &state, clock.elapsed())) {
                     record = None;
                     fails(&mut guard, error.into());
                 }
@@ -259,7 +259,7 @@ pub fn deploy(
                 due = (due + deployment.limits.period).max(now() - deployment.limits.period);
             }
             let command = guard.command(now());
-            if let Some(Err(error)) = record.as_mut().map(|record| record.add(&command, clock.elapsed())) {
+            if let Some(Err(error)) = record.as_mut().map(|record| record.add(LOW_CMD, &command, clock.elapsed())) {
                 record = None;
                 fails(&mut guard, error.into());
             }

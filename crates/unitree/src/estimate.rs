@@ -1,4 +1,4 @@
-//! What a robot does not measure but policies read: how fast its pelvis moves, and how high it is.
+//! The pelvis's velocity and height, which policies read and no robot measures.
 
 use fiatlux_robot::{Robot, RobotError};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
@@ -75,7 +75,7 @@ impl Estimator {
     }
 }
 
-/// What legs say, from angles and velocities, the pelvis's orientation (w, x, y, z) and its own angular velocity.
+/// The legs' word, from angles and velocities, the pelvis's orientation (w, x, y, z) and its own angular velocity.
 fn by_legs(
     robot: &Robot,
     q: &[f64],

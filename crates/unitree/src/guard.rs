@@ -1,4 +1,4 @@
-//! What may reach a robot's motors: targets of a policy, bounded and watched, or damping for good.
+//! All that may reach a robot's motors: targets of a policy, bounded and watched, or damping for good.
 //!
 //! Time is given, in s, so that each rule can be tried without a clock.
 

@@ -5,6 +5,11 @@ use crate::cdr::{Message, c_layout, parts};
 /// Entries for motors in `LowCmd` and `LowState`; a G1 has the first 29.
 pub const MOTOR_SLOTS: usize = 35;
 
+pub(crate) const LOW_CMD: &str = "rt/lowcmd";
+pub(crate) const LOW_STATE: &str = "rt/lowstate";
+pub(crate) const SWITCHER_REQUEST: &str = "rt/api/motion_switcher/request";
+pub(crate) const SWITCHER_RESPONSE: &str = "rt/api/motion_switcher/response";
+
 parts! {
     /// A motor's target: effort = tau + kp (q - measured) + kd (dq - measured), N m.
     #[derive(Copy, Default)]
@@ -91,7 +96,7 @@ parts! {
         crc: u32,
     }
 
-    /// A motor's target of an Inspire hand.
+    /// A motor's target of a hand.
     #[derive(Copy, Default)]
     HandMotorCmd {
         mode: u8,
@@ -104,7 +109,7 @@ parts! {
         reserve: [u32; 3],
     }
 
-    /// Both Inspire hands.
+    /// Both hands.
     HandCmds {
         cmds: Vec<HandMotorCmd>,
     }
@@ -152,27 +157,22 @@ parts! {
 
 impl Message for LowCmd {
     const TYPE: &'static str = "unitree_hg::msg::dds_::LowCmd_";
-    const TOPIC: &'static str = "rt/lowcmd";
 }
 
 impl Message for LowState {
     const TYPE: &'static str = "unitree_hg::msg::dds_::LowState_";
-    const TOPIC: &'static str = "rt/lowstate";
 }
 
 impl Message for HandCmds {
     const TYPE: &'static str = "unitree_go::msg::dds_::MotorCmds_";
-    const TOPIC: &'static str = "rt/inspire/cmd";
 }
 
 impl Message for Request {
     const TYPE: &'static str = "unitree_api::msg::dds_::Request_";
-    const TOPIC: &'static str = "rt/api/motion_switcher/request";
 }
 
 impl Message for Response {
     const TYPE: &'static str = "unitree_api::msg::dds_::Response_";
-    const TOPIC: &'static str = "rt/api/motion_switcher/response";
 }
 
 impl Default for LowCmd {

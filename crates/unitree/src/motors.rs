@@ -1,5 +1,6 @@
 //! Which motor drives which joint.
 
+use serde::Deserialize;
 use thiserror::Error;
 
 /// The joint of each motor of the body, in the order of `motor_cmd` and `motor_state`.
@@ -38,18 +39,20 @@ pub const MOTORS: [&str; 29] = [
 /// Motors that the parallel linkages of ankles and waist move together.
 pub(crate) const LINKED: [usize; 6] = [4, 5, 10, 11, 13, 14];
 
-/// The fingers that one motor of an Inspire hand bends, and how far each turns for one radian of the first; in the order of
-/// `rt/inspire/cmd`: little, ring, middle, index finger, bend of the thumb, turn of the thumb.
-const FINGERS: [&[(&str, f64)]; 6] = [
-    &[("pinky_proximal_joint", 1.0), ("pinky_intermediate_joint", 1.0)],
-    &[("ring_proximal_joint", 1.0), ("ring_intermediate_joint", 1.0)],
-    &[("middle_proximal_joint", 1.0), ("middle_intermediate_joint", 1.0)],
-    &[("index_proximal_joint", 1.0), ("index_intermediate_joint", 1.0)],
-    &[("thumb_proximal_pitch_joint", 1.0), ("thumb_intermediate_joint", 1.6), ("thumb_distal_joint", 2.4)],
-    &[("thumb_proximal_yaw_joint", 1.0)],
-];
-/// The right hand comes first.
-const SIDES: [&str; 2] = ["R", "L"];
+/// `hands.toml`, which explains its fields.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Hands {
+    pub topic: String,
+    sides: Vec<String>,
+    motors: Vec<Vec<(String, f64)>>,
+}
+
+impl Hands {
+    /// Those of the file.
+    pub fn known() -> Self {
+        toml::from_str(include_str!("hands.toml")).expect("the file of this crate is sound, which a test reads")
+    }
+}
 
 /// A robot whose body is not a G1's.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -64,7 +67,7 @@ pub struct MotorsError {
 pub struct Motors {
     /// Of each motor of the body.
     pub body: [usize; MOTORS.len()],
-    /// Of each motor of both Inspire hands: its joints, with their turn for one radian of the first. Empty for another hand.
+    /// Of each motor of both hands that have a topic of their own: its joints, with their turn for one radian of the first. Empty for other hands.
     pub hands: Vec<Vec<(usize, f64)>>,
 }
 
@@ -79,11 +82,12 @@ impl Motors {
         for (index, joint) in body.iter_mut().zip(MOTORS) {
             *index = find(joint).ok_or(MotorsError { joint })?;
         }
-        let motor = |side: &str, fingers: &[(&str, f64)]| -> Option<Vec<(usize, f64)>> {
+        let known = Hands::known();
+        let motor = |side: &str, fingers: &[(String, f64)]| -> Option<Vec<(usize, f64)>> {
             fingers.iter().map(|(joint, turn)| Some((find(&format!("{side}_{joint}"))?, *turn))).collect()
         };
-        let hands: Option<Vec<_>> =
-            (SIDES.iter()).flat_map(|side| FINGERS.map(|fingers| motor(side, fingers))).collect();
+        let motors = known.sides.iter().flat_map(|side| known.motors.iter().map(|fingers| motor(side, fingers)));
+        let hands: Option<Vec<_>> = motors.collect();
         Ok(Self { body, hands: hands.unwrap_or_default() })
     }
 }

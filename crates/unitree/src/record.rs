@@ -46,17 +46,17 @@ impl Record {
     ///
     /// # Errors
     /// [`RecordError`].
-    pub fn add<M: Message>(&mut self, message: &M, at: Duration) -> Result<(), RecordError> {
-        let (channel_id, sequence) = match self.channels.get(M::TYPE) {
+    pub fn add<M: Message>(&mut self, topic: &'static str, message: &M, at: Duration) -> Result<(), RecordError> {
+        let (channel_id, sequence) = match self.channels.get(topic) {
             Some(channel) => *channel,
             None => {
                 let schema = self.writer.add_schema(M::TYPE, "", &[]);
                 let schema = schema.map_err(|error| self.failed(&error))?;
-                let added = self.writer.add_channel(schema, M::TOPIC, "cdr", &BTreeMap::new());
+                let added = self.writer.add_channel(schema, topic, "cdr", &BTreeMap::new());
                 (added.map_err(|error| self.failed(&error))?, 0)
             }
         };
-        self.channels.insert(M::TYPE, (channel_id, sequence.wrapping_add(1)));
+        self.channels.insert(topic, (channel_id, sequence.wrapping_add(1)));
         let log_time = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
         let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
         self.writer.write_to_known_channel(&header, &message.to_cdr()).map_err(|error| self.failed(&error))

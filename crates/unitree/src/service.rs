@@ -11,7 +11,11 @@ use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use crate::PERIOD_S;
 use crate::dds::{Bus, DdsError, Reader, Writer};
-use crate::messages::{HandCmds, LowCmd, LowState, Request, Response, ResponseHeader};
+use crate::messages::{
+    HandCmds, LOW_CMD, LOW_STATE, LowCmd, LowState, Request, Response, ResponseHeader, SWITCHER_REQUEST,
+    SWITCHER_RESPONSE,
+};
+use crate::motors::Hands;
 use crate::stand_in::{Body, is_sound};
 
 /// Time between two states, and between two looks for commands.
@@ -35,7 +39,7 @@ pub enum Pace {
     Commands,
 }
 
-/// What the threads share.
+/// Shared by the threads.
 struct Shared {
     /// The robot, and when it was measured; `None` before the first episode.
     body: Mutex<Option<(Body, Instant)>>,
@@ -43,7 +47,7 @@ struct Shared {
     stop: AtomicBool,
 }
 
-/// What came in.
+/// All that came in.
 #[derive(Default)]
 struct Commands {
     body: Option<(LowCmd, Instant)>,
@@ -54,7 +58,7 @@ struct Commands {
 }
 
 /// A policy that is whatever drives a G1 in a domain of DDS: it publishes what the robot measures on `rt/lowstate`, takes
-/// `rt/lowcmd` and `rt/inspire/cmd`, and answers the motion switcher's calls. An episode begins with the first command.
+/// `rt/lowcmd` and commands of hands, and answers the motion switcher's calls. An episode begins with the first command.
 pub struct StandIn {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -75,11 +79,11 @@ impl StandIn {
     pub fn join(domain: u16, address: Option<IpAddr>, pace: Pace) -> Result<Self, DdsError> {
         let bus = Bus::open(domain, address)?;
         let ends = Ends {
-            states: bus.writer()?,
-            commands: bus.reader()?,
-            hands: bus.reader()?,
-            requests: bus.reader()?,
-            responses: bus.writer()?,
+            states: bus.writer(LOW_STATE)?,
+            commands: bus.reader(LOW_CMD)?,
+            hands: bus.reader(&Hands::known().topic)?,
+            requests: bus.reader(SWITCHER_REQUEST)?,
+            responses: bus.writer(SWITCHER_RESPONSE)?,
             _bus: bus,
         };
         let shared = Arc::new(Shared {

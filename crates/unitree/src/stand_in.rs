@@ -1,4 +1,4 @@
-//! What a robot's controllers make of commands, and what its sensors say, for a session of ours.
+//! A session of ours as a robot: its controllers take commands, its sensors answer.
 #![cfg_attr(not(feature = "dds"), allow(dead_code))] // Used where there is DDS, and by tests.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};

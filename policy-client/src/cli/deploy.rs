@@ -38,7 +38,7 @@ pub struct DeployArgs {
     /// once, as in a simulator
     #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = ramp)]
     ramp: f64,
-    /// How long the policy drives, s
+    /// Time for which the policy drives, s
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
     seconds: f64,
     /// Compute all commands and send none
