@@ -92,8 +92,17 @@ struct Senses<'a> {
     /// Joint targets in force, rad.
     targets: Vec<f64>,
     estimator: Estimator,
-    /// Of the last state: angles and velocities of all joints, rad and rad/s, the pelvis's own angular velocity, rad/s, and what is estimated.
-    measured: Option<(Vec<f64>, Vec<f64>, [f64; 3], Estimate)>,
+    measured: Option<Measured>,
+}
+
+/// The last state.
+struct Measured {
+    /// Of all joints, rad and rad/s.
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    /// Of the pelvis in its own frame, rad/s.
+    angular_velocity: [f64; 3],
+    pelvis: Estimate,
 }
 
 impl Senses<'_> {
@@ -105,13 +114,14 @@ impl Senses<'_> {
             (q[joint], dq[joint]) = (f64::from(motor.q), f64::from(motor.dq));
         }
         let pelvis = self.estimator.follow(self.robot, &q, &dq, &state.imu_state, state.tick)?;
-        self.measured = Some((q, dq, state.imu_state.gyroscope.map(f64::from), pelvis));
+        let angular_velocity = state.imu_state.gyroscope.map(f64::from);
+        self.measured = Some(Measured { q, dq, angular_velocity, pelvis });
         Ok(())
     }
 
     /// The last state; `None` before the first one.
     fn observe(&self, step: u64) -> Option<Observation> {
-        let (q, dq, angular_velocity, pelvis) = self.measured.as_ref()?;
+        let Measured { q, dq, angular_velocity, pelvis } = self.measured.as_ref()?;
         let numbers = |numbers: &[f64]| numbers.iter().map(|number| *number as f32).collect::<Vec<f32>>();
         let relative = |angles: &[f64], scale: f64| {
             (angles.iter().zip(&self.info.joints)).map(|(angle, joint)| ((angle - joint.q0) / scale) as f32).collect()
