@@ -200,7 +200,7 @@ pub fn deploy(
         Drive { stiffness, damping, effort_limit, lower: joint.lower, upper: joint.upper }
     });
     let targets = info.joints.iter().map(|joint| joint.q0).collect();
-    let mut senses = Senses { robot, motors, info, targets, estimator: Estimator::new(), measured: None };
+    let mut senses = Senses { robot, motors, info, targets, estimator: Estimator::default(), measured: None };
     senses.measure(&first)?;
     policy.reset(info, &senses.observe(0).unwrap_or_default())?;
 

@@ -21,7 +21,7 @@ pub struct Estimate {
 
 /// Follows a robot from state to state. Legs say where the pelvis goes, with the noise of all their joints; the inertial unit says how
 /// that changes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Estimator {
     now: Option<(Estimate, u32)>,
 }
@@ -34,11 +34,6 @@ const MAX_GAP: f64 = 0.1;
 const GRAVITY: f64 = 9.81;
 
 impl Estimator {
-    /// Before the first state.
-    pub fn new() -> Self {
-        Self { now: None }
-    }
-
     /// The next state: joint angles and velocities of the whole robot, rad and rad/s, the pelvis's inertial unit, and the robot's clock, ms.
     ///
     /// # Errors
@@ -138,7 +133,7 @@ mod tests {
     fn noise_of_the_joints_is_smoothed_and_what_the_body_feels_is_not_late() {
         let robot = Robot::benchmark().expect("a robot");
         let count = robot.joints().len();
-        let mut estimator = Estimator::new();
+        let mut estimator = Estimator::default();
         // At rest for 2 s, with velocities of the joints that are wrong by 0.5 rad/s, another way in each state; then 0.1 s of 2 m/s^2 forwards.
         let (mut worst, mut last) = (0.0_f64, [0.0; 3]);
         for tick in 0..1050_u32 {
@@ -162,7 +157,7 @@ mod tests {
         let mut dq = vec![0.0; robot.joints().len()];
         let quaternion = UPRIGHT.map(|number| number as f32);
         let mut imu = ImuState { quaternion, accelerometer: [0.0, 0.0, 9.81], ..ImuState::default() };
-        let mut estimator = Estimator::new();
+        let mut estimator = Estimator::default();
         let first = estimator.follow(&robot, robot.q0(), &dq, &imu, 5).expect("finite");
         ankles(&robot).iter().for_each(|&joint| dq[joint] = -0.1);
         imu.gyroscope = [0.0, 0.1, 0.0];
@@ -176,6 +171,6 @@ mod tests {
     fn what_is_not_finite_is_refused() {
         let robot = Robot::benchmark().expect("a robot");
         let dq = vec![f64::NAN; robot.joints().len()];
-        assert!(Estimator::new().follow(&robot, robot.q0(), &dq, &ImuState::default(), 0).is_err());
+        assert!(Estimator::default().follow(&robot, robot.q0(), &dq, &ImuState::default(), 0).is_err());
     }
 }
