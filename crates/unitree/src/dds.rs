@@ -13,6 +13,11 @@ use thiserror::Error;
 
 use crate::cdr::Message;
 
+pub(crate) const LOW_CMD: &str = "rt/lowcmd";
+pub(crate) const LOW_STATE: &str = "rt/lowstate";
+pub(crate) const SWITCHER_REQUEST: &str = "rt/api/motion_switcher/request";
+pub(crate) const SWITCHER_RESPONSE: &str = "rt/api/motion_switcher/response";
+
 /// Samples that wait for their reader; at 500 Hz of some 60 ms.
 const WAITING: i32 = 32;
 /// Largest domain that the protocol's ports have room for.

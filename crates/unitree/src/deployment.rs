@@ -12,10 +12,10 @@ use fiatlux_robot::{Robot, RobotError};
 use thiserror::Error;
 
 use crate::PERIOD_S;
-use crate::dds::{Bus, DdsError};
+use crate::dds::{Bus, DdsError, LOW_CMD, LOW_STATE};
 use crate::estimate::{Estimate, Estimator};
 use crate::guard::{Drive, Guard, Limits, Reason, Targets};
-use crate::messages::{LOW_CMD, LOW_STATE, LowCmd, LowState};
+use crate::messages::{LowCmd, LowState};
 use crate::motors::{Motors, MotorsError};
 use crate::record::{Record, RecordError};
 

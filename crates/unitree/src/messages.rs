@@ -5,11 +5,6 @@ use crate::cdr::{Message, c_layout, parts};
 /// Entries for motors in `LowCmd` and `LowState`; a G1 has the first 29.
 pub const MOTOR_SLOTS: usize = 35;
 
-pub(crate) const LOW_CMD: &str = "rt/lowcmd";
-pub(crate) const LOW_STATE: &str = "rt/lowstate";
-pub(crate) const SWITCHER_REQUEST: &str = "rt/api/motion_switcher/request";
-pub(crate) const SWITCHER_RESPONSE: &str = "rt/api/motion_switcher/response";
-
 parts! {
     /// A motor's target: effort = tau + kp (q - measured) + kd (dq - measured), N m.
     #[derive(Copy, Default)]

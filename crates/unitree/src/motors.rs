@@ -42,6 +42,7 @@ pub(crate) const LINKED: [usize; 6] = [4, 5, 10, 11, 13, 14];
 /// `hands.toml`, which explains its fields.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Hands {
+    #[cfg(feature = "dds")]
     pub topic: String,
     sides: Vec<String>,
     motors: Vec<Vec<(String, f64)>>,

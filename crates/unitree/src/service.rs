@@ -10,11 +10,8 @@ use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, SessionInfo};
 
 use crate::PERIOD_S;
-use crate::dds::{Bus, DdsError, Reader, Writer};
-use crate::messages::{
-    HandCmds, LOW_CMD, LOW_STATE, LowCmd, LowState, Request, Response, ResponseHeader, SWITCHER_REQUEST,
-    SWITCHER_RESPONSE,
-};
+use crate::dds::{Bus, DdsError, LOW_CMD, LOW_STATE, Reader, SWITCHER_REQUEST, SWITCHER_RESPONSE, Writer};
+use crate::messages::{HandCmds, LowCmd, LowState, Request, Response, ResponseHeader};
 use crate::motors::Hands;
 use crate::stand_in::{Body, is_sound};
 
