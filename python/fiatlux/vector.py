@@ -430,7 +430,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         return observation, own(self._reward), own(self._terminated), own(self._truncated), info
 
     def _conclude(self, info: dict[str, Any], waited: NDArray[np.bool_] | None) -> None:
-        """What a step is made whole by: the judge of the caller's."""
+        """The rest of a step: the judge of the caller's."""
         own = np.copy if self.copies else np.asarray
         info |= {"reward_terms": own(self._terms), "success": own(self._success)}
         if self._judge is not None and waited is not None:

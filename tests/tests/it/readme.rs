@@ -58,6 +58,7 @@ fn stage(scratch: &Scratch) -> PathBuf {
         'run --release -p fiatlux-bench -- service') exec target/release/fiatlux-bench service --seconds 0.5 --sessions 3 ;;\n\
         'run --release -p fiatlux-bench -- sensors') exec target/release/fiatlux-bench sensors --seconds 0.5 ;;\n\
         'run --release -p fiatlux-bench -- batch') exec target/release/fiatlux-bench batch --worlds 8 --rounds 2 --seconds 0.05 ;;\n\
+        'run --release -p fiatlux-bench -- camera') exec target/release/fiatlux-bench camera --alone --rounds 1 --seconds 0.05 ;;\n\
         'run --release -p fiatlux-bench -- shares') exec target/release/fiatlux-bench shares --chunks 1 ;;\n\
         'run --release -p fiatlux-bench -- violence') exec target/release/fiatlux-bench violence --runs 2 --starts 4 ;;\n\
         'run --release -p fiatlux-bench --features rapier -- world') exec target/release/fiatlux-bench world --seconds 0.5 ;;\n\
