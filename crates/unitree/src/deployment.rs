@@ -219,7 +219,7 @@ pub fn deploy(
                 }
             }
         });
-        let (mut due, mut failure, mut let_down) = (0.0, None, None);
+        let (mut due, mut measured, mut failure, mut let_down) = (0.0, None, None, None);
         let mut next = Instant::now();
         loop {
             // What fails here lets the robot down, and is said at the end.
@@ -227,6 +227,7 @@ pub fn deploy(
                 guard.stop(Reason::Program);
                 failure.get_or_insert(error);
             };
+            let mut is_new = false;
             while let Some(state) = states.take() {
                 done.states += 1;
                 if let Some(Err(error)) = record.as_mut().map(|record| record.add(LOW_STATE, &state, clock.elapsed())) {
@@ -234,6 +235,7 @@ pub fn deploy(
                     fails(&mut guard, error.into());
                 }
                 if state.crc == state.checksum() {
+                    is_new |= measured.replace(state.motor_state) != Some(state.motor_state);
                     guard.measure(state.clone(), now());
                     // What is not finite is past a bound already.
                     if guard.down().is_none()
@@ -260,8 +262,10 @@ pub fn deploy(
             if now() > deployment.limits.ramp + deployment.seconds {
                 guard.stop(Reason::TimeOver);
             }
-            // A policy that is still at work is asked again with a later state.
-            if now() >= due
+            // A policy that is still at work is asked again with a later state; one that is not, with a state that has just been measured,
+            // if the robot measures less often than it speaks.
+            let late = now() - due;
+            if (late >= 0.0 && is_new || late > deployment.limits.period)
                 && guard.down().is_none()
                 && let Some(observation) = senses.observe(done.steps)
                 && to_policy.try_send(observation).is_ok()

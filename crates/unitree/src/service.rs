@@ -17,6 +17,8 @@ use crate::stand_in::{Body, is_sound};
 
 /// Time between two states, and between two looks for commands.
 const PERIOD: Duration = Duration::from_micros((PERIOD_S * 1e6) as u64);
+/// With the clock, a step is answered so many periods after its state, which leaves two for the answer's way.
+const ANSWER_AFTER: u32 = 8;
 /// Commands of a control step of 20 ms, as programs of 500 Hz send them.
 const COMMANDS_A_STEP: usize = 10;
 /// The last state is sent again until the next one is measured; its time does not go beyond that.
@@ -134,7 +136,10 @@ impl Policy for StandIn {
                 *at = Instant::now();
             }
         }
-        if self.pace == Pace::Commands {
+        if self.pace == Pace::Clock {
+            // The next step begins with what is commanded then, not with the answer to the state before.
+            std::thread::sleep(PERIOD * ANSWER_AFTER);
+        } else {
             let until = self.seen + COMMANDS_A_STEP;
             // A program that is gone is one whose commands do not come: the session waits no longer than a robot would.
             while {
