@@ -76,7 +76,7 @@ pub struct DaemonArgs {
     #[command(flatten)]
     link: LinkArgs,
     #[command(flatten)]
-    robot: RobotArgs,
+    pub robot: RobotArgs,
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -87,6 +87,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 /// Serves until it is told to stop; returns whether recorders then have every record.
 pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     fiatlux_cli::init_log();
+    args.robot.check()?;
     let scene = match &args.scene {
         None => SceneConfig::default(),
         Some(path) => {

@@ -161,6 +161,22 @@ mod tests {
     }
 
     #[test]
+    fn flags_of_a_robot_ask_for_one() {
+        let checked = |flags: &[&str]| {
+            let cli = Cli::try_parse_from([&["sim-server"], flags].concat()).unwrap();
+            cli.daemon.robot.check().map_err(|error| error.to_string())
+        };
+        for flags in
+            [&["--domain", "0"][..], &["--task", "S01"], &["--seed", "3"], &["--lockstep"], &["--dds-address", "::1"]]
+        {
+            let refused = checked(flags).unwrap_err();
+            assert!(refused.starts_with(flags[0]) && refused.contains("--unitree"), "{refused}");
+            assert_eq!(checked(&[&["--unitree"], flags].concat()), Ok(()));
+        }
+        assert_eq!(checked(&[]), Ok(()));
+    }
+
+    #[test]
     fn whole_numbers_name_their_range() {
         fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
     }

@@ -14,21 +14,41 @@ pub struct RobotArgs {
     /// --features unitree.
     #[arg(long)]
     pub unitree: bool,
-    /// Domain; Unitree's own simulator is in 1, a robot in 0.
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "unitree", value_parser = whole::<u16>(0..=232))]
-    domain: u16,
+    /// Domain [default: 1, that of Unitree's own simulator; a robot is in 0].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(0..=232))]
+    domain: Option<u16>,
     /// Address of this machine on the network to use, such as 127.0.0.1 [default: all networks].
-    #[arg(long, value_name = "ADDRESS", requires = "unitree")]
+    #[arg(long, value_name = "ADDRESS")]
     dds_address: Option<IpAddr>,
-    /// Task of the episode: S01 to S12, replace or climb.
-    #[arg(long, default_value = "S07", requires = "unitree")]
-    task: Task,
-    /// Its room: layout seed.
-    #[arg(long, default_value_t = 0, requires = "unitree", value_parser = whole::<u64>(0..))]
-    seed: u64,
+    /// Task of the episode: S01 to S12, replace or climb [default: S07].
+    #[arg(long)]
+    task: Option<Task>,
+    /// Its room: layout seed [default: 0].
+    #[arg(long, value_parser = whole::<u64>(0..))]
+    seed: Option<u64>,
     /// Go on after ten commands a control step, as programs of 500 Hz send them, instead of with the clock.
-    #[arg(long, requires = "unitree")]
+    #[arg(long)]
     lockstep: bool,
+}
+
+impl RobotArgs {
+    /// Refuses flags of a robot where none is asked for: a server of sessions takes task and room from its clients.
+    ///
+    /// # Errors
+    /// Its text names the flag.
+    pub fn check(&self) -> anyhow::Result<()> {
+        let flags = [
+            ("--domain", self.domain.is_some()),
+            ("--dds-address", self.dds_address.is_some()),
+            ("--task", self.task.is_some()),
+            ("--seed", self.seed.is_some()),
+            ("--lockstep", self.lockstep),
+        ];
+        match flags.iter().find(|(_, given)| *given && !self.unitree) {
+            Some((flag, _)) => anyhow::bail!("{flag} is for --unitree: add that, or leave {flag} out"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Plays the episode.
@@ -48,7 +68,8 @@ pub fn run(args: &RobotArgs, options: ServerOptions) -> anyhow::Result<bool> {
 
     let stop = fiatlux_cli::stop_on_signal()?;
     let pace = if args.lockstep { Pace::Commands } else { Pace::Clock };
-    let mut program = StandIn::join(args.domain, args.dds_address, pace)?;
+    let (domain, task, seed) = (args.domain.unwrap_or(1), args.task.unwrap_or(Task::S07), args.seed.unwrap_or(0));
+    let mut program = StandIn::join(domain, args.dds_address, pace)?;
     let (sender, reports) = std::sync::mpsc::channel();
     let bags = options.record.as_ref().map(|out| {
         std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
@@ -61,12 +82,12 @@ pub fn run(args: &RobotArgs, options: ServerOptions) -> anyhow::Result<bool> {
     let options = ServerOptions { workers: 1, record: None, records_to: RecordsTo::Nobody, ..options };
     let server = LocalServer::start(fiatlux_carrier::memory(), options, bags.transpose()?)?;
     let mut request = request_of(&program);
-    request.task = args.task.to_string();
-    request.seed = args.seed;
+    request.task = task.to_string();
+    request.seed = seed;
     request.mode = if args.lockstep { Mode::Lockstep } else { Mode::RealTime }.into();
     request.recorded = recorded;
     let mut client = Client::open(server.carrier(), Some(&name), request)?;
-    fiatlux_cli::print(format!("a G1 in domain {}: {} in room {}\n", args.domain, args.task, args.seed))?;
+    fiatlux_cli::print(format!("a G1 in domain {domain}: {task} in room {seed}\n"))?;
     let played = client.run_episode(0, &mut program, &mut |_| {}, &stop);
     let closed = client.close();
     server.stop();
