@@ -63,8 +63,8 @@ def test_worlds_beyond_the_limit_are_refused_and_others_made(monkeypatch):
         MemoryError, match="no memory for 200000 worlds: .* 0.1 GiB are left by /sys/fs/cgroup/memory.max"
     ):
         fiatlux.VectorEnv("S07", 200_000, seeds=[1000])
-    with pytest.raises(MemoryError, match="no memory for 64 worlds"):
-        fiatlux.VectorEnv("S07", 64, seeds=[1000], sensors=["camera"], image_size=(640, 480))
+    with pytest.raises(MemoryError, match="no memory for 128 worlds"):
+        fiatlux.VectorEnv("S07", 128, seeds=[1000], sensors=["camera"], image_size=(640, 480))
     fiatlux.VectorEnv("S07", 2, seeds=[1000]).reset(seed=0)
 
 
