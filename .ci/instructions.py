@@ -14,7 +14,7 @@ import tempfile
 MILLIONS = {(64, 64): 4.77, (128, 128): 10.1, (256, 256): 29.3, (640, 480): 114.5}
 # More by this share fails.
 TOLERANCE = 0.05
-# Fewer than this share are no gain, but functions that were not found: one that calls another of its name ends the count.
+# A count below this share is no gain: the drawing function was not found, or it calls another one that the pattern names, which ends the count.
 FEWEST = 0.5
 STARTS = 6
 
@@ -42,7 +42,7 @@ def main() -> None:
         name = f"{size[0]}x{size[1]}"
         print(f"{name}: {found:.2f} million instructions a picture, expected {expected}")
         if found < FEWEST * expected:
-            sys.exit("this is no picture: does --toggle-collect still name the function that draws, and no other one within it?")
+            sys.exit("too few for a picture: --toggle-collect must name the function that draws, and none that it calls")
         failed |= found > expected * (1 + TOLERANCE)
     if failed:
         sys.exit("a picture takes more instructions than it did: find out why, or enter the new count with its reason")

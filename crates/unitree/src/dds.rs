@@ -20,8 +20,6 @@ pub(crate) const SWITCHER_RESPONSE: &str = "rt/api/motion_switcher/response";
 
 /// Samples that wait for their reader; at 500 Hz of some 60 ms.
 const WAITING: i32 = 32;
-/// Largest domain that the protocol's ports have room for.
-pub const MAX_DOMAIN: u16 = 232;
 
 /// DDS does not start.
 #[derive(Debug, Error)]

@@ -11,13 +11,13 @@ use fiatlux_proto::v3::{Observation, Proprioception, SessionInfo};
 use fiatlux_robot::{Robot, RobotError};
 use thiserror::Error;
 
-use crate::PERIOD_S;
 use crate::dds::{Bus, DdsError, LOW_CMD, LOW_STATE};
 use crate::estimate::{Estimate, Estimator};
 use crate::guard::{Drive, Guard, Limits, Reason, Targets};
 use crate::messages::{LowCmd, LowState};
 use crate::motors::{Motors, MotorsError};
 use crate::record::{Record, RecordError};
+use crate::ticks::{PERIOD, Ticks};
 
 /// Time in which the robot must be heard, and in which nobody else may command it.
 const LISTENING: Duration = Duration::from_secs(5);
@@ -140,7 +140,11 @@ impl Senses<'_> {
 
     /// Takes a command over; targets of the body's motors.
     fn follow(&mut self, command: &Command) -> Result<Targets, PolicyError> {
+        let unfit = |reason: String| Err(PolicyError::Unfit { policy: "unitree", reason });
         match command {
+            Command::JointTarget(numbers) | Command::Action(numbers) if numbers.len() != self.targets.len() => {
+                return unfit(format!("its command has {} numbers for {} joints", numbers.len(), self.targets.len()));
+            }
             Command::JointTarget(targets) => self.targets.clone_from(targets),
             Command::Action(action) => {
                 for ((target, action), joint) in self.targets.iter_mut().zip(action).zip(&self.info.joints) {
@@ -148,9 +152,8 @@ impl Senses<'_> {
                 }
             }
             Command::WholeBody(..) => {
-                let reason =
-                    "it leaves the whole-body controller to a server; put the controller itself on the robot: wbc";
-                return Err(PolicyError::Unfit { policy: "unitree", reason: reason.into() });
+                let remedy = "put the controller itself on the robot: wbc";
+                return unfit(format!("it leaves the whole-body controller to a server; {remedy}"));
             }
         }
         Ok(std::array::from_fn(|motor| self.targets[self.motors.body[motor]]))
@@ -187,18 +190,14 @@ pub fn deploy(
         match state {
             Some(state) if began.elapsed() > ALONE => break state,
             None if began.elapsed() > LISTENING => return Err(DeployError::Silent { domain: deployment.domain }),
-            _ => std::thread::sleep(Duration::from_secs_f64(PERIOD_S)),
+            _ => std::thread::sleep(PERIOD),
         }
     };
     drop(others);
 
     let names: Vec<&str> = info.joints.iter().map(|joint| joint.name.as_str()).collect();
     let motors = Motors::of(&names)?;
-    let drives = motors.body.map(|joint| {
-        let joint = &info.joints[joint];
-        let (stiffness, damping, effort_limit) = (joint.stiffness, joint.damping, joint.effort_limit);
-        Drive { stiffness, damping, effort_limit, lower: joint.lower, upper: joint.upper }
-    });
+    let drives = motors.body.map(|joint| Drive::of(&info.joints[joint]));
     let targets = info.joints.iter().map(|joint| joint.q0).collect();
     let mut senses = Senses { robot, motors, info, targets, estimator: Estimator::default(), measured: None };
     senses.measure(&first)?;
@@ -220,7 +219,7 @@ pub fn deploy(
             }
         });
         let (mut due, mut measured, mut failure, mut let_down) = (0.0, None, None, None);
-        let mut next = Instant::now();
+        let mut ticks = Ticks::begin();
         loop {
             // What fails here lets the robot down, and is said at the end.
             let mut fails = |guard: &mut Guard, error: DeployError| {
@@ -284,11 +283,7 @@ pub fn deploy(
             if guard.down().is_some() && *let_down.get_or_insert(now()) + LETTING_DOWN.as_secs_f64() < now() {
                 break;
             }
-            next += Duration::from_secs_f64(PERIOD_S);
-            match next.checked_duration_since(Instant::now()) {
-                Some(left) => std::thread::sleep(left),
-                None => next = Instant::now(),
-            }
+            ticks.wait();
         }
         // The policy's thread ends by it.
         drop(to_policy);

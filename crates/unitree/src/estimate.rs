@@ -1,6 +1,7 @@
 //! The pelvis's velocity and height, which policies read and no robot measures.
 
 use fiatlux_robot::{Robot, RobotError};
+use fiatlux_rules::GRAVITY;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use crate::messages::ImuState;
@@ -31,7 +32,6 @@ const VELOCITY_TIME: f64 = 0.3;
 const HEIGHT_TIME: f64 = 0.1;
 /// Longest time between two states that is followed, s: after a longer one legs alone count.
 const MAX_GAP: f64 = 0.1;
-const GRAVITY: f64 = 9.81;
 
 impl Estimator {
     /// The next state: joint angles and velocities of the whole robot, rad and rad/s, the pelvis's inertial unit, and the robot's clock, ms.

@@ -4,12 +4,17 @@
 
 use std::fmt;
 
+use fiatlux_proto::v3::Joint;
+use fiatlux_rules::CONTROL_DT;
+
 use crate::messages::{LowCmd, LowState, MotorCmd};
 use crate::motors::MOTORS;
 use crate::remote::Remote;
 
 /// Damping of a robot that is let down, N m s/rad, as in the maker's own programs.
 pub(crate) const DAMPING: f32 = 8.0;
+/// Without commands for so long a robot is let down, s, and without states, too.
+pub(crate) const MAX_SILENCE: f64 = 0.1;
 
 /// Beyond these a robot is let down. The defaults are the maker's own, where it names any.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,12 +46,12 @@ impl Default for Limits {
             joint_speed: 20.0,
             turn_rate: 6.0,
             temperatures: [85, 120],
-            silence: 0.1,
+            silence: MAX_SILENCE,
             jump: 0.1,
             ramp: 3.0,
-            period: 0.02,
+            period: CONTROL_DT,
             // Half a period: targets that are late by all of it make a robot fall that walks at its limit of delay.
-            reach: 0.01,
+            reach: CONTROL_DT / 2.0,
         }
     }
 }
@@ -99,6 +104,14 @@ pub struct Drive {
     pub lower: f64,
     /// rad.
     pub upper: f64,
+}
+
+impl Drive {
+    /// Of a session's joint.
+    pub(crate) fn of(joint: &Joint) -> Self {
+        let Joint { stiffness, damping, effort_limit, lower, upper, .. } = *joint;
+        Self { stiffness, damping, effort_limit, lower, upper }
+    }
 }
 
 /// Targets of all motors, rad.

@@ -17,6 +17,8 @@ mod remote;
 #[cfg(feature = "dds")]
 mod service;
 mod stand_in;
+#[cfg(feature = "dds")]
+mod ticks;
 
 pub use cdr::{CdrError, Message};
 #[cfg(feature = "dds")]

@@ -9,14 +9,12 @@ use std::time::{Duration, Instant};
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, SessionInfo};
 
-use crate::PERIOD_S;
 use crate::dds::{Bus, DdsError, LOW_CMD, LOW_STATE, Reader, SWITCHER_REQUEST, SWITCHER_RESPONSE, Writer};
 use crate::messages::{HandCmds, LowCmd, LowState, Request, Response, ResponseHeader};
 use crate::motors::Hands;
 use crate::stand_in::{Body, is_sound};
+use crate::ticks::{PERIOD, Ticks};
 
-/// Time between two states, and between two looks for commands.
-const PERIOD: Duration = Duration::from_micros((PERIOD_S * 1e6) as u64);
 /// With the clock, a step is answered so many periods after its state, which leaves two for the answer's way.
 const ANSWER_AFTER: u32 = 8;
 /// Commands of a control step of 20 ms, as programs of 500 Hz send them.
@@ -178,7 +176,7 @@ struct Ends {
 impl Ends {
     /// Publishes states and takes commands until it is told to stop.
     fn serve(mut self, shared: &Shared) {
-        let mut next = Instant::now();
+        let mut ticks = Ticks::begin();
         while !shared.stop.load(Ordering::Relaxed) {
             let state = lock(&shared.body).as_ref().map(|(body, at)| {
                 let later = u32::try_from(at.elapsed().as_millis()).unwrap_or(u32::MAX);
@@ -212,12 +210,7 @@ impl Ends {
                     self.responses.write(&answer(&request));
                 }
             }
-            next += PERIOD;
-            match next.checked_duration_since(Instant::now()) {
-                Some(left) => std::thread::sleep(left),
-                // After a pause of the machine states do not come in a burst.
-                None => next = Instant::now(),
-            }
+            ticks.wait();
         }
     }
 }

@@ -2,33 +2,22 @@
 #![cfg_attr(not(feature = "dds"), allow(dead_code))] // Used where there is DDS, and by tests.
 
 use fiatlux_proto::v3::{Observation, SessionInfo};
+use fiatlux_rules::GRAVITY;
 
+use crate::guard::{DAMPING, Drive, MAX_SILENCE};
 use crate::messages::{HandCmds, ImuState, LowCmd, LowState, MotorState};
 use crate::motors::{LINKED, MOTORS, Motors, MotorsError};
 
 /// `mode_machine` of a G1 with 29 joints.
 const MACHINE: u8 = 5;
-/// Without a command for so long the motors only damp, s.
-pub(crate) const MAX_SILENCE: f64 = 0.1;
-/// Their damping then, N m s/rad, as in the maker's own programs.
-const DAMPING: f64 = 8.0;
-const GRAVITY: f64 = 9.81;
-
-/// A drive of the session.
-#[derive(Debug, Clone, Copy)]
-struct Drive {
-    q0: f64,
-    upper: f64,
-    stiffness: f64,
-    damping: f64,
-    effort_limit: f64,
-}
 
 /// Our robot as the maker's programs know it.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     motors: Motors,
     drives: Vec<Drive>,
+    /// Angles of the standing posture, rad.
+    q0: Vec<f64>,
     action_scale: f64,
     control_dt: f64,
     /// Measured angles and velocities, rad and rad/s.
@@ -45,20 +34,15 @@ impl Body {
     /// For a session, at its observation 0.
     pub fn new(info: &SessionInfo) -> Result<Self, MotorsError> {
         let names: Vec<&str> = info.joints.iter().map(|joint| joint.name.as_str()).collect();
-        let drive = |joint: &fiatlux_proto::v3::Joint| Drive {
-            q0: joint.q0,
-            upper: joint.upper,
-            stiffness: joint.stiffness,
-            damping: joint.damping,
-            effort_limit: joint.effort_limit,
-        };
-        let drives: Vec<Drive> = info.joints.iter().map(drive).collect();
+        let drives: Vec<Drive> = info.joints.iter().map(Drive::of).collect();
+        let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
         Ok(Self {
             motors: Motors::of(&names)?,
             q: vec![0.0; drives.len()],
             dq: vec![0.0; drives.len()],
-            targets: drives.iter().map(|drive| drive.q0).collect(),
+            targets: q0.clone(),
             drives,
+            q0,
             action_scale: info.action_scale,
             control_dt: info.control_dt,
             yaw: 0.0,
@@ -82,10 +66,10 @@ impl Body {
             return false;
         }
         let before = self.dq.clone();
-        for (index, drive) in self.drives.iter().enumerate() {
-            self.q[index] = drive.q0 + f64::from(sensed.joint_position[index]);
+        for (index, q0) in self.q0.iter().enumerate() {
+            self.q[index] = q0 + f64::from(sensed.joint_position[index]);
             self.dq[index] = f64::from(sensed.joint_velocity[index]);
-            self.targets[index] = drive.q0 + self.action_scale * f64::from(observation.last_action[index]);
+            self.targets[index] = q0 + self.action_scale * f64::from(observation.last_action[index]);
         }
         let [w, g, v] = [[wx, wy, wz], [gx, gy, gz], [vx, vy, vz]].map(|vector| vector.map(f64::from));
         self.state.imu_state = self.imu(w, g, v);
@@ -145,7 +129,7 @@ impl Body {
         for (motor, joint) in self.motors.body.into_iter().enumerate() {
             let (drive, q, dq) = (self.drives[joint], self.q[joint], self.dq[joint]);
             let wanted = match command {
-                Some(_) if silence > MAX_SILENCE => -DAMPING * dq,
+                Some(_) if silence > MAX_SILENCE => -f64::from(DAMPING) * dq,
                 // What a linkage makes of its motors' own angles is not known here: the last target stays in force.
                 Some(command) if command.mode_pr != 0 && LINKED.contains(&motor) => continue,
                 Some(command) => {
@@ -254,7 +238,7 @@ mod tests {
         let drive = body.drives[body.motors.body[knee]];
         let joint = body.motors.body[knee];
         let (q, dq) = (body.q[joint], body.dq[joint]);
-        assert!((q - drive.q0 - 0.1).abs() < 1e-6 && (dq - 0.2).abs() < 1e-6);
+        assert!((q - body.q0[joint] - 0.1).abs() < 1e-6 && (dq - 0.2).abs() < 1e-6);
         let asked = 3.0 + 100.0 * (0.5 - q) + 2.0 * (0.1 - dq);
         let target = body.follow(Some(&command), None, 0.0)[joint];
         let effort = drive.stiffness * (target - q) - drive.damping * dq;

@@ -27,6 +27,7 @@ mod known;
 mod pose;
 mod request;
 mod row;
+mod task;
 
 #[cfg(feature = "world")]
 mod domain_sample;
@@ -54,6 +55,7 @@ pub use request::{
     SENSORS_WITH_FEATURES, SensorUse, check_request, check_text, requested_sensors, reward_name,
 };
 pub use row::{contact_messages, read_row, state_message};
+pub use task::task_message;
 
 #[cfg(feature = "world")]
 pub use domain_sample::{domain_sample_message, episode_ranges, light_of, prop_scale, randomization};

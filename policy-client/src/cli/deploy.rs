@@ -75,9 +75,11 @@ pub fn run(_: &DeployArgs) -> Result<(), Failure> {
 /// Drives the robot.
 #[cfg(feature = "unitree")]
 pub fn run(args: &DeployArgs) -> Result<(), Failure> {
-    use fiatlux_client::{Client, request_of};
-    use fiatlux_server::{LocalServer, ServerOptions};
+    use std::sync::Arc;
+
+    use fiatlux_robot::GainSet;
     use fiatlux_unitree::{Deployment, Limits, Reason, deploy};
+    use fiatlux_world::{EpisodeSpec, Scene, SceneConfig};
 
     let name = args.command.as_ref().map(|command| format!("{}:{command}", args.policy));
     let mut policy = super::policy(name.as_deref().unwrap_or(&args.policy))?;
@@ -87,19 +89,13 @@ pub fn run(args: &DeployArgs) -> Result<(), Failure> {
         let problem = format!("{} reads {}, which the robot does not send", args.policy, sensor.name);
         return Err(Failure::Usage(problem));
     }
-    // The joints, gains and scales of a session with this robot, which ends before the robot moves.
-    let options = ServerOptions { name: "deploy".into(), workers: 1, ..ServerOptions::default() };
-    let server = LocalServer::start(fiatlux_carrier::memory(), options, None)?;
-    let mut request = request_of(policy.as_ref());
-    (request.task, request.robot) = (args.task.to_string(), args.robot.into());
-    let client = Client::open(server.carrier(), Some("deploy"), request)?;
-    let mut info = client.info().clone();
+    let robot = Arc::new(Robot::by_name(args.robot)?);
+    let spec = EpisodeSpec::new(args.task, 0, 0).scene(robot.gains(GainSet::default()));
+    let mut info =
+        fiatlux_wire::session_terms(args.task, &Scene::build(&SceneConfig::default(), Arc::clone(&robot), spec)?);
     // Things of a room that is not the robot's.
     info.footprints.clear();
-    drop(client.close());
-    server.stop();
 
-    let robot = Robot::by_name(args.robot)?;
     let stop = fiatlux_cli::stop_on_signal()?;
     let deployment = Deployment {
         domain: args.domain,

@@ -1,7 +1,7 @@
 //! Another's policy for one subtask of the errand.
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_proto::v3::{Chunk, Observation, ObservationTerm, Sensor, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Chunk, Observation, ObservationTerm, Sensor, SessionInfo};
 use fiatlux_rules::Task;
 use nalgebra::Vector3;
 
@@ -50,16 +50,7 @@ impl Guest {
         let mut own = info.clone();
         own.sensors.retain(|sensor| self.is_shown(&sensor.name));
         own.terms.retain(|term| self.is_shown(&term.sensor));
-        let task = self.task;
-        own.task = Some(TaskInfo {
-            task: task.short_id().into(),
-            id: task.id().into(),
-            name: task.name().into(),
-            instruction: task.instruction().into(),
-            horizon_steps: task.horizon_steps(),
-            weight: task.weight(),
-            criteria: Vec::new(),
-        });
+        own.task = Some(fiatlux_wire::task_message(self.task));
         let first = self.shown(first);
         self.policy.reset(&own, &first)
     }

@@ -10,7 +10,7 @@ use fiatlux_world::{Episode, GENERATORS, Scene, SceneConfig};
 use super::plan::Plan;
 use fiatlux_wire::{
     contact_messages, domain_sample_message, drive_message, geometry_message, hand_body_names, joint_groups_message,
-    session_terms,
+    session_terms, task_message,
 };
 
 /// Version of the software.
@@ -34,15 +34,7 @@ pub(super) fn server(name: &str, capacity: usize, robot: &Robot, scene: &SceneCo
 }
 
 fn task(task: Task, protocol: Protocol) -> TaskInfo {
-    TaskInfo {
-        task: task.short_id().into(),
-        id: task.id().into(),
-        name: task.name().into(),
-        instruction: task.instruction().into(),
-        horizon_steps: task.horizon_steps(),
-        weight: task.weight(),
-        criteria: criteria(task, protocol),
-    }
+    TaskInfo { criteria: criteria(task, protocol), ..task_message(task) }
 }
 
 fn criteria(task: Task, protocol: Protocol) -> Vec<String> {
