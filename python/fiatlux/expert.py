@@ -103,14 +103,16 @@ class Expert:
 
     Args:
         env: The environment, or a Gymnasium wrapper around it.
+        parameters: TOML with values that differ from those of the task's file in ``crates/policies/src/hands``, for S03, S06, S08
+            and S11: an expert that is easier to imitate, say. The first :meth:`label` refuses what it cannot read.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], parameters: str | None = None) -> None:
         plain = env.unwrapped
         if not isinstance(plain, Env):
             raise TypeError(f"env is a {type(plain).__name__}; give a fiatlux.Env, or use Experts for a VectorEnv")
         self._env = plain
-        self._native = _native.Expert()
+        self._native = _native.Expert(parameters)
         self._episode: _native.Episode | None = None
         self._asking = _Asking(plain.action_names, plain._settings["action_form"] == "joint_target")
 
@@ -131,6 +133,7 @@ class Expert:
 
         Raises:
             FiatluxError: The environment cannot be sensed.
+            ValueError: ``parameters`` cannot be read, or the task has none.
         """
         self._env._check_begun()
         if self._env._episode is not self._episode:
@@ -151,9 +154,15 @@ class Experts:
     Args:
         env: The worlds, or a Gymnasium wrapper around them.
         num_threads: Number of threads; by default as many as the worlds have. Answers do not depend on it.
+        parameters: As of :class:`Expert`.
     """
 
-    def __init__(self, env: gymnasium.vector.VectorEnv[Any, Any, Any], num_threads: int | None = None) -> None:
+    def __init__(
+        self,
+        env: gymnasium.vector.VectorEnv[Any, Any, Any],
+        num_threads: int | None = None,
+        parameters: str | None = None,
+    ) -> None:
         plain = env.unwrapped
         if not isinstance(plain, VectorEnv):
             raise TypeError(f"env is a {type(plain).__name__}; give a fiatlux.VectorEnv, or use Expert for an Env")
@@ -161,7 +170,7 @@ class Experts:
         self.num_envs = plain.num_envs
         threads = plain.num_threads if num_threads is None else num_threads
         self.num_threads = whole("num_threads", threads, 1, _native.MAX_THREADS)
-        self._native = _native.Experts(self.num_envs, self.num_threads)
+        self._native = _native.Experts(self.num_envs, self.num_threads, parameters)
         self._batch: _native.Batch | None = None
         self._jumps = plain._jumps.copy()
         self._asking = _Asking(plain.action_names, plain.action_form == "joint_target")
@@ -186,6 +195,7 @@ class Experts:
 
         Raises:
             FiatluxError: A world cannot be sensed.
+            ValueError: ``parameters`` cannot be read, or the task has none.
         """
         self._env._check_begun()
         if self._env._batch is not self._batch:

@@ -5,12 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 use fiatlux_batch::{Batch as Worlds, BatchError};
 use fiatlux_cli::in_full;
-use fiatlux_client::Policy;
+use fiatlux_client::{Policy, PolicyError};
 use fiatlux_policies::{Expert as Asked, Label};
 use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_wire::session_terms;
 use fiatlux_world::ACTION_SCALE;
 use numpy::{PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::batch::{Batch, error};
@@ -28,15 +29,21 @@ struct Teacher {
     at: Option<(u64, u64)>,
     answer: Result<Label, String>,
     q0: Vec<f64>,
+    /// Its parameters are not its own.
+    is_changed: bool,
+    /// Why it cannot be asked at all.
+    refused: Option<String>,
 }
 
 /// An answer's numbers that are not in arrays: phase, part of the plan that is done, and why there is no answer.
 type Told = (String, f64, Option<String>);
 
 impl Teacher {
-    fn new() -> PyResult<Self> {
-        let expert = Asked::new().map_err(|error| failed(&error))?;
-        Ok(Self { expert, at: None, answer: Err(String::new()), q0: Vec::new() })
+    /// An expert with parameters in place of those of the file of its task by hand.
+    fn new(parameters: Option<&str>) -> PyResult<Self> {
+        let (is_changed, refused) = (parameters.is_some(), None);
+        let expert = Asked::with_parameters(parameters.map(str::to_string)).map_err(|error| failed(&error))?;
+        Ok(Self { expert, at: None, answer: Err(String::new()), q0: Vec::new(), is_changed, refused })
     }
 
     /// Answers the present row once. A new episode, or an earlier row, makes the expert begin anew there.
@@ -53,6 +60,10 @@ impl Teacher {
             self.answer = Ok(Label::default());
             if let Err(error) = self.expert.reset(&info, &seen) {
                 self.answer = Err(in_full(&error));
+                let is_unfit = matches!(error, PolicyError::Unfit { .. });
+                self.refused = (self.is_changed && !is_unfit).then(|| in_full(&error));
+            } else if self.is_changed && !self.expert.is_by_hand() {
+                self.refused = Some(format!("{} is not played by hand: it has none", view.task.short_id()));
             }
         }
         // An expert that could not go on begins anew only with an episode, or when it is told to.
@@ -94,7 +105,12 @@ fn write<'a>(
     let answers = answers.as_slice_mut().map_err(|_| not_contiguous("answers"))?;
     let width = (answers.len() / teachers.len().max(1)).max(1);
     let rows = answers.chunks_mut(width);
-    Ok(teachers.zip(rows).map(|(teacher, row)| lock(teacher).write(row)).collect())
+    let told = teachers.zip(rows).map(|(teacher, row)| {
+        let teacher = lock(teacher);
+        let refused = teacher.refused.as_ref().map(|why| PyValueError::new_err(format!("parameters: {why}")));
+        refused.map_or_else(|| Ok(teacher.write(row)), Err)
+    });
+    told.collect()
 }
 
 /// The expert of one environment.
@@ -104,8 +120,9 @@ pub(crate) struct Expert(Mutex<Teacher>);
 #[pymethods]
 impl Expert {
     #[new]
-    fn new() -> PyResult<Self> {
-        Ok(Self(Mutex::new(Teacher::new()?)))
+    #[pyo3(signature = (parameters=None))]
+    fn new(parameters: Option<&str>) -> PyResult<Self> {
+        Ok(Self(Mutex::new(Teacher::new(parameters)?)))
     }
 
     /// Begins anew at the next row that it is asked about.
@@ -143,8 +160,9 @@ pub(crate) struct Experts {
 #[pymethods]
 impl Experts {
     #[new]
-    fn new(worlds: usize, threads: usize) -> PyResult<Self> {
-        let teachers: PyResult<_> = (0..worlds).map(|_| Teacher::new().map(Mutex::new)).collect();
+    #[pyo3(signature = (worlds, threads, parameters=None))]
+    fn new(worlds: usize, threads: usize, parameters: Option<&str>) -> PyResult<Self> {
+        let teachers: PyResult<_> = (0..worlds).map(|_| Teacher::new(parameters).map(Mutex::new)).collect();
         Ok(Self { teachers: teachers?, threads })
     }
 

@@ -114,6 +114,29 @@ def test_wrong_arguments_are_refused_by_name():
         fiatlux.Experts(many, num_threads=0)
 
 
+def test_its_parameters_can_differ_and_those_that_cannot_be_read_are_refused():
+    def first(parameters, task="S08"):
+        env = fiatlux.Env(task)
+        env.reset(seed=1000)
+        return labelled(env, fiatlux.Expert(env, parameters), 30)[-1].joint_target
+
+    own = first(None)
+    np.testing.assert_array_equal(first(""), own)
+    np.testing.assert_array_equal(first("motion.rate = 0.6"), own)
+    assert np.abs(first("motion.rate = 0.3") - own).max() > 1e-3
+    with pytest.raises(ValueError, match=r"parameters: .*unknown field `rates`"):
+        first("motion.rates = 0.3")
+    for wrong in ("motion = 3", "motion.rate = 'fast'", "motion.rate ="):
+        with pytest.raises(ValueError, match="parameters: "):
+            first(wrong)
+    with pytest.raises(ValueError, match="parameters: S05 is not played by hand"):
+        first("motion.rate = 0.6", "S05")
+    many = fiatlux.VectorEnv("S08", 2, seeds=[1000], sensors=["last_action"], num_threads=1)
+    many.reset(seed=0)
+    with pytest.raises(ValueError, match="unknown field"):
+        fiatlux.Experts(many, parameters="motion.rates = 0.3").label()
+
+
 def test_a_recorded_episode_is_labelled_afterwards_row_by_row(tmp_path):
     class Stays:
         def __call__(self, observation):

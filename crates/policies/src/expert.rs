@@ -134,11 +134,19 @@ impl Expert {
     /// # Errors
     /// A skill's weights or plans cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
+        Self::with_parameters(None)
+    }
+
+    /// The same with other parameters of `hands`, as of [`Hands::with_parameters`]. They fit one task.
+    ///
+    /// # Errors
+    /// As of [`Expert::new`]; the parameters are read where an episode begins.
+    pub fn with_parameters(parameters: Option<String>) -> Result<Self, PolicyError> {
         let (_, network) = body::network("expert", "", "")?;
         Ok(Self {
             skills: vec![
                 Box::new(Walk::new("")?.for_work()),
-                Box::new(Hands::new()?),
+                Box::new(Hands::new()?.with_parameters(parameters)),
                 Box::new(Ladder::new("")?),
                 Box::new(Climb::new()?),
             ],
@@ -197,6 +205,11 @@ impl Expert {
             Plays::Skill(index) => Some(self.skills[index].phase()),
             Plays::Guest(_) | Plays::Stands(_) => None,
         }
+    }
+
+    /// The task of the episode, or the subtask that is due, is played by `hands`.
+    pub fn is_by_hand(&self) -> bool {
+        self.episode.as_ref().and_then(|episode| episode.task).is_some_and(by_hand)
     }
 
     /// Answers an observation as [`Policy::act`] does, and says what it means.
@@ -295,8 +308,12 @@ fn stalled(task: Option<Task>, played: u64, is_over: Option<u64>) -> Option<&'st
     if is_over.is_some_and(|steps| steps > IDLE) {
         return Some("nothing is left to do, and yet the task has not ended; begin another episode");
     }
-    let is_by_hand = matches!(task?, Task::S03 | Task::S06 | Task::S08 | Task::S11);
-    (is_by_hand && played > ENDLESS).then_some("try after try fails; begin another episode")
+    (by_hand(task?) && played > ENDLESS).then_some("try after try fails; begin another episode")
+}
+
+/// The task is one of `hands`.
+fn by_hand(task: Task) -> bool {
+    matches!(task, Task::S03 | Task::S06 | Task::S08 | Task::S11)
 }
 
 /// A bulb presses on a body of a hand.

@@ -69,10 +69,10 @@ impl Hands {
         Ok(Self { network, parameters: None, at_start: false, episode: None })
     }
 
-    /// With other parameters, of the form of the task's file, for a search.
+    /// With other parameters: TOML of the form of the task's file, with those values alone that differ.
     #[must_use]
-    pub fn with_parameters(self, parameters: String) -> Self {
-        Self { parameters: Some(parameters), ..self }
+    pub fn with_parameters(self, parameters: Option<String>) -> Self {
+        Self { parameters, ..self }
     }
 
     /// Goes on with the right arm where it is, and the left one as it stands at the start of a task. The last targets of whoever played

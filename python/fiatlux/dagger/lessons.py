@@ -32,6 +32,9 @@ PHASES = {
     ),
 }
 """The expert's phases in the tasks for a network that has hands, as in ``crates/policies/src/hands``."""
+TEACHERS = {"S08": "grasp.turns = { first = 0.545, last = 0.545, count = 1 }\nmotion.error = 0.03\n"}
+"""Parameters of the expert of a lesson in which it differs from the one that plays. S08: of twelve turns of the fingers that one takes the
+one with the most room for its arm, which no student sees, and it waits for a hand that is more exact than a student's."""
 LAGS = 0.4, 30
 """In a lesson with hands that the teacher drives, what stands for the student's own phase: share of the changes that it is behind the
 teacher, and for how many control steps at most."""
@@ -324,7 +327,8 @@ def play(
         final_obs=False,
     )
     random, number, has_hands = np.random.default_rng([seed, worlds]), shape.tasks.index(task), bool(shape.joints)
-    bodies, experts = Bodies(worlds, env.num_threads, has_hands), Experts(env, num_threads=env.num_threads)
+    bodies = Bodies(worlds, env.num_threads, has_hands)
+    experts = Experts(env, num_threads=env.num_threads, parameters=TEACHERS.get(task))
     memory = None if student is None else Memory(student, worlds, device)
     disturbs = Stumbles(random, worlds, every) if not has_hands else SlowNoise(random, worlds, len(env.action_names))
     phases, indices = Phases(random, worlds), {name: index for index, name in enumerate(shape.phases)}

@@ -30,10 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let changes = changes(rest)?;
     let (mut peaks, mut times, mut played, mut deepest) = (Vec::new(), Vec::new(), 0, 0.0_f64);
     for seed in rooms {
-        let mut hands = Hands::new()?;
-        if let Some(file) = &file {
-            hands = hands.with_parameters(file.clone());
-        }
+        let hands = Hands::new()?.with_parameters(file.clone());
         let mut before = String::new();
         let ended = play(task, seed, hands, &changes, |moment| {
             if trace && (moment.phase != before || moment.row.step % 25 == 0) {

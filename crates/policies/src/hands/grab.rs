@@ -19,9 +19,7 @@ use super::arm::RightArm;
 use super::plan::{ArmAngles, SLICE};
 use super::skill::{CAP, Expert, GLASS, Seen, parameters};
 
-/// Turns of the fingers that are compared, the largest, rad, and the error of a posture that reaches, m.
-const TURNS: u32 = 11;
-const LARGEST_TURN: f64 = 1.1;
+/// Error of a posture that reaches, m.
 const REACHED: f64 = 0.003;
 /// Distance at which the hand has arrived, m, and angle at which the arm has reached a posture, rad.
 const ARRIVED: f64 = 0.002;
@@ -73,6 +71,15 @@ struct Grasp {
     growth: [f64; 3],
     tilt: [f64; 2],
     turn: f64,
+    turns: Turns,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Turns {
+    first: f64,
+    last: f64,
+    count: u32,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -306,8 +313,9 @@ impl Grab {
     async fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
         let back_off = Translation3::from(self.params.motion.pre_grasp);
         let mut best: Option<(f64, f64)> = None;
-        for step in 0..=TURNS {
-            self.turn = LARGEST_TURN * step as f64 / TURNS as f64;
+        let Turns { first, last, count } = self.params.grasp.turns;
+        for step in 0..count {
+            self.turn = first + (last - first) * f64::from(step) / f64::from(count.max(2) - 1);
             let grasp = self.world_from_grasp(seen);
             let (at, before) = (arm.posture(&grasp).await?, arm.posture(&(grasp * back_off)).await?);
             let margin = at.margin.min(before.margin);

@@ -53,8 +53,8 @@ impl Seen {
 // `PARAMETERS`: name and text of each file of parameters; the build script writes the list.
 include!(concat!(env!("OUT_DIR"), "/parameters.rs"));
 
-/// Parameters of a skill: those given, or those of its file for the robot with these joints. Joints that its grips leave out are as in
-/// the robot's grasp of a bulb.
+/// Parameters of a skill: those of its file for the robot with these joints, but for those given. Joints that its grips leave out are as
+/// in the robot's grasp of a bulb.
 ///
 /// # Errors
 /// They cannot be read, or there are none for the hands of this robot.
@@ -72,7 +72,10 @@ pub(super) fn parameters<P: DeserializeOwned>(
         PARAMETERS.into_iter().find(|(known, _)| *known == name).map(|(_, text)| text)
     };
     let is_known = |name: &String| joints.iter().any(|joint| joint.name == *name);
-    let params: Option<P> = given.or_else(own).map(toml::from_str).transpose().map_err(PolicyError::of("hands"))?;
+    let read = |text: &str| toml::from_str::<toml::Table>(text);
+    let tables = [own(), given].into_iter().flatten().map(read).collect::<Result<Vec<_>, _>>();
+    let table = tables.map_err(PolicyError::of("hands"))?.into_iter().reduce(changed);
+    let params: Option<P> = table.map(toml::Table::try_into).transpose().map_err(PolicyError::of("hands"))?;
     let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
     let completed = |mut params: P| {
         let are_known = grips(&mut params).into_iter().all(|grip| {
@@ -88,6 +91,18 @@ pub(super) fn parameters<P: DeserializeOwned>(
         let reason = format!("it has no parameters of this task for the robot's hands; use {known}");
         PolicyError::Unfit { policy: "hands", reason }
     })
+}
+
+/// A table with the values of another one in place of its own; tables in both are changed in turn.
+fn changed(mut own: toml::Table, given: toml::Table) -> toml::Table {
+    for (name, value) in given {
+        let value = match (own.remove(&name), value) {
+            (Some(toml::Value::Table(own)), toml::Value::Table(given)) => toml::Value::Table(changed(own, given)),
+            (_, value) => value,
+        };
+        own.insert(name, value);
+    }
+    own
 }
 
 /// An expert. It moves the right arm and its hand, and commands the whole-body controller.
