@@ -5,6 +5,7 @@
 mod arm;
 mod grab;
 mod insert;
+mod parameters;
 mod place;
 mod plan;
 mod remove;
@@ -69,7 +70,8 @@ impl Hands {
         Ok(Self { network, parameters: None, at_start: false, episode: None })
     }
 
-    /// With other parameters: TOML of the form of the task's file, with those values alone that differ.
+    /// With other parameters: TOML of the form of the task's file, with those values alone that differ. `base = "NAME"` begins from
+    /// another file of `src/hands` than the robot's own, and `without` names what is left out of it.
     #[must_use]
     pub fn with_parameters(self, parameters: Option<String>) -> Self {
         Self { parameters, ..self }

@@ -47,7 +47,7 @@ const LEAVES_M_S: f64 = 0.3;
 const NEAR_M: f64 = 0.4;
 /// Where the right hand takes the bulb from the bench, ahead of the pelvis and to the left: `[stand]` of `hands/grab.toml`; where its
 /// elbow is then, to the right; and room that pelvis and elbow need there from the bench, m.
-const GRAB: [f64; 2] = [0.38, -0.08];
+pub(crate) const GRAB: [f64; 2] = [0.38, -0.08];
 const ELBOW_M: f64 = 0.25;
 const BENCH_ROOM_M: [f64; 2] = [0.18, 0.31];
 /// Facing error at which it stops within reach, rad, and slack beyond which it moves again, m.
@@ -258,19 +258,4 @@ fn privileged(observation: &Observation) -> Result<&Privileged, PolicyError> {
 fn known(pose: Option<&Pose>) -> Result<(Point, f64), PolicyError> {
     let reason = "the privileged observation lacks a pose".into();
     planar(pose).ok_or(PolicyError::Unfit { policy: "walk", reason })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::GRAB;
-
-    /// Guards that S07 ends where S08 then steps to.
-    #[test]
-    fn the_bulb_is_taken_from_where_the_hand_takes_it() {
-        for text in [include_str!("hands/grab.toml"), include_str!("hands/grab.g1_dex3.toml")] {
-            let parameters: toml::Table = text.parse().expect("TOML");
-            let stand = ["ahead", "left"].map(|key| parameters["stand"][key].as_float());
-            assert_eq!(stand, GRAB.map(Some));
-        }
-    }
 }

@@ -16,8 +16,9 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::RightArm;
+use super::parameters::parameters;
 use super::plan::{ArmAngles, SLICE};
-use super::skill::{CAP, Expert, GLASS, Seen, parameters};
+use super::skill::{CAP, Expert, GLASS, Seen};
 
 /// Error of a posture that reaches, m.
 const REACHED: f64 = 0.003;

@@ -14,8 +14,9 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
 use super::arm::{RightArm, ToolGoal};
+use super::parameters::parameters;
 use super::plan::ArmAngles;
-use super::skill::{CAP, Expert, Seen, parameters};
+use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
 

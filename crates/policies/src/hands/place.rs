@@ -18,7 +18,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use serde::Deserialize;
 
 use super::arm::{RightArm, Torso};
-use super::skill::{CAP, Expert, GLASS, GLASS_RADIUS, Seen, parameters};
+use super::parameters::parameters;
+use super::skill::{CAP, Expert, GLASS, GLASS_RADIUS, Seen};
 
 /// Radius of the cap, m.
 const CAP_RADIUS: f64 = bulb::CAP_RING_RADIUS;

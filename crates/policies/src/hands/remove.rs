@@ -12,8 +12,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Apart, RightArm, ToolGoal};
+use super::parameters::parameters;
 use super::plan::ArmAngles;
-use super::skill::{Expert, GLASS, Seen, TOUCHED, parameters};
+use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
 use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
 
