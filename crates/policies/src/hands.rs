@@ -5,10 +5,12 @@
 mod arm;
 mod grab;
 mod insert;
+mod lean;
 mod parameters;
 mod place;
 mod plan;
 mod remove;
+mod retries;
 mod room;
 mod shape;
 mod skill;

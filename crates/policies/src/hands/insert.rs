@@ -14,11 +14,13 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
 use super::arm::{RightArm, ToolGoal};
+use super::lean::Lean;
 use super::parameters::parameters;
 use super::plan::ArmAngles;
+use super::retries::Manner;
 use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
-use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
+use super::stance::{Judge, REST, Stance, Taking, leans};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m.
 const STOP: f64 = fixture::STOP_HEIGHT;
@@ -141,7 +143,7 @@ impl Insert {
         let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
-            taking: Taking::new(params.lean.clone(), true),
+            taking: Taking::new(params.lean.clone(), Manner::CARRYING),
             hand_from_plug: Isometry3::identity(),
             gap: 0.0,
             held_since: None,

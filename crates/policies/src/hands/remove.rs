@@ -12,11 +12,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::arm::{Apart, RightArm, ToolGoal};
+use super::lean::Lean;
 use super::parameters::parameters;
 use super::plan::ArmAngles;
+use super::retries::Manner;
 use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
-use super::stance::{Judge, Lean, REST, Stance, Taking, leans};
+use super::stance::{Judge, REST, Stance, Taking, leans};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -119,7 +121,7 @@ impl Remove {
         }
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
-            taking: Taking::new(params.lean.clone(), false),
+            taking: Taking::new(params.lean.clone(), Manner::EMPTY),
             glass_from_hand: Isometry3::identity(),
             has_arrived: false,
             fingers: Default::default(),

@@ -10,53 +10,22 @@ use fiatlux_client::PolicyError;
 use fiatlux_kinematics::Search;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::Isometry3;
-use serde::Deserialize;
 
 use super::arm::{Apart, RightArm, ToolGoal};
+use super::lean::Lean;
 use super::plan::{ArmAngles, SLICE};
+use super::retries::{Manner, Retries};
 use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
 pub(super) const REST: ArmAngles = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
 /// Shares of the margin with which a way is looked for, one after the other.
 const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
-/// So often the arm is held up on its way before another stance is looked for.
-const MAX_BLOCKS: u32 = 2;
-/// So often the time until the next look for a way doubles, where there was none or the arm was held up. It bounds what a search
-/// that fails again and again takes.
-const MAX_DOUBLINGS: u32 = 4;
-/// So often no way is found in a stance before another one is looked for.
-const MAX_LOOKS: u32 = 2;
-/// Preference that a stance loses in which no way was found.
-const NO_WAY: f64 = 2.0;
-/// Error of a posture from which it is no use to go on, m.
-const LOST: f64 = 0.012;
 /// Postures of the arm from which it is searched where a lean is changed.
 const IMPROVES: usize = 2;
 /// Room of the joints, rad, and gap, m, from which on more of it is not worth more.
 const MAX_ROOM: f64 = 0.35;
 const MAX_GAP: f64 = 0.02;
-
-/// Stances that are compared: all combinations, then steps from the best.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Lean {
-    heights: Vec<f64>,
-    rolls: Vec<f64>,
-    pitches: Vec<f64>,
-    yaws: Vec<f64>,
-    step: f64,
-    tries: usize,
-    reached: f64,
-    changes: u32,
-    searches: u32,
-    #[serde(default)]
-    bend: f64,
-    settle: f64,
-    clear: f64,
-    margin: f64,
-    rate: f64,
-}
 
 /// A stance, with the arm's postures from the one before the work to the one of the work.
 #[derive(Debug, Clone)]
@@ -115,8 +84,6 @@ pub(super) struct Taking {
     before: BodyCommand,
     /// The robot leant already when this began.
     leans: bool,
-    /// Number of times that the whole search was made.
-    searches: u32,
     /// Corners of the way that are left, the last first.
     way: Vec<ArmAngles>,
     /// Where the way to the first posture began.
@@ -124,16 +91,8 @@ pub(super) struct Taking {
     leans_since: f64,
     /// Part of the way that the robot has gone from `before` to the stance: 0 to 1.
     bent: f64,
-    changes: u32,
-    /// Number of times that the arm was held up.
-    blocks: u32,
-    /// Number of looks for a way that found none, and of ways on which the arm was held up.
-    failures: u32,
-    /// Looks in the present stance that found no way, and stances that were given up for that.
-    looks: u32,
-    refused: Vec<BodyCommand>,
-    /// The hand holds the bulb.
-    holds: bool,
+    retries: Retries,
+    manner: Manner,
     /// The search under way; robot and arm wait for it.
     search: Option<Search<Result<Found, PolicyError>>>,
 }
@@ -144,7 +103,7 @@ enum Question {
     /// A stance, from the very beginning, and the way to where the robot may lean from a command.
     Stance(BodyCommand),
     /// The way to the first posture from a stance as the robot now stands, or a better stance.
-    Way { may_change: bool, may_search: bool },
+    Way,
     /// The way to where the robot may go to the stance.
     Haven,
 }
@@ -152,7 +111,7 @@ enum Question {
 /// The answer of a search.
 enum Found {
     Stance(BodyCommand, Option<(Stance, Vec<ArmAngles>)>),
-    /// A change of the lean; with the bulb in the hand, without a way to where the robot may go there.
+    /// A change of the lean; without a way to where the robot may go there, it goes at once.
     Change(BodyCommand, Stance, Option<Vec<ArmAngles>>),
     /// A way to the first posture, if there is one.
     Way(Stance, Option<Vec<ArmAngles>>),
@@ -163,43 +122,11 @@ enum Found {
 struct Thinker<J> {
     lean: Lean,
     judge: J,
-    refused: Vec<BodyCommand>,
-    holds: bool,
+    retries: Retries,
+    manner: Manner,
     /// The stance that was chosen before, and the command from which the robot goes there.
     stance: Option<Stance>,
     before: BodyCommand,
-}
-
-impl Lean {
-    /// Of height, roll, pitch and yaw: the smallest and the largest that are compared.
-    fn range(&self, axis: usize) -> [f64; 2] {
-        let values = [&self.heights, &self.rolls, &self.pitches, &self.yaws][axis];
-        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-        [low, values.iter().copied().fold(low, f64::max)]
-    }
-
-    fn commands(&self) -> Vec<BodyCommand> {
-        let mut all = Vec::new();
-        for &height in &self.heights {
-            for &roll in &self.rolls {
-                for &pitch in &self.pitches {
-                    for &yaw in &self.yaws {
-                        all.push(BodyCommand { velocity: [0.0; 3], height, torso: [roll, pitch, yaw] });
-                    }
-                }
-            }
-        }
-        all
-    }
-
-    /// No other combination is nearer to a command.
-    fn is_near(&self, command: &BodyCommand, combination: &BodyCommand) -> bool {
-        let (of_command, of_combination) = (command.numbers(), combination.numbers());
-        [&self.heights, &self.rolls, &self.pitches, &self.yaws].into_iter().enumerate().all(|(axis, values)| {
-            let off = |value: f64| (of_command[3 + axis] - value).abs();
-            values.iter().all(|value| off(of_combination[3 + axis]) <= off(*value))
-        })
-    }
 }
 
 impl<J: Judge> Thinker<J> {
@@ -210,8 +137,8 @@ impl<J: Judge> Thinker<J> {
                 Some(stance) => Found::Haven(self.way_to_haven(arm, &self.before, stance).await),
                 None => Found::Haven(Vec::new()),
             }),
-            Question::Way { may_change, may_search } => match &self.stance {
-                Some(stance) => self.look(arm, stance, may_change, may_search).await,
+            Question::Way => match &self.stance {
+                Some(stance) => self.look(arm, stance).await,
                 None => self.search(arm, self.before).await,
             },
         }
@@ -226,30 +153,27 @@ impl<J: Judge> Thinker<J> {
 
     /// Looks for the way to the first posture of a stance that the robot has taken; where the arm does not reach it now, for another
     /// stance.
-    async fn look(
-        &self,
-        arm: &mut RightArm,
-        before: &Stance,
-        may_change: bool,
-        may_search: bool,
-    ) -> Result<Found, PolicyError> {
+    async fn look(&self, arm: &mut RightArm, before: &Stance) -> Result<Found, PolicyError> {
         let from = arm.angles();
         let judged = self.judge.judge(arm, &before.command, &before.last(), self.lean.tries, f64::NEG_INFINITY).await?;
         let mut stance = judged.unwrap_or_else(|| before.clone());
-        if stance.error > self.lean.reached && may_change {
+        if self.retries.changes_lean(stance.error, &self.lean) {
             stance = self.improve(arm, stance).await?;
             if stance.command != before.command {
-                // With the bulb in the hand, S11 succeeds in fewer rooms by way of `Clear`.
-                let way = if self.holds { None } else { Some(self.way_to_haven(arm, &before.command, &stance).await) };
+                let way = if self.manner.clears_for_change {
+                    Some(self.way_to_haven(arm, &before.command, &stance).await)
+                } else {
+                    None
+                };
                 return Ok(Found::Change(before.command, stance, way));
             }
         }
-        if stance.error > LOST && may_search {
+        if self.retries.searches_again(stance.error, &self.lean) {
             return self.search(arm, before.command).await;
         }
         arm.assume(&stance.command, &from);
         for share in MARGINS {
-            let way = arm.way(&from, &stance.postures[0], share * self.lean.margin, self.apart()).await;
+            let way = arm.way(&from, &stance.postures[0], share * self.lean.margin, self.manner.apart).await;
             if way.is_some() {
                 return Ok(Found::Way(stance, way));
             }
@@ -262,8 +186,7 @@ impl<J: Judge> Thinker<J> {
         let from = arm.angles();
         let mut best: Option<(f64, Stance)> = None;
         for command in self.lean.commands() {
-            let is_refused = self.refused.iter().any(|refused| self.lean.is_near(refused, &command));
-            let penalty = if is_refused { NO_WAY } else { 0.0 };
+            let penalty = self.retries.penalty(&command, &self.lean);
             let least = best.as_ref().map_or(f64::NEG_INFINITY, |(best, _)| best + penalty);
             if let Some(stance) = self.judge.judge(arm, &command, &from, self.lean.tries, least).await? {
                 best = Some((stance.score() - penalty, stance));
@@ -304,20 +227,16 @@ impl<J: Judge> Thinker<J> {
         let stances = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| between(before, &stance.command, share));
         let mut haven = None;
         for share in [1.0, 0.5, 0.2] {
-            haven = arm.haven(&stances, [&from, &to], share * self.lean.clear, self.apart()).await;
+            haven = arm.haven(&stances, [&from, &to], share * self.lean.clear, self.manner.apart).await;
             if haven.is_some() {
                 break;
             }
         }
         arm.assume(before, &from);
-        let mut way = arm.way(&from, &haven.unwrap_or(from), self.lean.margin, self.apart()).await.unwrap_or_default();
+        let mut way =
+            arm.way(&from, &haven.unwrap_or(from), self.lean.margin, self.manner.apart).await.unwrap_or_default();
         way.reverse();
         way
-    }
-
-    /// Shapes from which its ways keep the arm apart.
-    fn apart(&self) -> Apart {
-        if self.holds { Apart::Carrying } else { Apart::All }
     }
 }
 
@@ -368,7 +287,7 @@ fn between(from: &BodyCommand, to: &BodyCommand, share: f64) -> BodyCommand {
 }
 
 impl Taking {
-    pub fn new(lean: Lean, holds: bool) -> Self {
+    pub fn new(lean: Lean, manner: Manner) -> Self {
         Self {
             lean,
             stage: Stage::Clear,
@@ -376,17 +295,12 @@ impl Taking {
             stance: None,
             before: BodyCommand::default(),
             leans: false,
-            searches: 0,
             way: Vec::new(),
             reaches_from: REST,
             leans_since: 0.0,
             bent: 0.0,
-            changes: 0,
-            blocks: 0,
-            failures: 0,
-            looks: 0,
-            refused: Vec::new(),
-            holds,
+            retries: Retries::default(),
+            manner,
             search: None,
         }
     }
@@ -411,7 +325,8 @@ impl Taking {
 
     /// Looks for the way to the first posture once more, from where the arm is.
     pub fn again(&mut self) {
-        (self.stage, self.leans_since, self.changes, self.searches) = (Stage::Lean, f64::NEG_INFINITY, 0, 1);
+        (self.stage, self.leans_since) = (Stage::Lean, f64::NEG_INFINITY);
+        self.retries.begin_again();
         self.search = None;
     }
 
@@ -451,17 +366,12 @@ impl Taking {
             Stage::Lean if self.bent < 1.0 => {
                 self.bent = if self.lean.bend > 0.0 { (self.bent + CONTROL_DT / self.lean.bend).min(1.0) } else { 1.0 };
             }
-            Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.wait() => {}
-            Stage::Lean => {
-                let may_change = self.changes < self.lean.changes;
-                let may_search = self.searches < self.lean.searches;
-                self.ask(Question::Way { may_change, may_search }, arm, judge());
-            }
-            Stage::Reach if !self.holds && seen.is_touched() => self.goes_back(),
+            Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.retries.wait(&self.lean) => {}
+            Stage::Lean => self.ask(Question::Way, arm, judge()),
+            Stage::Reach if self.manner.shies && seen.is_touched() => self.goes_back(),
             Stage::Reach if arm.gives_way() => {
-                (self.blocks, self.failures) = (self.blocks + 1, self.failures + 1);
                 (self.stage, self.leans_since) = (Stage::Lean, seen.time);
-                if self.blocks.is_multiple_of(MAX_BLOCKS) {
+                if self.retries.held_up() {
                     self.ask(Question::Stance(self.command()), arm, judge());
                 }
             }
@@ -475,8 +385,8 @@ impl Taking {
         let thinker = Thinker {
             lean: self.lean.clone(),
             judge,
-            refused: self.refused.clone(),
-            holds: self.holds,
+            retries: self.retries.clone(),
+            manner: self.manner,
             stance: self.stance.clone(),
             before: self.before,
         };
@@ -491,13 +401,14 @@ impl Taking {
     fn take_up(&mut self, found: Found, seen: &Seen, arm: &mut RightArm) -> Result<Option<Question>, PolicyError> {
         match found {
             Found::Stance(before, found) => {
-                (self.searches, self.changes, self.before) = (self.searches + 1, 0, before);
+                self.before = before;
+                self.retries.searched();
                 if let Some((stance, way)) = found {
                     (self.stance, self.stage, self.way) = (Some(stance), Stage::Clear, way);
                 }
             }
             Found::Change(before, stance, way) => {
-                self.changes += 1;
+                self.retries.changed();
                 self.stance = Some(stance);
                 match way {
                     Some(way) => (self.before, self.stage, self.way) = (before, Stage::Clear, way),
@@ -505,22 +416,19 @@ impl Taking {
                 }
             }
             Found::Way(stance, way) => {
-                self.changes = 0;
+                self.retries.reached();
                 arm.rest_at(&stance.postures[stance.postures.len() / 2])?;
                 let command = stance.command;
                 self.stance = Some(stance);
                 match way {
                     Some(mut way) => {
                         way.reverse();
-                        (self.way, self.stage, self.reaches_from, self.looks) = (way, Stage::Reach, arm.angles(), 0);
+                        (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, arm.angles());
+                        self.retries.found_way();
                     }
-                    // From another posture there may be one.
                     None => {
-                        (self.leans_since, self.failures) = (seen.time, self.failures + 1);
-                        self.looks += 1;
-                        if !self.holds && self.looks >= MAX_LOOKS {
-                            self.looks = 0;
-                            self.refused.push(command);
+                        self.leans_since = seen.time;
+                        if self.retries.found_no_way(command, self.manner) {
                             return Ok(Some(Question::Stance(command)));
                         }
                     }
@@ -529,12 +437,6 @@ impl Taking {
             Found::Haven(way) => self.way = way,
         }
         Ok(None)
-    }
-
-    /// Until the arm's reach is looked at after the robot began to lean, s; longer with each failure.
-    fn wait(&self) -> f64 {
-        let doublings = self.failures.saturating_sub(1).min(MAX_DOUBLINGS);
-        self.lean.settle * f64::from(1 << doublings)
     }
 
     /// Takes the arm back to where the way to the first posture began; it is looked for again there.
@@ -546,7 +448,7 @@ impl Taking {
     /// Moves the arm along the way; true at its end.
     fn goes(&mut self, arm: &mut RightArm) -> bool {
         if let Some(corner) = self.way.last()
-            && arm.go_to(corner, self.lean.rate, !self.holds)
+            && arm.go_to(corner, self.lean.rate, self.manner.waits)
         {
             self.way.pop();
         }
