@@ -20,7 +20,7 @@ mod stance;
 use std::sync::Arc;
 
 use fiatlux_proto::v3::{Chunk, Observation, Sensor, SessionInfo};
-use fiatlux_rules::{Bulb, Task};
+use fiatlux_rules::Task;
 use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
@@ -32,6 +32,7 @@ use self::place::Place;
 use self::remove::Remove;
 use self::shape::Surroundings;
 use self::skill::{Expert, Seen};
+use self::stance::REST;
 use super::body;
 use super::whole_body::WholeBody;
 use fiatlux_client::{Command, Policy, PolicyError};
@@ -127,27 +128,31 @@ impl Policy for Hands {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        let is_up = matches!(task, "S03" | "S11");
+        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
+        let mut body = if is_up { body.without_steps() } else { body.bending_low() };
+        let bodies = HandBodies::new(&info.hand_bodies);
+        let seen = seen(first, &bodies, false)?;
+        let arm = |rest, surroundings| RightArm::new(info, &body.targets, rest, surroundings);
         let mut skill: Box<dyn Expert> = match task {
             "S03" => Box::new(Remove::new(self.parameters.as_deref(), &info.joints)?),
             "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),
-            "S11" => Box::new(Insert::new(self.parameters.as_deref(), &info.joints)?),
+            "S11" => {
+                let empty = arm(REST, room::with_bulb_in_socket(&seen))?;
+                Box::new(Insert::new(self.parameters.as_deref(), &info.joints, empty)?)
+            }
             _ => {
                 let reason = format!("it plays S03, S06, S08 and S11, but this is {task}; use another policy");
                 return Err(PolicyError::Unfit { policy: "hands", reason });
             }
         };
-        let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
-        let is_up = matches!(task, "S03" | "S11");
-        let mut body = if is_up { body.without_steps() } else { body.bending_low() };
-        let bodies = HandBodies::new(&info.hand_bodies);
-        let seen = seen(first, &bodies, false)?;
         let surroundings = match task {
-            "S03" => room::on_platform(info, first, &seen, Bulb::Old)?,
-            "S11" => room::on_platform(info, first, &seen, Bulb::Fresh)?,
+            "S03" => room::with_bulb_in_socket(&seen),
+            "S11" => room::with_bulb_in_hand(info, first, &seen)?,
             _ => Surroundings::default(),
         };
-        let mut arm = RightArm::new(info, &body.targets, skill.rest(), surroundings)?;
+        let mut arm = arm(skill.rest(), surroundings)?;
         if !self.at_start {
             // A look changes nothing where the task begins at its start.
             let mut looking = arm.clone();

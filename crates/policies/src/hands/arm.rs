@@ -173,6 +173,13 @@ impl RightArm {
         })
     }
 
+    /// An arm with its own surroundings that goes on where another one is.
+    pub fn going_on_from(self, other: &Self) -> Self {
+        let (state, sensed) = (other.state.clone(), other.sensed.clone());
+        let Self { floor, middle, angles, way, held_up, .. } = *other;
+        Self { state, sensed, floor, middle, angles, way, held_up, ..self }
+    }
+
     /// An arm whose searches are done in slices.
     pub fn searching(self, work: Work) -> Self {
         Self { work, ..self }

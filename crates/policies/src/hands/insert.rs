@@ -4,7 +4,7 @@
 //! plug, not the hand, along the socket's axis. Once the socket holds it, the hand opens and leaves.
 
 use fiatlux_client::PolicyError;
-use fiatlux_kinematics::at_once;
+use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::Joint;
 use fiatlux_room::fixture;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
@@ -13,10 +13,10 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
-use super::arm::{RightArm, ToolGoal};
+use super::arm::{Apart, RightArm, ToolGoal};
 use super::lean::Lean;
 use super::parameters::parameters;
-use super::plan::ArmAngles;
+use super::plan::{ArmAngles, SLICE};
 use super::retries::Manner;
 use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
@@ -27,7 +27,14 @@ const STOP: f64 = fixture::STOP_HEIGHT;
 const MOUTH: f64 = fixture::MOUTH_HEIGHT;
 /// Length of a step along the way in that is checked beforehand, m.
 const CHECKED: f64 = 0.01;
-/// Distance at which the hand has arrived, m.
+/// Off the bulb: way along the socket's axis after which the hand is beyond its end, m; the most by which gaps may get smaller than they
+/// are, m; the gap from which on more of it is not worth more, m; what a metre off the line costs, as a gap, m; rate of the joints, rad/s.
+const OUT: f64 = 0.12;
+const CLOSER: f64 = 0.002;
+const NARROW: f64 = 0.01;
+const OFF_WEIGHT: f64 = 5.0;
+const LEAVES_AT: f64 = 0.3;
+/// Error of a posture that reaches, m.
 const ARRIVED: f64 = 0.002;
 /// Closure of a hand that holds the bulb, and distance of its frame from the bulb's up to which it is at the bulb, m.
 const HOLDS: f64 = 0.3;
@@ -90,7 +97,6 @@ struct Opening {
     hold: f64,
     back: Vec<[f64; 3]>,
     speed: f64,
-    wait: f64,
     open: Angles,
     #[serde(default)]
     grip: Angles,
@@ -110,9 +116,11 @@ enum Phase {
     Relax,
     /// Opens the hand, which stays where it is, by time.
     Open,
-    /// Takes the hand away.
+    /// Takes the hand off the bulb.
     Retreat,
-    /// Waits; then stands up.
+    /// Stands up and lets the arm hang, on ways that strike nothing.
+    Leave,
+    /// Nothing is left to do.
     Done,
 }
 
@@ -121,6 +129,13 @@ pub(super) struct Insert {
     params: Params,
     phases: Phases<Phase>,
     taking: Taking,
+    /// The way back from the socket, once the hand is off the bulb.
+    leaving: Option<Taking>,
+    /// The search for the way off the bulb, and the postures on it that are left, the last first.
+    search: Option<Search<Result<Vec<ArmAngles>, PolicyError>>>,
+    way: Vec<ArmAngles>,
+    /// The arm for that: the bulb is then in the socket, not in the hand.
+    empty: Option<RightArm>,
     /// Pose of the bulb in the hand.
     hand_from_plug: Isometry3<f64>,
     /// Where the plug is wanted on the axis, from the seat, m.
@@ -138,12 +153,17 @@ pub(super) struct Insert {
 }
 
 impl Insert {
-    /// With parameters of the form of `insert.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
+    /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` is the arm with nothing in its hand and the
+    /// bulb in the socket.
+    pub fn new(given: Option<&str>, joints: &[Joint], empty: RightArm) -> Result<Self, PolicyError> {
         let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), Manner::CARRYING),
+            leaving: None,
+            empty: Some(empty),
+            search: None,
+            way: Vec::new(),
             hand_from_plug: Isometry3::identity(),
             gap: 0.0,
             held_since: None,
@@ -162,6 +182,29 @@ impl Insert {
         self.hand_from_plug = arm.sensed_hand().inv_mul(&world_from_plug);
         let (hand_from_plug, before) = (self.hand_from_plug, self.params.align.before);
         self.taking.step(seen, arm, || WaysIn { seen: seen.clone(), hand_from_plug, before })
+    }
+
+    /// The bulb is in the socket, and the hand around it open: looks for the way off it.
+    fn backs_off(&mut self, arm: &mut RightArm, plug: &Plug) -> Phase {
+        self.empties(arm);
+        let from = arm.world_from_hand();
+        let mut moves: Vec<_> = self.params.open.back.iter().copied().map(Vector3::from).collect();
+        // Out as it came in, too, where the arm struck nothing.
+        let out = from.inverse_transform_vector(&(OUT * plug.axis));
+        moves.extend([Vector3::zeros()].iter().chain(&moves.clone()).map(|aside| out + 0.5 * aside));
+        let arm = arm.clone();
+        self.search = Some(Search::new(move |work| {
+            let mut arm = arm.searching(work);
+            async move { way_out(&mut arm, &from, &moves).await }
+        }));
+        Phase::Retreat
+    }
+
+    /// From now on the bulb is in the socket.
+    fn empties(&mut self, arm: &mut RightArm) {
+        if let Some(empty) = self.empty.take() {
+            *arm = empty.going_on_from(arm);
+        }
     }
 
     /// True if something has held for a time, s.
@@ -231,22 +274,53 @@ impl Judge for WaysIn {
     }
 }
 
-/// Where the hand goes from a pose: by the first of these moves that the arm reaches, or by the one that it reaches best.
-fn way_out(arm: &mut RightArm, from: &Isometry3<f64>, moves: &[[f64; 3]]) -> Result<Isometry3<f64>, PolicyError> {
-    let angles = arm.angles();
-    let mut best = (f64::INFINITY, *from);
+/// Ways to a robot that stands with its arm hanging.
+struct Hanging(ArmAngles);
+
+impl Judge for Hanging {
+    async fn judge(
+        &self,
+        arm: &mut RightArm,
+        command: &BodyCommand,
+        _from: &ArmAngles,
+        _tries: usize,
+        least: f64,
+    ) -> Result<Option<Stance>, PolicyError> {
+        let mut stance = Stance::of(command);
+        (stance.postures, stance.world_from_hand) = (vec![self.0], arm.place(&self.0));
+        Ok(Some(stance).filter(|stance| stance.score() > least))
+    }
+}
+
+/// The way of the open hand off the bulb: postures of the arm on a straight line by one of these moves, in the hand's frame. It is the
+/// one on which the hand stays on its line and gets the widest gaps to all around; empty where all strike something.
+async fn way_out(
+    arm: &mut RightArm,
+    from: &Isometry3<f64>,
+    moves: &[Vector3<f64>],
+) -> Result<Vec<ArmAngles>, PolicyError> {
+    let began = arm.angles();
+    let least = arm.gap(&began, Apart::All).await.min(0.0) - CLOSER;
+    let mut best: Option<(f64, Vec<ArmAngles>)> = None;
     for change in moves {
-        let away = from * Translation3::from(*change);
-        let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool: away, free: None };
-        let (_, error) = at_once(arm.find(false, &goal, &angles, 1))?;
-        if error < best.0 {
-            best = (error, away);
+        let steps = libm::ceil(change.norm() / CHECKED);
+        let (mut angles, mut way, mut off, mut gap) = (began, Vec::new(), 0.0_f64, Vec::new());
+        for step in 1..=steps as usize {
+            let world_from_tool = from * Translation3::from(change * (step as f64 / steps));
+            let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool, free: None };
+            let (found, error) = arm.find(true, &goal, &angles, 1).await?;
+            (angles, off) = (found, off.max(error));
+            gap.push(arm.gap(&angles, Apart::All).await);
+            way.push(angles);
         }
-        if error < ARRIVED {
-            break;
+        let narrowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
+        let last = gap.last().copied().unwrap_or_default();
+        let score = narrowest.min(NARROW) + last - OFF_WEIGHT * (off - ARRIVED).max(0.0);
+        if narrowest > least && best.as_ref().is_none_or(|(most, _)| score > *most) {
+            best = Some((score, way));
         }
     }
-    Ok(best.1)
+    Ok(best.map(|(_, way)| way).unwrap_or_default())
 }
 
 impl Expert for Insert {
@@ -320,29 +394,39 @@ impl Expert for Insert {
             }
             Phase::Relax | Phase::Open => {
                 let goal = self.goal;
-                arm.move_to(false, &goal, open.speed)?;
+                arm.move_to(true, &goal, open.speed)?;
                 if self.phases.now() == Phase::Relax {
                     (elapsed > open.relax).then_some(Phase::Open)
                 } else {
                     let opening = CONTROL_DT / open.time;
                     self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
-                    if elapsed > open.time + open.hold {
-                        self.goal = way_out(arm, &self.goal, &open.back)?;
-                        Some(Phase::Retreat)
-                    } else {
-                        None
-                    }
+                    (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug))
                 }
             }
             Phase::Retreat => {
-                let goal = self.goal;
-                (arm.move_to(false, &goal, open.speed)? < ARRIVED).then_some(Phase::Done)
+                if let Some(search) = &mut self.search {
+                    if let Some(found) = search.go_on(SLICE) {
+                        (self.search, self.way) = (None, found?);
+                        self.way.reverse();
+                    }
+                } else if let Some(posture) = self.way.last()
+                    && arm.go_to(posture, LEAVES_AT, true)
+                {
+                    self.way.pop();
+                }
+                let is_held_up = arm.gives_way();
+                (self.search.is_none() && (self.way.is_empty() || is_held_up)).then_some(Phase::Leave)
+            }
+            Phase::Leave => {
+                let leaving = self.leaving.get_or_insert_with(|| self.taking.back());
+                let hanging = arm.standing();
+                leaving.step(seen, arm, || Hanging(hanging))?.then_some(Phase::Done)
             }
             Phase::Done => None,
         };
         arm.write(targets);
         RightArm::put_left_arm(targets, self.phases.now() != Phase::Done);
-        let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Done);
+        let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Leave | Phase::Done);
         let presses = |hold: &Holding| seen.touch.fingers.iter().any(|force| *force > hold.felt);
         let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
         if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
@@ -353,8 +437,7 @@ impl Expert for Insert {
         if self.phases.enter(next, seen.time) {
             self.held_since = None;
         }
-        let stands_up = self.phases.now() == Phase::Done && self.phases.elapsed(seen.time) > open.wait;
-        Ok(if stands_up { self.taking.upright } else { self.taking.command() })
+        Ok(self.leaving.as_ref().unwrap_or(&self.taking).command())
     }
 
     fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
@@ -363,7 +446,7 @@ impl Expert for Insert {
         let closed = closure.iter().sum::<f64>() / closure.len() as f64;
         let hand = arm.sensed_hand();
         let is_near = hand.inv_mul(&seen.fresh_bulb).translation.vector.norm() < HAND_M;
-        let (align, open) = (&self.params.align, &self.params.open);
+        let align = &self.params.align;
         let is_before = plug.gap < align.before + HAND_M / 10.0 && plug.aside.norm() < align.stray;
         let command = arm.stands_by(&seen.pelvis);
         let is_on_way = !seen.seated[1] && (!is_before || closed < HOLDS);
@@ -384,10 +467,8 @@ impl Expert for Insert {
             Phase::Relax
         } else {
             self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| finger.share = share);
-            if is_near {
-                self.goal = way_out(arm, &hand, &open.back)?;
-            }
-            if is_near { Phase::Retreat } else { Phase::Done }
+            self.empties(arm);
+            if is_near { self.backs_off(arm, &plug) } else { Phase::Leave }
         };
         self.phases = Phases::new(phase, seen.time);
         Ok(Some(command))
@@ -404,6 +485,10 @@ impl Skill for Insert {
     }
 
     fn phase(&self) -> String {
-        if self.phases.now() == Phase::Take { self.taking.stage() } else { self.phases.name() }
+        match (self.phases.now(), &self.leaving) {
+            (Phase::Take, _) => self.taking.stage(),
+            (Phase::Leave, Some(leaving)) => format!("Leave{}", leaving.stage()),
+            _ => self.phases.name(),
+        }
     }
 }

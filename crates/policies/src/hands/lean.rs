@@ -3,6 +3,9 @@
 use fiatlux_wbc::BodyCommand;
 use serde::Deserialize;
 
+/// Gap that the arm keeps on its way back from the work, where there is room, m.
+const WIDE_MARGIN: f64 = 0.025;
+
 /// Stances that are compared: all combinations, then steps from the best.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -44,6 +47,12 @@ impl Lean {
             }
         }
         all
+    }
+
+    /// The same for one command alone, with wide gaps.
+    pub fn only(&self, command: &BodyCommand) -> Self {
+        let [rolls, pitches, yaws] = command.torso.map(|angle| vec![angle]);
+        Self { heights: vec![command.height], rolls, pitches, yaws, margin: WIDE_MARGIN, ..self.clone() }
     }
 
     /// No other combination is nearer to a command.

@@ -24,21 +24,48 @@ pub(super) struct Manner {
     pub apart: Apart,
     /// Where the lean is changed, the arm first goes to where nothing is in its way.
     pub clears_for_change: bool,
-    /// It goes back where the hand feels the bulb on its way.
-    pub shies: bool,
+    /// On its way to the first posture the hand feels the bulb.
+    pub touched: Touched,
+    /// Where there is no way with the usual gaps to where nothing is in its way, it takes one with smaller gaps.
+    pub squeezes: bool,
     /// It waits while something holds up the arm.
     pub waits: bool,
     /// A stance in which no way is found again and again is given up.
     pub gives_up: bool,
 }
 
+/// Answer to a touch on the way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Touched {
+    /// Goes on.
+    GoesOn,
+    /// Goes back to where the way began.
+    GoesBack,
+    /// Looks for another way from where it is.
+    LooksAgain,
+}
+
 impl Manner {
     /// Of an empty hand.
-    pub const EMPTY: Self =
-        Self { apart: Apart::All, clears_for_change: true, shies: true, waits: true, gives_up: true };
+    pub const EMPTY: Self = Self {
+        apart: Apart::All,
+        clears_for_change: true,
+        touched: Touched::GoesBack,
+        squeezes: false,
+        waits: true,
+        gives_up: true,
+    };
+    /// Of an empty hand that comes back from the work.
+    pub const LEAVING: Self = Self { touched: Touched::LooksAgain, squeezes: true, ..Self::EMPTY };
     /// Of a hand with the bulb, which feels it at all times. By way of where nothing is in the arm's way, S11 succeeds in fewer rooms.
-    pub const CARRYING: Self =
-        Self { apart: Apart::Carrying, clears_for_change: false, shies: false, waits: false, gives_up: false };
+    pub const CARRYING: Self = Self {
+        apart: Apart::Carrying,
+        clears_for_change: false,
+        touched: Touched::GoesOn,
+        squeezes: false,
+        waits: false,
+        gives_up: false,
+    };
 }
 
 /// Counts of what failed.

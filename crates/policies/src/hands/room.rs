@@ -5,7 +5,6 @@ use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_room::{bulb, fixture, ladder};
-use fiatlux_rules::Bulb;
 use nalgebra::{Isometry3, Vector3};
 
 use super::arm::hand_link;
@@ -58,25 +57,35 @@ pub(super) fn fixture_shapes(hangs: bool) -> Vec<Shape> {
     shapes
 }
 
-/// Surroundings of a robot on the platform that has the fresh bulb in its hand, or the old one before it in the socket.
-pub(super) fn on_platform(
-    info: &SessionInfo,
-    first: &Observation,
-    seen: &Seen,
-    handled: Bulb,
-) -> Result<Surroundings, PolicyError> {
-    let at = |pose: Isometry3<f64>| move |shape: Shape| (shape, pose);
+/// Surroundings of a robot on the platform, without a bulb.
+fn platform(seen: &Seen) -> Surroundings {
     let hangs = (seen.socket.rotation * Vector3::z()).z.abs() > 0.5;
     let mut around = Surroundings::default();
     around.in_world.extend(guard_rail().into_iter().map(at(seen.ladder)));
     around.in_world.extend(fixture_shapes(hangs).into_iter().map(at(seen.socket)));
-    match handled {
-        Bulb::Old => around.in_world.extend(bulb_shapes().into_iter().map(at(seen.socket))),
-        Bulb::Fresh => {
-            let hand_from_bulb = world_from_hand(info, first, seen)?.inv_mul(&seen.fresh_bulb);
-            around.in_hand.extend(bulb_shapes().into_iter().map(at(hand_from_bulb)));
-        }
-    }
+    around
+}
+
+fn at(pose: Isometry3<f64>) -> impl Fn(Shape) -> (Shape, Isometry3<f64>) {
+    move |shape| (shape, pose)
+}
+
+/// Surroundings of a robot on the platform that has a bulb before it in the socket.
+pub(super) fn with_bulb_in_socket(seen: &Seen) -> Surroundings {
+    let mut around = platform(seen);
+    around.in_world.extend(bulb_shapes().into_iter().map(at(seen.socket)));
+    around
+}
+
+/// Surroundings of a robot on the platform that has the fresh bulb in its hand.
+pub(super) fn with_bulb_in_hand(
+    info: &SessionInfo,
+    first: &Observation,
+    seen: &Seen,
+) -> Result<Surroundings, PolicyError> {
+    let mut around = platform(seen);
+    let hand_from_bulb = world_from_hand(info, first, seen)?.inv_mul(&seen.fresh_bulb);
+    around.in_hand.extend(bulb_shapes().into_iter().map(at(hand_from_bulb)));
     Ok(around)
 }
 

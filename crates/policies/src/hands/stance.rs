@@ -14,7 +14,7 @@ use nalgebra::Isometry3;
 use super::arm::{Apart, RightArm, ToolGoal};
 use super::lean::Lean;
 use super::plan::{ArmAngles, SLICE};
-use super::retries::{Manner, Retries};
+use super::retries::{Manner, Retries, Touched};
 use super::skill::Seen;
 
 /// Where the arm's joints rest while a stance is searched, rad.
@@ -233,10 +233,18 @@ impl<J: Judge> Thinker<J> {
             }
         }
         arm.assume(before, &from);
-        let mut way =
-            arm.way(&from, &haven.unwrap_or(from), self.lean.margin, self.manner.apart).await.unwrap_or_default();
-        way.reverse();
-        way
+        // Back from the work there is no other place to begin from, and the arm may hang before the robot stands up.
+        let (to, margins) = match self.manner.squeezes {
+            true => (haven.unwrap_or(stance.postures[0]), &MARGINS[..]),
+            false => (haven.unwrap_or(from), &MARGINS[..1]),
+        };
+        for share in margins {
+            if let Some(mut way) = arm.way(&from, &to, share * self.lean.margin, self.manner.apart).await {
+                way.reverse();
+                return way;
+            }
+        }
+        Vec::new()
     }
 }
 
@@ -305,6 +313,12 @@ impl Taking {
         }
     }
 
+    /// Back to where the robot stood at first, with an empty hand.
+    pub fn back(&self) -> Self {
+        let (before, upright) = (self.command(), self.upright);
+        Self { leans: true, before, upright, ..Self::new(self.lean.only(&upright), Manner::LEAVING) }
+    }
+
     /// The robot stays as it leans, and has not chosen a stance.
     pub fn stays(&mut self, command: BodyCommand) {
         (self.before, self.leans) = (command, true);
@@ -368,7 +382,11 @@ impl Taking {
             }
             Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.retries.wait(&self.lean) => {}
             Stage::Lean => self.ask(Question::Way, arm, judge()),
-            Stage::Reach if self.manner.shies && seen.is_touched() => self.goes_back(),
+            Stage::Reach if self.manner.touched == Touched::GoesBack && seen.is_touched() => self.goes_back(),
+            Stage::Reach if self.manner.touched == Touched::LooksAgain && seen.is_touched() => {
+                arm.rest_where_it_is();
+                (self.stage, self.leans_since) = (Stage::Lean, seen.time);
+            }
             Stage::Reach if arm.gives_way() => {
                 (self.stage, self.leans_since) = (Stage::Lean, seen.time);
                 if self.retries.held_up() {
