@@ -128,6 +128,13 @@ impl Policy for Hands {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
+        let refused = || {
+            let reason = format!("it plays S03, S06, S08 and S11, but this is {task}; use another policy");
+            PolicyError::Unfit { policy: "hands", reason }
+        };
+        if !self.tasks().iter().any(|known| known.short_id() == task) {
+            return Err(refused());
+        }
         let is_up = matches!(task, "S03" | "S11");
         let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
         let mut body = if is_up { body.without_steps() } else { body.bending_low() };
@@ -142,10 +149,7 @@ impl Policy for Hands {
                 let empty = arm(REST, room::with_bulb_in_socket(&seen))?;
                 Box::new(Insert::new(self.parameters.as_deref(), &info.joints, empty)?)
             }
-            _ => {
-                let reason = format!("it plays S03, S06, S08 and S11, but this is {task}; use another policy");
-                return Err(PolicyError::Unfit { policy: "hands", reason });
-            }
+            _ => return Err(refused()),
         };
         let surroundings = match task {
             "S03" => room::with_bulb_in_socket(&seen),
