@@ -6,9 +6,9 @@ use crate::check::{check_body, check_finite, check_friction, check_shape};
 use crate::error::ModelError;
 use crate::geometry::Geometry;
 use crate::inverse_weights::inverse_weights;
-use crate::model::{Body, CullGroupPair, MAX_DOFS, Model, Node};
+use crate::model::{Body, CoupledJoint, CullGroupPair, MAX_DOFS, Model, Node};
 use crate::parameters::{Inertial, InverseWeights, Parameters, new_id};
-use crate::spec::{BodyId, BodySpec, Joint, ShapeId, ShapeSpec};
+use crate::spec::{BodyId, BodySpec, Coupling, Joint, ShapeId, ShapeSpec};
 
 /// Collects bodies and shapes and checks them.
 #[derive(Debug, Clone)]
@@ -16,6 +16,7 @@ pub struct ModelBuilder {
     bodies: Vec<Body>,
     shapes: Vec<ShapeSpec>,
     excluded: Vec<(BodyId, BodyId)>,
+    couplings: Vec<Coupling>,
     gravity: Vector3<f64>,
     nq: usize,
     nv: usize,
@@ -59,6 +60,7 @@ impl ModelBuilder {
             bodies: vec![world],
             shapes: Vec::new(),
             excluded: Vec::new(),
+            couplings: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -DEFAULT_GRAVITY),
             nq: 0,
             nv: 0,
@@ -165,6 +167,24 @@ impl ModelBuilder {
         self.excluded.push((a.min(b), a.max(b)));
     }
 
+    /// Lets a hinge follow one above it. The leader's limits are narrowed to those that keep the follower within its own, which
+    /// have no force then.
+    ///
+    /// # Errors
+    /// A joint that is no hinge or that does not exist, a leader that is not above the follower, a follower with gains, with a
+    /// leader already or with followers, a ratio of 0, a number that is not finite, or limits that leave the leader no angle.
+    pub fn couple(&mut self, coupling: Coupling) -> Result<(), ModelError> {
+        coupling.check(&self.bodies, &self.couplings)?;
+        if let Joint::Hinge(follower) = &self.bodies[coupling.follower.0].spec.joint {
+            let [lower, upper] = coupling.leader_range([follower.lower, follower.upper]);
+            if let Joint::Hinge(leader) = &mut self.bodies[coupling.leader.0].spec.joint {
+                (leader.lower, leader.upper) = (leader.lower.max(lower), leader.upper.min(upper));
+            }
+        }
+        self.couplings.push(coupling);
+        Ok(())
+    }
+
     /// Finishes the model.
     ///
     /// # Errors
@@ -211,6 +231,9 @@ impl ModelBuilder {
             let width = chains[body].iter().take_while(|&&other| usize::from(other) <= dof).count();
             row_start.push(row_start[dof] + width);
         }
+        self.couplings.sort_unstable_by_key(|coupling| coupling.follower);
+        let coupled =
+            self.couplings.iter().map(|&coupling| CoupledJoint::new(coupling, &self.bodies, &chains)).collect();
         let (cull_groups, pairs) = self.pair_shapes();
         let nominal = Parameters {
             bodies: self.bodies.iter().map(|body| Inertial::of(&body.spec)).collect(),
@@ -239,6 +262,7 @@ impl ModelBuilder {
             pairs,
             cull_groups,
             excluded: self.excluded,
+            coupled,
             nominal,
         };
         model.nominal.inverse_weights = inverse_weights(&model, &model.nominal);

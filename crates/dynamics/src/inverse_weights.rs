@@ -19,6 +19,7 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
     kin.update(model, &model.reference_state());
     let mut equation = EquationOfMotion::new(model);
     equation.update(model, parameters, &kin, &[], &vec![0.0; model.nv], RowSet::<1>::EMPTY, &[]);
+    equation.reduce(model);
     let mut factor = Factor::<MAX_WORDS>::new(model);
     let rows = RowSet::below(model.nv);
     factor.load(&equation.mass_matrix, rows);
@@ -49,6 +50,7 @@ pub(crate) fn inverse_weights(model: &Model, parameters: &Parameters) -> Inverse
             for &dof in &model.chains[index] {
                 row[usize::from(dof)] = kin.axes[usize::from(dof)].dot(&force);
             }
+            model.reduce(&mut row);
             let x = solve(row.clone());
             bodies[index] += row.iter().zip(&x).map(|(a, b)| a * b).sum::<f64>() / 3.0;
         }

@@ -127,6 +127,11 @@ impl Kinematics {
 
 /// Moves a state along its own velocity for `dt` s: hinges linearly, free bodies by the exponential of their rotation.
 pub(crate) fn integrate(model: &Model, state: &mut State, dt: f64) {
+    move_freely(model, state, dt);
+    model.follow_positions(state);
+}
+
+fn move_freely(model: &Model, state: &mut State, dt: f64) {
     for node in &model.nodes[1..] {
         let (q, v) = (node.qpos, node.dof);
         if !node.is_free {

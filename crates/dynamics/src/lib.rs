@@ -80,6 +80,10 @@
 //! the lever over the coefficient of friction, so that the law and its potential stay the same in five dimensions instead of two
 //! (MuJoCo's elliptic cone of six dimensions).
 //!
+//! *Coupled joints.* A joint may follow one above it: its angle is a multiple of the leader's plus an offset, as a finger's outer joint
+//! follows the inner one by a linkage. The equation is solved in the coordinates that are left ([`Coupling`]), so it holds exactly;
+//! the state keeps all joints.
+//!
 //! *Rest.* A free body whose velocity is exactly zero and that nothing comes near is left out of a step if its pose would keep it:
 //! a solve for this body alone among what is fixed must leave it below 0.002 mm/s, and below 0.05 mm/s when it is pushed to each
 //! side by 1/200 of its weight or twisted by as much at its radius of gyration. That excludes balance on an edge, a slide that is
@@ -101,6 +105,7 @@ mod check;
 mod collide;
 mod contact;
 mod contact_law;
+mod coupling;
 mod distance;
 mod equation_of_motion;
 mod error;
@@ -136,6 +141,6 @@ pub use model::{Body, MAX_DOFS, Model, State};
 pub use solid::Solid;
 pub use solve::StepReport;
 pub use spatial::{Velocity, Wrench};
-pub use spec::{BodyId, BodySpec, Drive, Hinge, Joint, Material, ShapeId, ShapeSpec};
+pub use spec::{BodyId, BodySpec, Coupling, Drive, Hinge, Joint, Material, ShapeId, ShapeSpec};
 pub use step::Dynamics;
 pub use variation::{BodyVariation, DriveVariation, PreparedVariation, Variation};

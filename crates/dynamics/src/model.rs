@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::parameters::Parameters;
 use crate::row_set::MAX_WORDS;
-use crate::spec::{BodyId, BodySpec, Drive, Joint, ShapeSpec};
+use crate::spec::{BodyId, BodySpec, Coupling, Drive, Joint, ShapeSpec};
 
 /// A state's `nv` may be at most this: enough for a robot and 32 free bodies. Rows of the factor are tracked as bits.
 pub const MAX_DOFS: usize = 128 * MAX_WORDS;
@@ -43,6 +43,7 @@ pub struct Model {
     pub(crate) pairs: Vec<CullGroupPair>,
     pub(crate) cull_groups: Vec<Vec<usize>>,
     pub(crate) excluded: Vec<(BodyId, BodyId)>,
+    pub(crate) coupled: Vec<CoupledJoint>,
     pub(crate) nominal: Parameters,
 }
 
@@ -61,6 +62,21 @@ impl Node {
     pub fn dofs(&self) -> std::ops::Range<usize> {
         self.dof..self.dof + if self.is_free { 6 } else { 1 }
     }
+}
+
+/// A coupling and where its numbers stand.
+#[derive(Debug, Clone)]
+pub(crate) struct CoupledJoint {
+    pub coupling: Coupling,
+    pub leader_dof: usize,
+    pub follower_dof: usize,
+    pub leader_qpos: usize,
+    pub follower_qpos: usize,
+    /// Places of both in the chain of every body below the follower.
+    pub leader_place: usize,
+    pub follower_place: usize,
+    /// Degrees of freedom below the follower.
+    pub below: Vec<usize>,
 }
 
 /// The shape pairs between two cull groups that may touch, in rows: a shape of one group and those of the other one. Rows are
@@ -129,7 +145,7 @@ impl Model {
         self.row_start[dof + 1] - 1
     }
 
-    /// The state with every hinge at 0 and every free body at its reference pose, at rest.
+    /// The state with every hinge at 0, but for those that follow others, and every free body at its reference pose, at rest.
     pub fn reference_state(&self) -> State {
         let mut state = State { qpos: vec![0.0; self.nq], qvel: vec![0.0; self.nv] };
         for (index, body) in self.bodies.iter().enumerate().skip(1) {
@@ -137,6 +153,7 @@ impl Model {
                 state.set_pose(self, BodyId(index), &body.spec.parent_from_body);
             }
         }
+        self.follow(&mut state);
         state
     }
 }

@@ -13,7 +13,7 @@ use crate::factor::Factor;
 use crate::input::Input;
 use crate::joint_forces::{ImplicitDrive, JointLimit};
 use crate::kinematics::Kinematics;
-use crate::model::{Model, State};
+use crate::model::{CoupledJoint, Model, State};
 use crate::parameters::Parameters;
 use crate::row_set::RowSet;
 use crate::spatial::{Force, Motion, V3};
@@ -213,6 +213,11 @@ impl<const W: usize> Solver<W> {
         (true, iterations)
     }
 
+    /// Sets the velocity of joints that follow others, which the minimisation leaves alone.
+    pub fn follow(&mut self, model: &Model) {
+        model.follow_velocities(&mut self.velocity);
+    }
+
     /// The velocity at hand.
     pub fn velocity(&self) -> &[f64] {
         &self.velocity
@@ -251,8 +256,10 @@ impl<const W: usize> Solver<W> {
             let node = &model.nodes[body.0];
             self.drives.push(ImplicitDrive::new(node.dof, drive, target - state.qpos[node.qpos], dt));
         }
-        for body in &model.bodies[1..] {
-            if let Joint::Hinge(hinge) = &body.spec.joint {
+        for (index, body) in model.bodies.iter().enumerate().skip(1) {
+            if let Joint::Hinge(hinge) = &body.spec.joint
+                && !model.follows(index)
+            {
                 let inverse_weight = parameters.inverse_weights.dofs[body.dof_start];
                 let limit = JointLimit::new(body.dof_start, hinge, state.qpos[body.qpos_start], inverse_weight, dt);
                 self.limits.extend(limit);
@@ -310,7 +317,7 @@ impl<const W: usize> Solver<W> {
         let shared = chain_a.iter().zip(chain_b).take_while(|(x, y)| x == y).count();
         let (mut rest_a, mut rest_b) = (&chain_a[shared..], &chain_b[shared..]);
         let shift = origin - kin.origin[a];
-        let mut dofs = RowSet::EMPTY;
+        let (mut dofs, start) = (RowSet::EMPTY, self.columns.len());
         loop {
             let from_a = match (rest_a.first(), rest_b.first()) {
                 (None, None) => break,
@@ -331,10 +338,32 @@ impl<const W: usize> Solver<W> {
             self.column_dof.push(dof);
             dofs.insert(dof.into());
         }
+        for joint in &model.coupled {
+            if dofs.contains(joint.follower_dof) {
+                dofs.remove(joint.follower_dof);
+                dofs.insert(joint.leader_dof);
+                self.reduce_columns(start, joint);
+            }
+        }
         if chain_a.len() > shared && chain_b.len() > shared {
             self.factor.couple(dofs);
         }
         dofs
+    }
+
+    /// Replaces a follower's column among those from `start` on by its share in the leader's. A leader that moves both bodies has
+    /// no column so far, and stands above all that have one.
+    fn reduce_columns(&mut self, start: usize, joint: &CoupledJoint) {
+        let place = |dofs: &[u16], dof: usize| dofs.partition_point(|&other| usize::from(other) < dof);
+        let at = start + place(&self.column_dof[start..], joint.follower_dof);
+        let column = self.columns.remove(at);
+        self.column_dof.remove(at);
+        let at = start + place(&self.column_dof[start..], joint.leader_dof);
+        if self.column_dof.get(at).is_none_or(|&dof| usize::from(dof) != joint.leader_dof) {
+            self.columns.insert(at, Motion::ZERO);
+            self.column_dof.insert(at, joint.leader_dof as u16);
+        }
+        self.columns[at].add_scaled(&column, joint.coupling.ratio);
     }
 
     /// Gradient of the objective at the current velocity; true when it is small enough.

@@ -63,6 +63,20 @@ pub enum Joint {
     Hinge(Hinge),
 }
 
+/// An exact coupling of two hinges: the follower's angle is `ratio` times the leader's plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coupling {
+    /// Body below the joint that follows. It has no drive, or one without stiffness and damping, which keeps its place among the
+    /// targets.
+    pub follower: BodyId,
+    /// Body below the joint that it follows: a body above the follower, which follows none itself.
+    pub leader: BodyId,
+    /// Turn of the follower per turn of the leader, not 0.
+    pub ratio: f64,
+    /// Angle of the follower where the leader's is 0, rad.
+    pub offset: f64,
+}
+
 /// A rigid body as given to [`ModelBuilder::add_body`](crate::ModelBuilder::add_body).
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodySpec {

@@ -127,6 +127,8 @@ impl Dynamics {
     /// A fast state takes several substeps, as many as follow from its speeds. A solve that does not converge is tried once
     /// more from the start of the step with twice as many.
     ///
+    /// Joints that follow others are first set by their leaders ([`Model::follow`]); a lock on one has no effect.
+    ///
     /// The caller has checked that targets and wrenches are finite ([`check_array`](crate::check_array)).
     ///
     /// # Panics
@@ -138,6 +140,7 @@ impl Dynamics {
         for (velocity, _) in state.qvel.iter_mut().zip(input.locked).filter(|(_, locked)| **locked) {
             *velocity = 0.0;
         }
+        model.follow(state);
         let rate = self.turning_rate(model, &state.qvel);
         // A rate that is not finite takes one substep.
         let substeps = ((dt * rate / SUBSTEP_ANGLE).ceil() as u32).clamp(1, MAX_SUBSTEPS);
@@ -258,17 +261,21 @@ impl Stepper {
         let free_twigs = solver.find_free_twigs(model, contacts);
         let resting = &self.rest.bodies;
         equation.update(model, parameters, kin, input.wrenches, &state.qvel, free_twigs, resting);
+        equation.reduce(model);
         let mut problem = Problem { model, parameters, kin, equation, input, dt };
         solver.start(&problem, state, contacts, resting);
         if mean_bias {
             solver.minimise(&problem, FIRST_TOLERANCE, report);
+            solver.follow(model);
             for (mean, (before, after)) in self.mean_velocity.iter_mut().zip(state.qvel.iter().zip(solver.velocity())) {
                 *mean = 0.5 * (before + after);
             }
             equation.update_bias(model, parameters, kin, input.wrenches, &self.mean_velocity, resting);
+            equation.reduce_bias(model);
             problem = Problem { model, parameters, kin, equation, input, dt };
         }
         report.converged &= solver.minimise(&problem, TOLERANCE, report);
+        solver.follow(model);
         solver.finish(dt, part, state, contacts, &mut self.efforts, self.rest.touching(), report);
         self.rest.report(part, &mut self.contacts, report);
         self.rest.stop(model, parameters, kin, &mut self.collider, state, input, whole);

@@ -26,7 +26,10 @@ fn a_varied_world() {
     let base = builder.add_body(body("base", BodyId::WORLD, Joint::Free)).unwrap();
     let drive = Some(Drive { stiffness: 50.0, damping: 1.0, effort_limit: 10.0, speed_limit: f64::INFINITY });
     let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.01, drive };
+    let follower = Hinge { drive: None, ..hinge.clone() };
     let arm = builder.add_body(body("arm", base, Joint::Hinge(hinge))).unwrap();
+    let hand = builder.add_body(body("hand", arm, Joint::Hinge(follower))).unwrap();
+    builder.couple(Coupling { follower: hand, leader: arm, ratio: 0.5, offset: 0.0 }).unwrap();
     for (body, geometry) in
         [(BodyId::WORLD, Geometry::HalfSpace), (base, Geometry::Cuboid { half_extents: Vector3::repeat(0.1) })]
     {

@@ -171,6 +171,7 @@ impl Writer<'_> {
         self.contents(BodyId::WORLD.0);
         self.xml.close("worldbody");
         self.exclusions();
+        self.couplings();
         self.actuators();
         self.sensors();
         self.order();
@@ -323,6 +324,28 @@ impl Writer<'_> {
             self.xml.leaf("exclude", &[("body1", a), ("body2", b)]);
         }
         self.xml.close("contact");
+    }
+
+    fn couplings(&mut self) {
+        let couplings: Vec<_> = self.model.couplings().collect();
+        if couplings.is_empty() {
+            return;
+        }
+        self.xml.open("equality", &[]);
+        // As stiff as MuJoCo integrates it, where ours is exact.
+        let time = numbers(&[2.0 * self.options.timestep, 1.0]);
+        for coupling in couplings {
+            let [follower, leader] =
+                [coupling.follower, coupling.leader].map(|body| self.options.names.joint(self.model, body.0));
+            let polynomial = numbers(&[coupling.offset, coupling.ratio, 0.0, 0.0, 0.0]);
+            let mut attributes: Vec<Attribute> =
+                vec![("joint1", &follower), ("joint2", &leader), ("polycoef", &polynomial)];
+            if self.options.option_set == OptionSet::Nearest {
+                attributes.extend([("solref", &time as &dyn Display), ("solimp", &"0.9999 0.9999 0.001")]);
+            }
+            self.xml.leaf("joint", &attributes);
+        }
+        self.xml.close("equality");
     }
 
     fn actuators(&mut self) {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fiatlux_dynamics::{BodySpec, Drive, Hull, Material, ModelBuilder, ShapeSpec};
+use fiatlux_dynamics::{BodySpec, Coupling, Drive, Hull, Material, ModelBuilder, ShapeSpec};
 use nalgebra::{Matrix3, Translation3};
 
 use super::*;
@@ -109,6 +109,32 @@ fn bodies_and_joints() {
             r#"<exclude body1="right" body2="hand"/>"#,
         ],
     );
+}
+
+#[test]
+fn a_coupling_is_an_equality_of_two_joints() {
+    assert!(!export(OptionSet::Nearest).contains("equality"));
+    let mut builder = ModelBuilder::new();
+    let mut above = BodyId::WORLD;
+    for name in ["inner", "outer"] {
+        let hinge = Hinge { axis: Vector3::y_axis(), lower: -1.0, upper: 1.0, armature: 0.0, drive: None };
+        let spec = BodySpec {
+            name: name.into(),
+            parent: above,
+            parent_from_body: Isometry3::identity(),
+            joint: Joint::Hinge(hinge),
+            mass: 1.0,
+            com: Vector3::zeros(),
+            inertia: Matrix3::identity(),
+        };
+        above = builder.add_body(spec).unwrap();
+    }
+    builder.couple(Coupling { follower: above, leader: BodyId(1), ratio: 1.6, offset: -0.2 }).unwrap();
+    let (model, names) = (builder.build().unwrap(), Names::default());
+    let options = MjcfOptions { name: "finger".into(), timestep: 0.005, option_set: OptionSet::Nearest, names };
+    let xml = to_mjcf(&model, &model.reference_state(), &[], &options);
+    let equality = r#"<joint joint1="outer" joint2="inner" polycoef="-0.2 1.6 0 0 0" solref="0.01 1" solimp="0.9999 0.9999 0.001"/>"#;
+    check_contains(&xml, &["<equality>", equality, "</equality>"]);
 }
 
 #[test]

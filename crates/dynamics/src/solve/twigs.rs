@@ -21,7 +21,8 @@ const BASE_DOFS: usize = 16;
 
 type Vector = [f64; 6];
 
-/// The unbranched twigs of a model, by base. What branches keeps its rows in the factor.
+/// The unbranched twigs of a model, by base. What branches, or has a joint that follows another, keeps its rows
+/// in the factor.
 #[derive(Debug, Clone)]
 pub(crate) struct Twigs<const W: usize> {
     bases: Vec<Base<W>>,
@@ -71,8 +72,9 @@ impl<const W: usize> Twigs<W> {
             });
             bases[at].push(rest);
         }
+        let follows = |link: &Link| model.follows(model.dof_body[link.dof]);
         for base in &mut bases {
-            base.twigs.retain(|twig| twig.rows.len() == twig.links.len());
+            base.twigs.retain(|twig| twig.rows.len() == twig.links.len() && !twig.links.iter().any(follows));
         }
         Self { bases, free: RowSet::EMPTY }
     }

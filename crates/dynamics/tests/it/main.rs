@@ -3,6 +3,7 @@
 
 mod closed_forms;
 mod contact_points;
+mod coupling;
 mod dense;
 mod distances;
 mod heap;
