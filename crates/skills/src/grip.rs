@@ -14,6 +14,8 @@ pub const FINGERS: [&str; 5] = ["thumb", "index", "middle", "ring", "pinky"];
 const SIDES: [[&str; 2]; 2] = [["L_", "left_"], ["R_", "right_"]];
 /// Share of the difference by which a held angle follows the sensed one in each control step: what is sensed is noisy.
 const SENSED: f64 = 0.1;
+/// Control steps in which hands that press on get used to what they hold.
+const SETTLES: u32 = 100;
 
 /// A joint whose angles in the open and the closed hand are nearer to each other says nothing about how far it is closed, rad.
 const MOVES: f64 = 0.2;
@@ -172,13 +174,15 @@ impl Grip {
 pub struct Hold {
     /// Each joint with the most that it presses with, N m, and its sensed angle, averaged, rad.
     joints: Vec<(HandJoint, f64, Option<f64>)>,
+    /// Control steps so far.
+    steps: u32,
 }
 
 impl Hold {
     /// With a share of what the drives can do.
     pub fn new(joints: &[Joint], share: f64) -> Self {
         let joint = |(joint, _): (HandJoint, &str)| (joint, share * joints[joint.index].effort_limit, None);
-        Self { joints: HandJoint::all(joints).map(joint).collect() }
+        Self { joints: HandJoint::all(joints).map(joint).collect(), steps: 0 }
     }
 
     /// True where it holds no joint.
@@ -186,8 +190,10 @@ impl Hold {
         self.joints.is_empty()
     }
 
-    /// Writes the targets of the hands' joints: those of the start as far as they may press, by what is sensed, rad.
+    /// Writes the targets of the hands' joints: those of the start as far as they may press, by what is sensed at first, rad. After that a
+    /// finger that gives way presses more, or what is held would wander.
     pub fn write(&mut self, start: &[f64], sensed: &[f64], targets: &mut [f64]) {
+        self.steps = self.steps.saturating_add(1);
         for (joint, torque, average) in &mut self.joints {
             let (Some(target), Some(start), Some(sensed)) =
                 (targets.get_mut(joint.index), start.get(joint.index), sensed.get(joint.index))
@@ -195,7 +201,9 @@ impl Hold {
                 continue;
             };
             let angle = average.get_or_insert(*sensed);
-            *angle += SENSED * (sensed - *angle);
+            if self.steps < SETTLES {
+                *angle += SENSED * (sensed - *angle);
+            }
             *target = joint.bounded(*start, *angle, *torque);
         }
     }

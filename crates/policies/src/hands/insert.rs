@@ -96,7 +96,6 @@ struct Opening {
     time: f64,
     hold: f64,
     back: Vec<[f64; 3]>,
-    speed: f64,
     open: Angles,
     #[serde(default)]
     grip: Angles,
@@ -114,7 +113,7 @@ enum Phase {
     Insert,
     /// Lets go of what the arm presses with, by time.
     Relax,
-    /// Opens the hand, which stays where it is, by time.
+    /// Opens the hand, by time; the arm stays where it is.
     Open,
     /// Takes the hand off the bulb.
     Retreat,
@@ -144,8 +143,6 @@ pub(super) struct Insert {
     held_since: Option<f64>,
     /// Least gap of this phase, m, and when, s.
     deepest: (f64, f64),
-    /// Where the hand is wanted once the bulb is seated.
-    goal: Isometry3<f64>,
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
     /// The grip is loosened, since at first it presses hard.
@@ -168,7 +165,6 @@ impl Insert {
             gap: 0.0,
             held_since: None,
             deepest: (0.0, 0.0),
-            goal: Isometry3::identity(),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
             grip: Grip::new(joints, &params.open.open, &params.open.grip),
             loosens: None,
@@ -383,7 +379,7 @@ impl Expert for Insert {
                 )?;
                 let is_outside = plug.gap > MOUTH / 2.0;
                 if self.has_held(seen.seated[1], seen, insert.seated) {
-                    self.goal = arm.sensed_hand();
+                    arm.rest_where_it_is();
                     Some(Phase::Relax)
                 } else if is_outside && (elapsed > insert.patience || plug.aside.norm() > insert.stray) {
                     self.gap = align.before;
@@ -392,16 +388,11 @@ impl Expert for Insert {
                     None
                 }
             }
-            Phase::Relax | Phase::Open => {
-                let goal = self.goal;
-                arm.move_to(true, &goal, open.speed)?;
-                if self.phases.now() == Phase::Relax {
-                    (elapsed > open.relax).then_some(Phase::Open)
-                } else {
-                    let opening = CONTROL_DT / open.time;
-                    self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
-                    (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug))
-                }
+            Phase::Relax => (elapsed > open.relax).then_some(Phase::Open),
+            Phase::Open => {
+                let opening = CONTROL_DT / open.time;
+                self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
+                (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug))
             }
             Phase::Retreat => {
                 if let Some(search) = &mut self.search {
@@ -456,7 +447,7 @@ impl Expert for Insert {
         arm.rest_where_it_is();
         self.taking.stays(command);
         self.hand_from_plug = hand.inv_mul(&(seen.fresh_bulb * Translation3::new(0.0, 0.0, CAP)));
-        (self.gap, self.deepest, self.goal) = (plug.gap, (plug.gap, seen.time), hand);
+        (self.gap, self.deepest) = (plug.gap, (plug.gap, seen.time));
         let phase = if is_on_way {
             Phase::Take
         } else if !seen.seated[1] {

@@ -3,8 +3,9 @@
 use fiatlux_wbc::BodyCommand;
 use serde::Deserialize;
 
-/// Gap that the arm keeps on its way back from the work, where there is room, m.
+/// On the way back from the work: gap that the arm keeps where there is room, m, and time in which the robot stands up, s.
 const WIDE_MARGIN: f64 = 0.025;
+const UNHURRIED: f64 = 1.5;
 
 /// Stances that are compared: all combinations, then steps from the best.
 #[derive(Debug, Clone, Deserialize)]
@@ -49,10 +50,18 @@ impl Lean {
         all
     }
 
-    /// The same for one command alone, with wide gaps.
+    /// The same for one command alone, with wide gaps and in no hurry.
     pub fn only(&self, command: &BodyCommand) -> Self {
         let [rolls, pitches, yaws] = command.torso.map(|angle| vec![angle]);
-        Self { heights: vec![command.height], rolls, pitches, yaws, margin: WIDE_MARGIN, ..self.clone() }
+        Self {
+            heights: vec![command.height],
+            rolls,
+            pitches,
+            yaws,
+            margin: WIDE_MARGIN,
+            bend: UNHURRIED,
+            ..self.clone()
+        }
     }
 
     /// No other combination is nearer to a command.
