@@ -209,7 +209,7 @@ impl Expert {
 
     /// The task of the episode, or the subtask that is due, is played by `hands`.
     pub fn is_by_hand(&self) -> bool {
-        self.episode.as_ref().and_then(|episode| episode.task).is_some_and(by_hand)
+        self.episode.as_ref().and_then(|episode| episode.task).is_some_and(|task| Hands::TASKS.contains(&task))
     }
 
     /// Answers an observation as [`Policy::act`] does, and says what it means.
@@ -308,12 +308,7 @@ fn stalled(task: Option<Task>, played: u64, is_over: Option<u64>) -> Option<&'st
     if is_over.is_some_and(|steps| steps > IDLE) {
         return Some("nothing is left to do, and yet the task has not ended; begin another episode");
     }
-    (by_hand(task?) && played > ENDLESS).then_some("try after try fails; begin another episode")
-}
-
-/// The task is one of `hands`.
-fn by_hand(task: Task) -> bool {
-    matches!(task, Task::S03 | Task::S06 | Task::S08 | Task::S11)
+    (Hands::TASKS.contains(&task?) && played > ENDLESS).then_some("try after try fails; begin another episode")
 }
 
 /// A bulb presses on a body of a hand.

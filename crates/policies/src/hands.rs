@@ -64,6 +64,9 @@ struct Played {
 }
 
 impl Hands {
+    /// Played by hand while the robot stands.
+    pub(crate) const TASKS: &[Task] = &[Task::S03, Task::S06, Task::S08, Task::S11];
+
     /// With the whole-body controller that comes with this version.
     ///
     /// # Errors
@@ -119,7 +122,7 @@ impl Policy for Hands {
     }
 
     fn tasks(&self) -> &'static [Task] {
-        &[Task::S03, Task::S06, Task::S08, Task::S11]
+        Self::TASKS
     }
 
     fn sensors(&self) -> Vec<Sensor> {

@@ -30,15 +30,15 @@ fn the_run_goes_on_over_the_others() {
 #[test]
 fn or_ends_with_a_named_cause() {
     let (_lab, outcome, code, log) = hang_half_way("hang-shared", true);
-    let left = outcome["episodes"].as_array().unwrap().iter().filter(|episode| episode["state"] == "lost").count();
+    let lost = outcome["episodes"].as_array().unwrap().iter().filter(|episode| episode["state"] == "lost");
+    let causes: Vec<&str> = lost.map(|episode| episode["cause"].as_str().unwrap()).collect();
     match code {
         // Nothing was open there at that moment.
         Some(0) => assert_eq!(digests(&outcome, "digest"), undisturbed(ASKED)),
         code => {
             assert_eq!(code, Some(3), "{log}");
-            let cause =
-                "nothing could be played for 8 s: server lab-1 refuses 'open': the episode is open on server 'lab-2'";
-            assert!(left > 0 && log.matches(cause).count() > left, "{log}");
+            // Its answer did not come, or the others told that the episode is open there.
+            assert!(!causes.is_empty() && causes.iter().all(|cause| cause.contains("lab-2")), "{causes:?}\n{log}");
         }
     }
 }
