@@ -27,7 +27,7 @@ pub(crate) use blobs::{Blobs, Digest};
 pub(crate) use known::EpisodeRows;
 pub use known::KnownBags;
 pub(crate) use pictures::{Picture, Pictures};
-pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, Verdict};
+pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, LEASE, Return, Verdict};
 pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
 

@@ -1,10 +1,9 @@
 //! Verifies episodes by simulating them again, on one or many sim-servers.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read as _;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -19,7 +18,7 @@ use sha2::{Digest as _, Sha256};
 use tokio::runtime::Handle;
 
 use super::Verifier;
-use crate::store::{Digest, EpisodeJob, Verdict};
+use crate::store::{Digest, EpisodeJob, LEASE, Return, Verdict};
 use crate::{Service, StoreError};
 
 /// Time between two looks for work of an idle worker.
@@ -32,26 +31,17 @@ const LATER: Duration = Duration::from_secs(10);
 const OTHER_VERSION: Duration = Duration::from_secs(600);
 /// After this many refusals by servers of the bag's own version, a pause between them, an episode cannot be replayed. Before
 /// that an operator may be in the middle of an upgrade.
-const MAX_REFUSALS: u32 = 3;
+const MAX_REFUSALS: i64 = 3;
 
 /// The worker threads, `parallel` for each server.
 #[derive(Debug)]
 pub(super) struct Verifiers(Vec<JoinHandle<()>>);
-
-/// The episodes in progress, those that failed recently with the end of their pause, and each one's number of refusals.
-#[derive(Debug, Default)]
-struct Claims {
-    taken: BTreeSet<EpisodeJob>,
-    later: BTreeMap<EpisodeJob, Instant>,
-    refusals: BTreeMap<EpisodeJob, u32>,
-}
 
 struct Worker {
     service: Arc<Service>,
     runtime: Handle,
     verifier: Verifier,
     access: Arc<Access>,
-    claims: Arc<Mutex<Claims>>,
     stop: Arc<AtomicBool>,
     name: String,
 }
@@ -74,7 +64,7 @@ impl Verifiers {
         parallel: usize,
         stop: &Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
-        let (access, claims) = (Arc::new(access), Arc::default());
+        let access = Arc::new(access);
         let mut threads = Vec::new();
         for verifier in verifiers {
             for _ in 0..parallel {
@@ -85,7 +75,6 @@ impl Verifiers {
                     runtime: Handle::current(),
                     verifier: verifier.clone(),
                     access: Arc::clone(&access),
-                    claims: Arc::clone(&claims),
                     stop: Arc::clone(stop),
                     name,
                 };
@@ -108,7 +97,7 @@ impl Worker {
     fn run(&self) {
         let mut pause = PAUSES.0;
         while !self.stop.load(Ordering::Relaxed) {
-            let job = match self.claim() {
+            let job = match self.runtime.block_on(self.service.store.claim()) {
                 Ok(Some(job)) => job,
                 Ok(None) => {
                     self.sleep(LOOK);
@@ -120,13 +109,14 @@ impl Worker {
                     continue;
                 }
             };
+            let renewal = self.runtime.spawn(renew(Arc::clone(&self.service), job.clone()));
             let outcome = self.again(&job);
+            renewal.abort();
             let is_idle = matches!(outcome, VerifyOutcome::Again(_));
             if let Err(error) = self.take_in(&job, outcome) {
                 tracing::error!(error = in_full(&error), "cannot store the outcome of a verification; it is repeated");
                 self.sleep(PAUSES.0);
             }
-            self.claims().taken.remove(&job);
             if is_idle {
                 self.sleep(pause);
                 pause = (pause * 2).min(PAUSES.1);
@@ -134,23 +124,6 @@ impl Worker {
                 pause = PAUSES.0;
             }
         }
-    }
-
-    fn claims(&self) -> std::sync::MutexGuard<'_, Claims> {
-        self.claims.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Claims the next episode that no other thread works on.
-    fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
-        let mut claims = self.claims();
-        let now = Instant::now();
-        claims.later.retain(|_, until| *until > now);
-        let most = (claims.taken.len() + claims.later.len()) as i64 + 1;
-        let waiting = self.runtime.block_on(self.service.store.waiting(most))?;
-        let is_free = |job: &EpisodeJob| !claims.taken.contains(job) && !claims.later.contains_key(job);
-        let job = waiting.into_iter().find(is_free);
-        claims.taken.extend(job.clone());
-        Ok(job)
     }
 
     fn sleep(&self, time: Duration) {
@@ -235,11 +208,16 @@ impl Worker {
     fn take_in(&self, job: &EpisodeJob, outcome: VerifyOutcome) -> Result<(), StoreError> {
         let metrics = &self.service.metrics;
         let decide = |verdict, detail: &str| {
-            metrics.verified.fetch_add(1, Ordering::Relaxed);
-            self.runtime.block_on(self.service.store.set_verdict(job, verdict, &self.name, detail))
+            if self.runtime.block_on(self.service.store.set_verdict(job, verdict, &self.name, detail))? {
+                metrics.verified.fetch_add(1, Ordering::Relaxed);
+            } else {
+                tracing::info!(episode = %job, server = self.name, "it is decided or claimed again; this verdict is not used");
+            }
+            Ok(())
         };
+        let release = |pause, why| self.runtime.block_on(self.service.store.release(job, pause, why));
         match outcome {
-            VerifyOutcome::Stopped => Ok(()),
+            VerifyOutcome::Stopped => release(Duration::ZERO, Return::Unplayed),
             VerifyOutcome::Decided(verdict, detail) => {
                 if verdict != Verdict::Equal {
                     tracing::info!(submission = %job.submission, episode = %job, server = self.name, detail, "differs");
@@ -250,29 +228,33 @@ impl Worker {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "could not be verified; trying again later");
                 // An episode that always fails must not hold up the others.
-                self.claims().later.insert(job.clone(), Instant::now() + LATER);
-                Ok(())
+                release(LATER, Return::Unplayed)
             }
             VerifyOutcome::OtherVersion(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "could not be verified; trying again later");
-                self.claims().later.insert(job.clone(), Instant::now() + OTHER_VERSION);
-                Ok(())
+                release(OTHER_VERSION, Return::Unplayed)
             }
             VerifyOutcome::NotTaken(reason) => {
                 metrics.retries.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(episode = %job, server = self.name, reason, "the server refuses to play it");
-                let mut claims = self.claims();
-                let times = claims.refusals.entry(job.clone()).or_default();
-                *times += 1;
-                if *times < MAX_REFUSALS {
-                    claims.later.insert(job.clone(), Instant::now() + self.service.options.refusal_pause);
-                    return Ok(());
+                if job.refusals + 1 < MAX_REFUSALS {
+                    return release(self.service.options.refusal_pause, Return::Refused);
                 }
-                claims.refusals.remove(job);
-                drop(claims);
                 decide(Verdict::Refused, &format!("no server plays it again: {reason}"))
             }
+        }
+    }
+}
+
+/// Renews a claim until it is aborted, or the claim has ended.
+async fn renew(service: Arc<Service>, job: EpisodeJob) {
+    loop {
+        tokio::time::sleep(LEASE / 4).await;
+        match service.store.renew(&job).await {
+            Ok(true) => {}
+            Ok(false) => return,
+            Err(error) => tracing::warn!(error = in_full(&error), "cannot renew the claim on an episode"),
         }
     }
 }

@@ -41,16 +41,16 @@ impl Store {
                 .execute(&mut *tx)
                 .await
                 .map_err(failed)?;
-            if consequence(facts.hosted, false, refused, 1) == Consequence::Refused {
-                let reason = "an episode could not be simulated again, which refuses all of them; submit it again";
-                refuse(&mut tx, id, "service", reason).await?;
-            }
             // Episodes in real time were not simulated again by those versions.
             sqlx::query("UPDATE episodes SET verdict = 'waiting' WHERE submission = $1 AND verdict = 'none'")
                 .bind(id.to_string())
                 .execute(&mut *tx)
                 .await
                 .map_err(failed)?;
+            if consequence(facts.hosted, false, refused, 1) == Consequence::Refused {
+                let reason = "an episode could not be simulated again, which refuses all of them; submit it again";
+                refuse(&mut tx, id, "service", reason).await?;
+            }
             sqlx::query(
                 "UPDATE submissions SET state = 'graded' WHERE id = $1 AND state = 'verified' AND EXISTS \
                  (SELECT 1 FROM episodes e WHERE e.submission = $1 AND e.verdict = 'waiting')",

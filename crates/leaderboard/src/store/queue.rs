@@ -1,7 +1,12 @@
 //! The queue of jobs. There is no separate list: every submission in the state `received` waits to be graded, and every
 //! episode with the verdict `waiting` waits to be verified. So no accepted submission can be lost, and nothing is decided twice.
+//!
+//! Who verifies an episode claims it for a while ([`LEASE`]) and renews the claim meanwhile. Threads and processes claim in
+//! transactions that write, one after the other. The claim of one that was killed ends by itself. Each claim has a number, so a
+//! verdict of an earlier claim counts for nothing.
 
 use std::collections::BTreeSet;
+use std::time::Duration;
 
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -10,12 +15,19 @@ use super::accounts::audit;
 use super::facts::{facts_in, facts_text};
 use super::known::{EpisodeRows, own, take_place};
 use super::submissions::{counts, digest_of, id_of, refuse};
-use super::{Count, Digest, Store};
+use super::{Count, Digest, Store, now_ms};
 use crate::claims::{Consequence, Facts, Label, consequence};
 use crate::{StoreError, SubmissionId};
 
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
+
+/// The free episode that has waited longest: the first one of an index, as long as refused submissions have none that wait.
+const NEXT: &str = "SELECT e.submission, e.task, e.seed, e.episode, e.attempt + 1 AS attempt, e.refusals, \
+     (SELECT f.sha256 FROM files f WHERE f.submission = e.submission AND f.place = e.place) AS sha256 \
+     FROM episodes e WHERE e.verdict = 'waiting' AND e.leased_until = 0 \
+     AND (SELECT s.state FROM submissions s WHERE s.id = e.submission) = 'graded' \
+     ORDER BY e.queue, e.submission, e.task, e.seed, e.episode LIMIT 1";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
@@ -60,13 +72,31 @@ pub(crate) struct Graded<'a> {
     pub replaces: BTreeSet<String>,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+/// Time after which a claim that is not renewed ends.
+pub(crate) const LEASE: Duration = Duration::from_secs(20);
+/// No claim or pause is longer. An end that is further away was written by a clock that ran ahead.
+const MAX_PAUSE: Duration = Duration::from_secs(24 * 3600);
+
+/// An episode that its holder has claimed to verify it.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct EpisodeJob {
     pub submission: SubmissionId,
     pub task: String,
     pub seed: String,
     pub episode: String,
     pub bag: Digest,
+    /// Number of the claim: each of the episode has the next one.
+    pub attempt: i64,
+    /// Number of refusals by servers of the bag's version so far.
+    pub refusals: i64,
+}
+
+/// The reason for which an episode goes back to the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Return {
+    Unplayed,
+    /// A server of the bag's version refuses to play it.
+    Refused,
 }
 
 impl std::fmt::Display for EpisodeJob {
@@ -104,8 +134,8 @@ impl Store {
         }
         for episode in episodes {
             sqlx::query(
-                "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail) \
-                 VALUES ($1, $2, $3, $4, $5, 'waiting', '', '')",
+                "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail, queue) \
+                 SELECT s.id, $2, $3, $4, $5, 'waiting', '', '', s.received FROM submissions s WHERE s.id = $1",
             )
             .bind(id.to_string())
             .bind(&episode.task)
@@ -141,46 +171,83 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// Episodes that wait to be verified, those of the oldest submission first.
-    pub(crate) async fn waiting(&self, most: i64) -> Result<Vec<EpisodeJob>, StoreError> {
+    /// Claims the episode that has waited longest, for [`LEASE`]. One whose claim has ended has its old place in the queue.
+    pub(crate) async fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
-        let rows = sqlx::query(
-            "SELECT e.submission, e.task, e.seed, e.episode, f.sha256 FROM episodes e \
-             JOIN submissions s ON s.id = e.submission \
-             JOIN files f ON f.submission = e.submission AND f.place = e.place \
-             WHERE e.verdict = 'waiting' AND s.state = 'graded' \
-             ORDER BY s.received, s.id, e.task, e.seed, e.episode LIMIT $1",
-        )
-        .bind(most)
-        .fetch_all(&self.pool)
-        .await
-        .map_err(failed)?;
-        let job_of = |row: &SqliteRow| {
-            Ok(EpisodeJob {
-                submission: id_of(row, "submission")?,
-                task: row.try_get("task").map_err(failed)?,
-                seed: row.try_get("seed").map_err(failed)?,
-                episode: row.try_get("episode").map_err(failed)?,
-                bag: digest_of(&row.try_get::<String, _>("sha256").map_err(failed)?)?,
-            })
-        };
-        rows.iter().map(job_of).collect()
+        let mut tx = self.write().await?;
+        let now = now_ms();
+        // Free episodes have one value, 0, so that the index has them in order.
+        let ended = "UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND leased_until > 0 AND leased_until <= $1";
+        let far = "UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND leased_until > $1";
+        for (free, limit) in [(ended, now), (far, after(now, MAX_PAUSE))] {
+            sqlx::query(free).bind(limit).execute(&mut *tx).await.map_err(failed)?;
+        }
+        let row = sqlx::query(NEXT).fetch_optional(&mut *tx).await.map_err(failed)?;
+        let Some(row) = row else { return Ok(None) };
+        let job = job_of(&row)?;
+        let claim = "UPDATE episodes SET attempt = $5, leased_until = $6 \
+             WHERE submission = $1 AND task = $2 AND seed = $3 AND episode = $4";
+        sqlx::query(claim)
+            .bind(job.submission.to_string())
+            .bind(&job.task)
+            .bind(&job.seed)
+            .bind(&job.episode)
+            .bind(job.attempt)
+            .bind(after(now, LEASE))
+            .execute(&mut *tx)
+            .await
+            .map_err(failed)?;
+        tx.commit().await.map_err(failed)?;
+        Ok(Some(job))
     }
 
-    /// Stores the verdict on an episode, with its consequence for the submission.
+    /// Makes a claim last for [`LEASE`] from now on; returns `false` if it is no longer the holder's.
+    pub(crate) async fn renew(&self, job: &EpisodeJob) -> Result<bool, StoreError> {
+        self.set_lease(job, after(now_ms(), LEASE), 0).await
+    }
+
+    /// Gives an episode back, to be claimed again after a pause. Does nothing if another holder has claimed it meanwhile.
+    pub(crate) async fn release(&self, job: &EpisodeJob, pause: Duration, why: Return) -> Result<(), StoreError> {
+        let until = if pause.is_zero() { 0 } else { after(now_ms(), pause.min(MAX_PAUSE)) };
+        self.set_lease(job, until, i64::from(why == Return::Refused)).await.map(drop)
+    }
+
+    async fn set_lease(&self, job: &EpisodeJob, until: i64, refusals: i64) -> Result<bool, StoreError> {
+        let failed = |error| StoreError::database(CHANGE)(error);
+        let mut tx = self.write().await?;
+        let done = sqlx::query(
+            "UPDATE episodes SET leased_until = $6, refusals = refusals + $7 WHERE submission = $1 AND task = $2 \
+             AND seed = $3 AND episode = $4 AND attempt = $5 AND verdict = 'waiting'",
+        )
+        .bind(job.submission.to_string())
+        .bind(&job.task)
+        .bind(&job.seed)
+        .bind(&job.episode)
+        .bind(job.attempt)
+        .bind(until)
+        .bind(refusals)
+        .execute(&mut *tx)
+        .await
+        .map_err(failed)?;
+        tx.commit().await.map_err(failed)?;
+        Ok(done.rows_affected() == 1)
+    }
+
+    /// Stores the verdict on an episode, with its consequence for the submission. Does nothing, and returns `false`, if the claim
+    /// ended and the episode was claimed again.
     pub(crate) async fn set_verdict(
         &self,
         job: &EpisodeJob,
         verdict: Verdict,
         server: &str,
         detail: &str,
-    ) -> Result<(), StoreError> {
+    ) -> Result<bool, StoreError> {
         let failed = |error| StoreError::database(CHANGE)(error);
         let id = job.submission.to_string();
         let mut tx = self.write().await?;
         let done = sqlx::query(
             "UPDATE episodes SET verdict = $5, server = $6, detail = $7 \
-             WHERE submission = $1 AND task = $2 AND seed = $3 AND episode = $4 AND verdict = 'waiting'",
+             WHERE submission = $1 AND task = $2 AND seed = $3 AND episode = $4 AND attempt = $8 AND verdict = 'waiting'",
         )
         .bind(&id)
         .bind(&job.task)
@@ -189,11 +256,12 @@ impl Store {
         .bind(verdict.word())
         .bind(server)
         .bind(detail)
+        .bind(job.attempt)
         .execute(&mut *tx)
         .await
         .map_err(failed)?;
         if done.rows_affected() == 0 {
-            return Ok(());
+            return Ok(false);
         }
         let row = sqlx::query(
             "SELECT s.facts, (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict = 'waiting') AS waiting \
@@ -216,7 +284,8 @@ impl Store {
             }
             Consequence::Waits => {}
         }
-        tx.commit().await.map_err(failed)
+        tx.commit().await.map_err(failed)?;
+        Ok(true)
     }
 
     pub(crate) async fn verdicts(&self) -> Result<Vec<Count>, StoreError> {
@@ -227,3 +296,26 @@ impl Store {
         counts(rows)
     }
 }
+
+/// The time after a pause, ms since 1970.
+fn after(now: i64, pause: Duration) -> i64 {
+    now + pause.as_millis() as i64
+}
+
+fn job_of(row: &SqliteRow) -> Result<EpisodeJob, StoreError> {
+    let failed = |error| StoreError::database(ASK)(error);
+    let text = |column| row.try_get::<String, _>(column).map_err(failed);
+    Ok(EpisodeJob {
+        submission: id_of(row, "submission")?,
+        task: text("task")?,
+        seed: text("seed")?,
+        episode: text("episode")?,
+        bag: digest_of(&text("sha256")?)?,
+        attempt: row.try_get("attempt").map_err(failed)?,
+        refusals: row.try_get("refusals").map_err(failed)?,
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 use crate::StoreError;
 
 /// The statements of each version, from version 1 on.
-const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS, REPLACES];
+const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS, REPLACES, LEASES];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE accounts (
@@ -116,6 +116,19 @@ const CLAIMS: &[&str] = &[
 
 /// Verified submissions whose place a submission takes once it is verified, too: their ids, with spaces between them.
 const REPLACES: &[&str] = &["ALTER TABLE submissions ADD COLUMN replaces TEXT"];
+
+/// Claims on the episodes that wait. `queue` is the time at which the submission was received, `leased_until` the end of a claim or a
+/// pause, 0 without one; `attempt` counts claims. Of a refused submission nothing waits: its episodes have the verdict `dropped`.
+const LEASES: &[&str] = &[
+    "ALTER TABLE episodes ADD COLUMN queue BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE episodes ADD COLUMN attempt BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE episodes ADD COLUMN leased_until BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE episodes ADD COLUMN refusals BIGINT NOT NULL DEFAULT 0",
+    "UPDATE episodes SET queue = (SELECT COALESCE(s.received, s.begun) FROM submissions s WHERE s.id = episodes.submission)",
+    "UPDATE episodes SET verdict = 'dropped' WHERE verdict = 'waiting' AND submission IN \
+     (SELECT id FROM submissions WHERE state = 'refused')",
+    "CREATE INDEX episodes_by_queue ON episodes (verdict, leased_until, queue, submission, task, seed, episode)",
+];
 
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
     let failed = |action| StoreError::database(action);

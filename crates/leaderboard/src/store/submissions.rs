@@ -396,6 +396,11 @@ pub(super) async fn refuse(
             .await
             .map_err(StoreError::database(CHANGE))?;
     if done.rows_affected() == 1 {
+        sqlx::query("UPDATE episodes SET verdict = 'dropped' WHERE submission = $1 AND verdict = 'waiting'")
+            .bind(id.to_string())
+            .execute(&mut **tx)
+            .await
+            .map_err(StoreError::database(CHANGE))?;
         forget_rows(tx, &id.to_string()).await?;
         audit(tx, who, "submission refused", &id.to_string(), reason).await?;
     }

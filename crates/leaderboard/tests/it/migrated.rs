@@ -19,6 +19,11 @@ async fn make_old(folder: &Path, statements: &[String]) {
         "ALTER TABLE submissions DROP COLUMN facts",
         "ALTER TABLE submissions DROP COLUMN indexed",
         "ALTER TABLE submissions DROP COLUMN replaces",
+        "DROP INDEX episodes_by_queue",
+        "ALTER TABLE episodes DROP COLUMN queue",
+        "ALTER TABLE episodes DROP COLUMN attempt",
+        "ALTER TABLE episodes DROP COLUMN leased_until",
+        "ALTER TABLE episodes DROP COLUMN refusals",
         "DELETE FROM schema_version WHERE version > 2",
     ];
     for statement in back.into_iter().map(str::to_owned).chain(statements.iter().cloned()) {

@@ -1,0 +1,222 @@
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use sqlx::AssertSqlSafe;
+
+use super::*;
+
+/// A folder that is removed when it is dropped.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("fiatlux-queue-{name}-{}", std::process::id()));
+        drop(std::fs::remove_dir_all(&path));
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        drop(std::fs::remove_dir_all(&self.0));
+    }
+}
+
+async fn run(store: &Store, statement: &str) {
+    sqlx::query(AssertSqlSafe(statement.to_owned())).execute(&store.writer).await.unwrap();
+}
+
+/// Adds graded submissions 1 to `submissions` with `each` episodes that wait. The last one was received first.
+async fn fill(store: &Store, submissions: u64, each: u64) {
+    let numbers =
+        |end: u64| format!("WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {end})");
+    let received = submissions + 1;
+    let mut tx = store.write().await.unwrap();
+    for statement in [
+        "INSERT INTO accounts (name, created, submissions_a_day, max_bytes) VALUES ('lab', 0, 1, 1)".to_owned(),
+        format!(
+            "{} INSERT INTO submissions (id, account, manifest, state, reason, badge, begun, received, bytes) \
+             SELECT printf('%016x', i), 'lab', '{{}}', 'graded', '', '', 0, {received} - i, 0 FROM n",
+            numbers(submissions)
+        ),
+        "INSERT INTO files (submission, place, name, bytes, sha256, stored) \
+         SELECT id, 0, 'a.mcap', 1, printf('%064x', received), 1 FROM submissions"
+            .to_owned(),
+        format!(
+            "{} INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail, queue) \
+             SELECT s.id, 'S01', CAST(n.i AS TEXT), '0', 0, 'waiting', '', '', s.received FROM submissions s, n",
+            numbers(each)
+        ),
+    ] {
+        sqlx::query(AssertSqlSafe(statement)).execute(&mut *tx).await.unwrap();
+    }
+    tx.commit().await.unwrap();
+}
+
+async fn filled(folder: &Folder, submissions: u64, each: u64) -> Store {
+    let store = Store::open(&folder.0).await.unwrap();
+    fill(&store, submissions, each).await;
+    store
+}
+
+async fn next(store: &Store) -> EpisodeJob {
+    store.claim().await.unwrap().unwrap()
+}
+
+/// Submission and seed.
+fn place(job: &EpisodeJob) -> (u64, String) {
+    (u64::from_str_radix(&job.submission.to_string(), 16).unwrap(), job.seed.clone())
+}
+
+/// Ends every claim and pause.
+async fn end_claims(store: &Store) {
+    run(store, "UPDATE episodes SET leased_until = 1 WHERE leased_until > 0").await;
+}
+
+/// Processor time of this process, ms.
+fn processor_ms() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    [11, 12].iter().map(|index| fields[*index].parse::<f64>().unwrap() * 10.0).sum()
+}
+
+/// Guards that a claim does not look at all that waits.
+#[tokio::test]
+async fn a_claim_costs_the_same_however_much_waits() {
+    let mut steps = Vec::new();
+    for submissions in [20, 2_000] {
+        let folder = Folder::new(&format!("cost-{submissions}"));
+        let store = filled(&folder, submissions, 48).await;
+        let count = Arc::new(AtomicU64::new(0));
+        let mut connection = store.writer.acquire().await.unwrap();
+        let counted = Arc::clone(&count);
+        connection.lock_handle().await.unwrap().set_progress_handler(1, move || {
+            counted.fetch_add(1, Ordering::Relaxed);
+            true
+        });
+        drop(connection);
+        for _ in 0..3 {
+            next(&store).await;
+        }
+        end_claims(&store).await;
+        count.store(0, Ordering::Relaxed);
+        next(&store).await;
+        steps.push(count.load(Ordering::Relaxed));
+    }
+    assert!(steps[0] > 0 && steps[1] <= steps[0] + 5, "{steps:?}");
+    if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() {
+        let folder = Folder::new("cost-million");
+        let store = filled(&folder, 1_000_000 / 48 + 1, 48).await;
+        let start = processor_ms();
+        for _ in 0..500 {
+            next(&store).await;
+        }
+        let each = (processor_ms() - start) / 500.0;
+        println!("{each:.3} ms of processor time a claim with 1,000,000 episodes");
+        assert!(each <= 2.0, "{each} ms");
+    }
+}
+
+/// Guards claims of two processes: each has connections of its own.
+#[tokio::test]
+async fn two_claimers_never_get_the_same_episode() {
+    let folder = Folder::new("two");
+    let one = filled(&folder, 10, 4).await;
+    let other = Store::open(&folder.0).await.unwrap();
+    let all = async |store: &Store| {
+        let mut found = Vec::new();
+        while let Some(job) = store.claim().await.unwrap() {
+            found.push(place(&job));
+        }
+        found
+    };
+    let (first, second) = tokio::join!(all(&one), all(&other));
+    let whole: BTreeSet<_> = first.iter().chain(&second).collect();
+    assert_eq!((first.len() + second.len(), whole.len()), (40, 40));
+}
+
+/// Guards that what a killed worker had claimed comes first, and that it has no say if it was not killed.
+#[tokio::test]
+async fn an_ended_claim_is_taken_again_before_others() {
+    let folder = Folder::new("ended");
+    let store = filled(&folder, 2, 2).await;
+    let late = next(&store).await;
+    assert_eq!((place(&late), late.attempt), ((2, "1".into()), 1));
+    let held = next(&store).await;
+    assert_eq!(place(&held), (2, "2".into()));
+    end_claims(&store).await;
+    assert!(store.renew(&held).await.unwrap(), "nobody has taken it");
+    let again = next(&store).await;
+    assert_eq!((place(&again), again.attempt), (place(&late), 2));
+    assert!(!store.renew(&late).await.unwrap());
+    store.release(&late, Duration::ZERO, Return::Refused).await.unwrap();
+    assert!(!store.set_verdict(&late, Verdict::Differs, "late", "").await.unwrap());
+    assert_eq!(place(&next(&store).await), (1, "1".into()), "the second claim and the renewed one hold");
+    assert!(store.set_verdict(&again, Verdict::Equal, "again", "").await.unwrap());
+    assert!(!store.set_verdict(&again, Verdict::Differs, "again", "").await.unwrap(), "a verdict stays");
+    assert!(store.set_verdict(&held, Verdict::Equal, "held", "").await.unwrap());
+    let state = store.states().await.unwrap();
+    assert_eq!(
+        state.iter().map(|count| (&*count.kind, count.count)).collect::<Vec<_>>(),
+        [("graded", 1), ("verified", 1)]
+    );
+}
+
+/// Guards that refusals and pauses outlive the process, and that a clock that ran ahead holds nothing up.
+#[tokio::test]
+async fn pauses_and_refusals_are_kept() {
+    let folder = Folder::new("pauses");
+    let store = filled(&folder, 1, 2).await;
+    let first = next(&store).await;
+    store.release(&first, Duration::from_secs(600), Return::Refused).await.unwrap();
+    drop(store);
+    let store = Store::open(&folder.0).await.unwrap();
+    let second = next(&store).await;
+    assert_eq!((&*second.seed, second.refusals), ("2", 0));
+    assert_eq!(store.claim().await.unwrap(), None);
+    store.release(&second, Duration::ZERO, Return::Unplayed).await.unwrap();
+    assert_eq!(next(&store).await.refusals, 0);
+    run(&store, "UPDATE episodes SET leased_until = leased_until + 90000000 WHERE seed = '1'").await;
+    let first = next(&store).await;
+    assert_eq!((&*first.seed, first.refusals), ("1", 1));
+}
+
+/// Guards that nothing of a refused submission is verified, or stays at the head of the queue.
+#[tokio::test]
+async fn nothing_of_a_refused_submission_waits() {
+    let folder = Folder::new("refused");
+    let store = filled(&folder, 2, 2).await;
+    let held = next(&store).await;
+    store.refuse(held.submission, "service", "a reason").await.unwrap();
+    assert!(!store.set_verdict(&held, Verdict::Equal, "", "").await.unwrap());
+    assert_eq!(place(&next(&store).await), (1, "1".into()));
+    let verdicts = store.verdicts().await.unwrap();
+    assert_eq!(
+        verdicts.iter().map(|count| (&*count.kind, count.count)).collect::<Vec<_>>(),
+        [("dropped", 2), ("waiting", 2)]
+    );
+}
+
+/// Guards that a database of before the claims keeps what waits, in the order in which it was received.
+#[tokio::test]
+async fn an_old_queue_keeps_its_order() {
+    let folder = Folder::new("old");
+    let store = filled(&folder, 3, 1).await;
+    for statement in [
+        "DROP INDEX episodes_by_queue",
+        "ALTER TABLE episodes DROP COLUMN queue",
+        "ALTER TABLE episodes DROP COLUMN attempt",
+        "ALTER TABLE episodes DROP COLUMN leased_until",
+        "ALTER TABLE episodes DROP COLUMN refusals",
+        "UPDATE submissions SET state = 'refused' WHERE id = '0000000000000002'",
+        "DELETE FROM schema_version WHERE version = 5",
+    ] {
+        run(&store, statement).await;
+    }
+    drop(store);
+    let store = Store::open(&folder.0).await.unwrap();
+    assert_eq!((place(&next(&store).await).0, place(&next(&store).await).0), (3, 1));
+    assert_eq!(store.claim().await.unwrap(), None);
+}
