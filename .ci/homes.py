@@ -50,7 +50,7 @@ HOMES = [
         r"(?<!fiatlux_files::)\bFile::open\(|\bfs::read(_to_string)?\(|\bfrom_pem_file\(",
         # Files that a program made itself, folders that are synced, and what the system says of the machine. In Python, `File` is a bag.
         r"crates/files/.*|crates/bag/src/(thin|run/writer)\.rs|crates/server/src/server/runs/(attempt|siblings)\.rs"
-        r"|crates/leaderboard/src/(jobs/verify|pages/episode|store/blobs)\.rs|crates/replay/src/answers\.rs|crates/tls/src/certificate\.rs"
+        r"|crates/leaderboard/src/(jobs/server|pages/episode|store/blobs)\.rs|crates/replay/src/answers\.rs|crates/tls/src/certificate\.rs"
         r"|crates/cli/src/settings\.rs|bench/src/(camera|machine)\.rs|fiatlux/src/demonstrate_command/lerobot\.rs|python/src/bag\.rs|(.*/)?build\.rs|.*/examples/.*",
     ),
 ]

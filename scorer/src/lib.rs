@@ -7,6 +7,7 @@ mod merge;
 mod serve;
 mod submit;
 mod verify;
+mod work;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -64,6 +65,7 @@ enum Command {
     Fill(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Serve(serve::ServeArgs),
+    Work(work::WorkArgs),
     Submit(submit::SubmitArgs),
     Admin(admin::AdminArgs),
 }
@@ -159,7 +161,7 @@ struct CompareArgs {
 pub fn run() -> ExitCode {
     let command = fiatlux_cli::parse::<Cli>().command;
     fiatlux_server::simulate_thin_bags();
-    if !matches!(command, Command::Serve(_)) {
+    if !matches!(command, Command::Serve(_) | Command::Work(_)) {
         fiatlux_cli::init_quiet_log();
     }
     let done = match command {
@@ -170,6 +172,7 @@ pub fn run() -> ExitCode {
         Command::Fill(args) => convert::run(&args, false),
         Command::Verify(args) => verify::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Work(args) => work::run(&args),
         Command::Submit(args) => submit::run(&args),
         Command::Admin(args) => admin::run(&args),
     };

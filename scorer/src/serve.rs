@@ -4,19 +4,15 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use fiatlux_access::KnownServers;
 use fiatlux_cli::whole;
-use fiatlux_client::AccessArgs;
-use fiatlux_leaderboard::{Jobs, Limits, Proxies, Service, ServiceOptions, Store, Verifier};
-use fiatlux_link::LinkArgs;
+use fiatlux_leaderboard::{Jobs, Limits, Proxies, Service, ServiceOptions, Store};
 
-/// Period of its checks for a stop.
-const LOOK: Duration = Duration::from_millis(50);
+use crate::work::{VerifierArgs, joined, stopped};
 
 /// Serve the leaderboard: accept submissions, grade and verify them, and show them
 ///
@@ -26,6 +22,8 @@ const LOOK: Duration = Duration::from_millis(50);
 ///
 /// When it is ready it prints one line on stdout; its log goes to stderr. On SIGINT or SIGTERM it ends its requests and exits
 /// with 0. It may be killed at any moment: after a restart, work on accepted submissions goes on.
+///
+/// Several may serve one folder, on this machine; `scorer work` adds processes that only verify.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer serve --folder board                                     pages and API on http://127.0.0.1:8080/
@@ -38,12 +36,6 @@ pub struct ServeArgs {
     /// Address of pages and API; port 0 picks a free one
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
-    /// Name of a server that verifies; may be repeated if several are behind one router
-    #[arg(long, value_name = "NAME")]
-    server: Vec<String>,
-    /// Episodes to verify at the same time on each server
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>(1..=256))]
-    parallel: usize,
     /// File with the keys of your own servers, one line NAME ed25519:BASE64 each: their signatures make a run hosted
     #[arg(long, value_name = "FILE")]
     signers: Option<PathBuf>,
@@ -55,9 +47,6 @@ pub struct ServeArgs {
     /// repeated
     #[arg(long, value_name = "DIR")]
     runs: Vec<PathBuf>,
-    /// Seconds between two refusals of an episode by servers of its version that count: after three, its submission is refused
-    #[arg(long, value_name = "S", default_value_t = ServiceOptions::default().refusal_pause.as_secs(), value_parser = whole::<u64>(0..=86_400))]
-    refusal_pause: u64,
     /// Threads that grade [default: one for each core]
     #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1024))]
     workers: Option<usize>,
@@ -77,9 +66,7 @@ pub struct ServeArgs {
     #[arg(long, value_name = "BYTES", default_value_t = Limits::default().bytes, value_parser = whole::<u64>(1..=1 << 50))]
     max_bytes: u64,
     #[command(flatten)]
-    access: AccessArgs,
-    #[command(flatten)]
-    link: LinkArgs,
+    verifiers: VerifierArgs,
 }
 
 /// Serves until a signal asks it to stop.
@@ -96,20 +83,14 @@ pub fn run(args: &ServeArgs) -> Result<ExitCode> {
 
 async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
     let store = Store::open(&args.folder).await?;
-    let Some(_lock) = store.lock()? else {
-        bail!("another service is running on {}; stop it first, or use another folder", args.folder.display());
-    };
-    let halves = store.remove_halves().await?;
-    if halves > 0 {
-        tracing::info!(halves, "halves of bags that a killed service left are removed");
-    }
+    let _joined = joined(&store, &args.folder).await?;
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },
         signers: args.signers.as_deref().map(KnownServers::read).transpose()?.unwrap_or_default(),
         proxies: args.proxy.iter().cloned().collect(),
         grade_workers: args.workers.unwrap_or_default(),
         runs: args.runs.clone(),
-        refusal_pause: Duration::from_secs(args.refusal_pause),
+        refusal_pause: args.verifiers.refusal_pause(),
         ..ServiceOptions::default()
     };
     let service = Arc::new(Service::new(store, options));
@@ -123,34 +104,14 @@ async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
         tracing::info!("metrics are on http://{}/metrics", listener.local_addr()?);
         tokio::spawn(fiatlux_leaderboard::serve_metrics(Arc::clone(&service), listener));
     }
-    let verifiers = verifiers(args);
+    let verifiers = args.verifiers.verifiers()?;
     if verifiers.is_empty() {
         tracing::warn!("there is no server to verify on: name one with -e; until then episodes wait");
     }
-    let jobs = Jobs::start(&service, verifiers, args.access.read()?, args.parallel).context("cannot start threads")?;
+    let jobs = Jobs::start(&service, verifiers, args.verifiers.parallel).context("cannot start threads")?;
     fiatlux_cli::print(format!("serving http://{}/\n", listener.local_addr()?))?;
     let served = fiatlux_leaderboard::serve(service, listener, args.connections, stopped(&stop)).await;
-    tracing::info!("interrupted: stopping verifications; unfinished ones are repeated after the next start");
+    tracing::info!("interrupted: stopping verifications; unfinished ones are repeated");
     tokio::task::spawn_blocking(|| jobs.stop()).await.context("the background jobs panicked")?;
     served.context("the listener failed")
-}
-
-/// One verifier for each pair of an endpoint and a server name.
-fn verifiers(args: &ServeArgs) -> Vec<Verifier> {
-    let LinkArgs { connect, config, .. } = &args.link;
-    let mut links: Vec<LinkArgs> =
-        connect.iter().map(|endpoint| LinkArgs { connect: vec![endpoint.clone()], ..args.link.clone() }).collect();
-    if links.is_empty() && config.is_some() {
-        links.push(args.link.clone());
-    }
-    let names: Vec<Option<String>> =
-        if args.server.is_empty() { vec![None] } else { args.server.iter().cloned().map(Some).collect() };
-    let at = |link: LinkArgs| names.iter().map(move |server| Verifier { link: link.clone(), server: server.clone() });
-    links.into_iter().flat_map(at).collect()
-}
-
-async fn stopped(stop: &AtomicBool) {
-    while !stop.load(Ordering::Relaxed) {
-        tokio::time::sleep(LOOK).await;
-    }
 }

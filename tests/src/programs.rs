@@ -8,7 +8,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU16, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -60,13 +60,21 @@ fn build() -> PathBuf {
     folder.into()
 }
 
-/// A port that is free now.
+/// A port that is free now. It is below those that the system gives to outgoing connections, which would take it while a program is
+/// started again.
 ///
 /// # Panics
 /// Where none is.
 pub fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port is free");
-    listener.local_addr().expect("it has an address").port()
+    static COUNT: AtomicU16 = AtomicU16::new(0);
+    const PORTS: std::ops::Range<u16> = 12_000..32_000;
+    let start = std::process::id().wrapping_mul(61) % u32::from(PORTS.end - PORTS.start);
+    let next = || {
+        let port = start + u32::from(COUNT.fetch_add(1, Ordering::Relaxed));
+        PORTS.start + (port % u32::from(PORTS.end - PORTS.start)) as u16
+    };
+    let mut ports = PORTS.map(|_| next());
+    ports.find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok()).expect("a port is free")
 }
 
 /// A folder of the test's own; removed when it is dropped, unless the test failed.

@@ -19,6 +19,8 @@ pub enum StoreError {
     Blobs { action: &'static str, source: object_store::Error },
     #[error("the database has version {found}, this program knows up to {known}; start the version that wrote it")]
     Newer { found: i64, known: i64 },
+    #[error("other scorers run on {}; stop all of them first: its database is of an older version", folder.display())]
+    InUse { folder: PathBuf },
     #[error("{what} in the store cannot be read: {reason}; restore the folder from a backup")]
     Corrupt { what: String, reason: String },
     #[error("a bag in the store cannot be read now")]

@@ -4,10 +4,14 @@
 //! The state of the store ([`crate::store`]) determines what there is to do, and each step is one transaction. A service
 //! that is killed in the middle of a step repeats it after the next start, with the same result: grading depends on the
 //! bags alone, and simulating an episode again gives the same bytes.
+//!
+//! Several services may work on one store. All of them verify; one at a time grades, and one draws ([`Duty`]), since whose rows an
+//! episode has depends on the order in which submissions are graded.
 
 mod draw;
 mod grade;
 mod runs;
+mod server;
 mod verify;
 
 use std::collections::BTreeMap;
@@ -16,13 +20,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use fiatlux_cli::in_full;
-use fiatlux_client::Access;
-use fiatlux_link::LinkArgs;
 use tokio::task::JoinHandle;
 
-use crate::store::now_ms;
+use crate::store::{Duty, Term, now_ms};
 use crate::{Service, StoreError, SubmissionId};
-use verify::Verifiers;
+pub use server::ServerVerifier;
+use verify::Workers;
+pub use verify::{Verifier, VerifyOutcome};
 
 /// Time between two looks for work of the grader without a notification.
 const LOOK: Duration = Duration::from_secs(2);
@@ -33,45 +37,38 @@ const SWEEP: Duration = Duration::from_secs(600);
 /// Age at which an incomplete upload is removed, ms.
 const STALE_MS: i64 = 7 * 24 * 3600 * 1000;
 
-/// A sim-server that simulates episodes again to verify them.
-#[derive(Debug, Clone)]
-pub struct Verifier {
-    /// Endpoints and settings of its Zenoh link.
-    pub link: LinkArgs,
-    /// `None` if it is the only one on that link.
-    pub server: Option<String>,
-}
-
 #[derive(Debug)]
 pub struct Jobs {
     stop: Arc<AtomicBool>,
     tasks: Vec<JoinHandle<()>>,
-    verifiers: Verifiers,
+    workers: Workers,
 }
 
 impl Jobs {
-    /// Starts to grade, and to verify `parallel` episodes at a time on each of the servers. Without a server, episodes
-    /// wait until the service is started with one. Must be called on the Tokio runtime of the service.
-    pub fn start(
-        service: &Arc<Service>,
-        verifiers: Vec<Verifier>,
-        access: Access,
-        parallel: usize,
-    ) -> std::io::Result<Self> {
+    /// Starts to grade, and to verify `parallel` episodes at a time by each of the verifiers. Without one, episodes wait for a service
+    /// that has some. Must be called on the Tokio runtime of the service.
+    pub fn start(service: &Arc<Service>, verifiers: Vec<Arc<dyn Verifier>>, parallel: usize) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let grader = tokio::spawn(grade_all(Arc::clone(service), Arc::clone(&stop)));
         let drawer = tokio::spawn(draw_all(Arc::clone(service), Arc::clone(&stop)));
         let sweeper = tokio::spawn(sweep(Arc::clone(service)));
         let runs = tokio::spawn(runs::follow(Arc::clone(service)));
-        let verifiers = Verifiers::start(service, verifiers, access, parallel, &stop)?;
-        Ok(Self { stop, tasks: vec![grader, drawer, sweeper, runs], verifiers })
+        let workers = Workers::start(service, verifiers, parallel, &stop)?;
+        Ok(Self { stop, tasks: vec![grader, drawer, sweeper, runs], workers })
+    }
+
+    /// Starts to verify, as [`Jobs::start`] does, and nothing else.
+    pub fn verify(service: &Arc<Service>, verifiers: Vec<Arc<dyn Verifier>>, parallel: usize) -> std::io::Result<Self> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let workers = Workers::start(service, verifiers, parallel, &stop)?;
+        Ok(Self { stop, tasks: Vec::new(), workers })
     }
 
     /// Stops, and blocks until the running simulations have ended. The next service repeats unfinished work.
     pub fn stop(self) {
         self.stop.store(true, Ordering::Relaxed);
         self.tasks.iter().for_each(JoinHandle::abort);
-        self.verifiers.join();
+        self.workers.join();
     }
 }
 
@@ -91,22 +88,65 @@ async fn grade_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
     }
 }
 
+/// Grades the next submission, unless another scorer grades; returns `false` if there is nothing to do.
 async fn grade_next(service: &Arc<Service>) -> Result<bool, StoreError> {
+    let store = &service.store;
+    if store.next_unindexed().await?.is_none() && store.next_received().await?.is_none() {
+        return Ok(false);
+    }
+    on_duty(service, Duty::Grade, async |term| grade_on(service, term).await).await
+}
+
+async fn grade_on(service: &Arc<Service>, term: Term) -> Result<bool, StoreError> {
     // Whose rows are whose is known before a new submission is compared with them.
     if let Some(id) = service.store.next_unindexed().await? {
-        grade::index_one(service, id).await?;
+        grade::index_one(service, term, id).await?;
         return Ok(true);
     }
     let Some(id) = service.store.next_received().await? else { return Ok(false) };
-    grade::grade_one(service, id).await?;
+    grade::grade_one(service, term, id).await?;
     service.metrics.graded.fetch_add(1, Ordering::Relaxed);
     Ok(true)
+}
+
+/// Does work of a duty while its lease is renewed; returns `false` without it while another scorer has the duty.
+async fn on_duty(
+    service: &Arc<Service>,
+    duty: Duty,
+    work: impl AsyncFnOnce(Term) -> Result<bool, StoreError>,
+) -> Result<bool, StoreError> {
+    let lease = service.options.lease;
+    let Some(term) = service.store.take(duty, lease).await? else { return Ok(false) };
+    let keeping = Arc::clone(service);
+    let renewal = tokio::spawn(async move {
+        loop {
+            tokio::time::sleep(lease / 4).await;
+            match keeping.store.keep(term, lease).await {
+                Ok(true) => {}
+                Ok(false) => return,
+                Err(error) => tracing::warn!(error = in_full(&error), "cannot renew a duty"),
+            }
+        }
+    });
+    let _renewal = AbortOnDrop(renewal);
+    let done = work(term).await;
+    service.store.keep(term, Duration::ZERO).await?;
+    done
+}
+
+/// A task that ends with its owner, also where that is aborted.
+struct AbortOnDrop(JoinHandle<()>);
+
+impl Drop for AbortOnDrop {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
 }
 
 /// Draws on one thread, after everything else: pages are complete without pictures.
 async fn draw_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
     while !stop.load(Ordering::Relaxed) {
-        match draw::draw_next(&service, &stop).await {
+        match draw_next(&service, &stop).await {
             Ok(true) => {}
             Ok(false) => tokio::time::sleep(LOOK).await,
             Err(error) => {
@@ -115,6 +155,13 @@ async fn draw_all(service: Arc<Service>, stop: Arc<AtomicBool>) {
             }
         }
     }
+}
+
+async fn draw_next(service: &Arc<Service>, stop: &Arc<AtomicBool>) -> Result<bool, StoreError> {
+    if service.store.next_undrawn().await?.is_none() {
+        return Ok(false);
+    }
+    on_duty(service, Duty::Draw, async |_| draw::draw_next(service, stop).await).await
 }
 
 async fn sweep(service: Arc<Service>) {

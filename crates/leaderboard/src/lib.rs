@@ -34,11 +34,11 @@ pub use accounts::{AccountError, MAX_DAYS, Quota};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use forwarded::{Proxies, ProxyError};
-pub use jobs::{Jobs, Verifier};
+pub use jobs::{Jobs, ServerVerifier, Verifier, VerifyOutcome};
 pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
-pub use store::{Account, AuditRow, KnownBags, Store, TokenRow};
+pub use store::{Account, AuditRow, Joined, KnownBags, Store, TokenRow, Verdict};
 pub use submission::{
     Badge, Claim, Claims, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Proof, Stage,
     SubmissionId, Time, WordError,

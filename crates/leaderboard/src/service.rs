@@ -1,17 +1,16 @@
 //! The running service: the state that its handlers and its jobs share.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use fiatlux_access::KnownServers;
 use tokio::sync::{Notify, Semaphore};
 
+use crate::Store;
 use crate::counts::Metrics;
 use crate::forwarded::Proxies;
+use crate::store::LEASE;
 use crate::submission::Limits;
-use crate::{Store, SubmissionId};
 
 /// Maximum number of uploads whose content is compared with its digest at once: half of the cores are left to pages.
 const MAX_SEALERS: usize = 4;
@@ -53,10 +52,12 @@ pub struct ServiceOptions {
     pub runs: Vec<PathBuf>,
     /// Time between two refusals of an episode by servers that count.
     pub refusal_pause: Duration,
+    /// Time after which the work of a scorer that was killed goes to another one, at most 20 s. It is renewed four times as often.
+    pub lease: Duration,
 }
 
 impl Default for ServiceOptions {
-    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, no proxies, all cores, no folders, 3 minutes.
+    /// The defaults of [`Limits`] and [`Pace`], 4 s, nobody's keys, no proxies, all cores, no folders, 3 minutes, 20 s.
     fn default() -> Self {
         Self {
             limits: Limits::default(),
@@ -67,6 +68,7 @@ impl Default for ServiceOptions {
             grade_workers: 0,
             runs: Vec::new(),
             refusal_pause: Duration::from_secs(180),
+            lease: LEASE,
         }
     }
 }
@@ -79,7 +81,6 @@ pub struct Service {
     pub(crate) received: Notify,
     pub(crate) sealers: Semaphore,
     pub(crate) writers: Semaphore,
-    busy: Mutex<BTreeSet<(SubmissionId, u32)>>,
 }
 
 impl Service {
@@ -93,26 +94,6 @@ impl Service {
             received: Notify::new(),
             sealers: Semaphore::new((cores / 2).clamp(1, MAX_SEALERS)),
             writers: Semaphore::new(WRITERS),
-            busy: Mutex::default(),
         }
-    }
-
-    /// The exclusive right to write one file of a submission; `None` while another request has it.
-    pub(crate) fn claim(self: &Arc<Self>, id: SubmissionId, place: u32) -> Option<Claim> {
-        let mut busy = self.busy.lock().unwrap_or_else(PoisonError::into_inner);
-        busy.insert((id, place)).then(|| Claim { service: Arc::clone(self), what: (id, place) })
-    }
-}
-
-/// The right of one request to write a file; dropping it frees the file.
-#[derive(Debug)]
-pub(crate) struct Claim {
-    service: Arc<Service>,
-    what: (SubmissionId, u32),
-}
-
-impl Drop for Claim {
-    fn drop(&mut self) {
-        self.service.busy.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.what);
     }
 }

@@ -5,13 +5,15 @@ mod adopt;
 mod blobs;
 mod facts;
 mod known;
+mod lease;
+mod lock;
 mod pictures;
-mod queue;
+pub(crate) mod queue;
 mod schema;
+mod scorers;
 mod submissions;
 
 use std::collections::BTreeMap;
-use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -26,15 +28,18 @@ pub use accounts::{Account, AuditRow, TokenRow};
 pub(crate) use blobs::{Blobs, Digest};
 pub(crate) use known::EpisodeRows;
 pub use known::KnownBags;
+pub(crate) use lease::LEASE;
 pub(crate) use pictures::{Picture, Pictures};
-pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, LEASE, Return, Verdict};
+pub use queue::Verdict;
+pub(crate) use queue::{EpisodeJob, EpisodePlan, Graded, Return};
+pub use scorers::Joined;
+pub(crate) use scorers::{Duty, Term};
 pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
 
 const DATABASE: &str = "leaderboard.sqlite";
 const BLOBS: &str = "blobs";
 const INCOMING: &str = "incoming";
-const LOCK: &str = "lock";
 
 /// Time for which a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
@@ -70,7 +75,10 @@ impl Store {
             .busy_timeout(BUSY);
         let open = |connections, options| SqlitePoolOptions::new().max_connections(connections).connect_with(options);
         let writer = open(1, options.clone()).await.map_err(StoreError::database("be opened"))?;
-        schema::migrate(&writer).await?;
+        if schema::version(&writer).await? < schema::KNOWN {
+            let _alone = lock::alone(folder).await?;
+            schema::migrate(&writer, schema::KNOWN).await?;
+        }
         let pool = open(READERS, options).await.map_err(StoreError::database("be opened"))?;
         let blobs = Blobs::open(&folder.join(BLOBS))?;
         let store = Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() };
@@ -89,19 +97,8 @@ impl Store {
         Self::open(folder).await
     }
 
-    /// Locks the folder for the one service that may run on it; `None` if another one runs. Keep the file while serving.
-    pub fn lock(&self) -> Result<Option<File>, StoreError> {
-        let path = self.folder.join(LOCK);
-        let file = File::create(&path).map_err(StoreError::io("make", &path))?;
-        match file.try_lock() {
-            Ok(()) => Ok(Some(file)),
-            Err(TryLockError::WouldBlock) => Ok(None),
-            Err(TryLockError::Error(source)) => Err(StoreError::Io { action: "lock", path, source }),
-        }
-    }
-
-    /// Removes partial bags that were being written when a service was killed; returns their number. The caller must
-    /// have the [`Store::lock`]: nothing may write bags meanwhile.
+    /// Removes partial bags that were being written when a service was killed; returns their number. Nothing may write bags
+    /// meanwhile: [`Store::join`] does it when nobody else is there.
     pub async fn remove_halves(&self) -> Result<usize, StoreError> {
         self.blobs.remove_staged().await
     }

@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use fiatlux_access::PublicKey;
 use fiatlux_bag::{Bag, BagError, Messages};
 use fiatlux_carrier::{Carrier, CarrierError};
-use fiatlux_client::{Access, Client, ClientError, Command, Policy, PolicyError, Replay};
+use fiatlux_client::{Access, Client, ClientError, Command, Policy, PolicyError, Replay, SessionFailure};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
 use fiatlux_proto::v3::refusal::Code;
@@ -55,7 +55,12 @@ impl VerifyError {
         match self {
             Self::Bag { .. } | Self::Reread(_) | Self::Actions(_) | Self::Lost { .. } => false,
             Self::Follow(_) => true,
-            Self::Client(ClientError::Policy(_) | ClientError::Episode(_)) => false,
+            // A server that is silent, ends the session or is taken by another client says nothing about the bag.
+            Self::Client(ClientError::Episode(failure)) => !matches!(
+                failure,
+                SessionFailure::Reset { .. } | SessionFailure::Command { .. } | SessionFailure::Action { .. }
+            ),
+            Self::Client(ClientError::Policy(_)) => false,
             // The same conditions would be refused again.
             Self::Client(ClientError::Refused { code, .. }) => {
                 !matches!(code, Code::Malformed | Code::Unknown | Code::Value | Code::Start)
@@ -429,6 +434,29 @@ mod tests {
     use fiatlux_proto::v3::RunTicket;
 
     use super::*;
+
+    /// Guards a good bag against a server that is away or overloaded: only a server's own refusal is the bag's.
+    #[test]
+    fn a_server_that_falls_silent_says_nothing_about_the_bag() {
+        let of_server = |failure: SessionFailure| VerifyError::Client(failure.into()).is_of_server();
+        let text = String::from;
+        let silent = SessionFailure::Silent {
+            server: text("lab"),
+            waited_for: text("action 3"),
+            silence_s: 60.0,
+            tries: 4,
+            problem: String::new(),
+        };
+        assert!(of_server(silent));
+        assert!(of_server(SessionFailure::Lost { message: text("the session is over"), remedy: text("start again") }));
+        assert!(of_server(SessionFailure::Unreadable { what: "observation", reason: text("cut") }));
+        assert!(of_server(SessionFailure::Order { expected: 3, found: 5 }));
+        assert!(!of_server(SessionFailure::Reset { episode: 0, message: text("its start is not possible") }));
+        assert!(!of_server(SessionFailure::Command { field: "action", problem: text("7"), step: 1 }));
+        let action =
+            SessionFailure::Action { step: 1, field: text("action"), message: text("7"), remedy: String::new() };
+        assert!(!of_server(action));
+    }
 
     #[test]
     fn a_name_cannot_write_a_line() {

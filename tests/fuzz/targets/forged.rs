@@ -40,7 +40,7 @@ static BOARD: LazyLock<Board> = LazyLock::new(|| {
         let token = store.make_token("lab", 1).await.expect("a token");
         let options = ServiceOptions { grade_workers: 1, ..ServiceOptions::default() };
         let service = Arc::new(Service::new(store.clone(), options));
-        let jobs = Jobs::start(&service, Vec::new(), Default::default(), 1).expect("threads");
+        let jobs = Jobs::start(&service, Vec::new(), 1).expect("threads");
         (store, router(service), token, jobs)
     });
     Board { runtime, store, router, token, _jobs: jobs }

@@ -11,7 +11,7 @@ use std::process::Command;
 
 use fiatlux_access::Identity;
 use fiatlux_tests::forge::JournalParts;
-use fiatlux_tests::programs::endpoint;
+use fiatlux_tests::programs::{PATIENCE, Running, endpoint};
 use lab::{Board, played_run};
 use serde_json::Value;
 
@@ -135,6 +135,30 @@ fn nothing_is_hosted_by_its_own_word() {
     board.restart(&[&endpoint(lab.port())]);
     lab::wait_for_state(&board, id, "verified");
     assert_eq!(board.get(&format!("/api/v1/submissions/{id}"))["badge"], "replayed");
+}
+
+/// Guards several scorers on one folder: what one accepts, another grades, a third one verifies, and both services show.
+#[test]
+fn scorers_share_a_folder() {
+    let lab = lab::Lab::start("board-shared");
+    let run = played_run(&lab, "public", &["--seeds", "0", "--tasks", "S04"]);
+    let mut first = Board::start_with(&lab, &[], &[]);
+    let second = first.another();
+    let (code, accepted) = first.submit_without_waiting(&run);
+    assert_eq!(code, 0);
+    let id = accepted["id"].as_str().unwrap();
+    first.stop();
+    lab::wait_for_state(&second, id, "graded");
+    let (folder, server) = (second.folder().display().to_string(), endpoint(lab.port()));
+    let mut worker = Running::start("scorer", &["work", "--folder", &folder, "-e", &server], lab.folder());
+    worker.wait_for("working on");
+    lab::wait_for_state(&second, id, "verified");
+    first.restart(&[]);
+    assert_eq!(first.get(&format!("/api/v1/submissions/{id}"))["badge"], "replayed");
+    worker.signal("TERM");
+    assert!(worker.finish(PATIENCE).0.success());
+    let nobody = Running::start("scorer", &["work", "--folder", &folder], lab.folder()).finish(PATIENCE).0;
+    assert_eq!(nobody.code(), Some(1), "a worker without a server has nothing to do");
 }
 
 /// Guards that the Python module sends what the service takes.

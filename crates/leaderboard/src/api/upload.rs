@@ -1,5 +1,6 @@
 //! Uploads: each resumes where the last connection stopped, and a file is kept only if it has the announced digest.
 
+use std::fs::TryLockError;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,7 +12,7 @@ use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
 use http_body_util::BodyExt as _;
 use serde_json::json;
-use tokio::fs::{File, OpenOptions};
+use tokio::fs::File;
 use tokio::io::AsyncWriteExt as _;
 
 use super::answer::{Problem, account_of, json_of};
@@ -43,21 +44,28 @@ pub(super) async fn upload(
         return Err(Problem::conflict("state", "the submission is complete and takes no more files"));
     }
     let offset = offset_in(uri.query()).ok_or_else(|| Problem::request("write ?offset=N, with N in bytes"))?;
-    let claim = service.claim(entry.id, place);
-    let Some(claim) = claim else {
-        return Err(Problem::conflict("busy", "another request is sending this file; try again when it has ended"));
-    };
     let folder = service.store.incoming(entry.id);
     tokio::fs::create_dir_all(&folder).await.map_err(StoreError::io("make", &folder))?;
     let path = folder.join(place.to_string());
-    let received = append(&service, &path, &file, offset, body).await?;
+    let io = |action| StoreError::io(action, &path);
+    let part = std::fs::File::options().create(true).append(true).open(&path).map_err(io("open"))?;
+    // The other request may be another service's on this store.
+    match part.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            return Err(Problem::conflict("busy", "another request is sending this file; try again when it has ended"));
+        }
+        Err(TryLockError::Error(error)) => return Err(io("lock")(error).into()),
+    }
+    let out = File::from_std(part.try_clone().map_err(io("open"))?);
+    let received = append(&service, &path, out, &file, offset, body).await?;
     if received < file.bytes {
         return json_of(&json!({ "received": received, "stored": false }));
     }
     // A client that has sent everything may disconnect now: the rest is still done.
     let sealing = tokio::spawn(async move {
         let sealed = seal(&service, &path, &file, entry.id, place).await;
-        drop(claim);
+        drop(part);
         sealed
     });
     let is_it = sealing.await.map_err(|_| Problem::busy("the file could not be stored; send it again"))??;
@@ -73,12 +81,12 @@ pub(super) async fn upload(
 async fn append(
     service: &Service,
     path: &FilePath,
+    mut out: File,
     file: &StoredFile,
     offset: u64,
     body: Body,
 ) -> Result<u64, Problem> {
     let io = |action| StoreError::io(action, path);
-    let mut out = OpenOptions::new().create(true).append(true).open(path).await.map_err(io("open"))?;
     let length = out.metadata().await.map_err(io("read"))?.len();
     if offset != length {
         let message = format!("{length} bytes of the file have arrived; resume at that offset");

@@ -13,14 +13,14 @@ use fiatlux_grading::{
 };
 
 use crate::claims::{Facts, Label, Origin, origin};
-use crate::store::{EpisodePlan, EpisodeRows, FileRow, Graded, now_ms};
+use crate::store::{EpisodePlan, EpisodeRows, FileRow, Graded, Term, now_ms};
 use crate::{Manifest, Service, Store, StoreError, SubmissionId};
 
 /// Time limit for reading one bag. A bag of the largest size takes some seconds.
 const MAX_TIME: Duration = Duration::from_secs(60);
 const MAX_NAMED: usize = 3;
 
-pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
+pub(super) async fn grade_one(service: &Arc<Service>, term: Term, id: SubmissionId) -> Result<(), StoreError> {
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };
     let files = store.files(id).await?;
@@ -64,7 +64,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     match outcome {
         Err(reason) => {
             tracing::info!(submission = %id, reason, "refused");
-            store.refuse(id, "service", &reason).await
+            store.refuse_on(term, id, &reason).await
         }
         Ok((GradeOutcome { results, facts, episodes, label, rows }, replaces)) => {
             let json = results.to_json().map_err(|error| StoreError::corrupt("new results", error))?;
@@ -74,7 +74,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
             if graded.facts.person {
                 store.know_persons(&id.to_string(), account, &graded.label.policy, &graded.rows).await?;
             }
-            store.set_graded(id, &graded).await?;
+            store.set_graded(term, id, &graded).await?;
             let to_verify = graded.episodes.len();
             tracing::info!(submission = %id, hosted = graded.facts.hosted, to_verify, ms = now_ms() - start, "graded");
             Ok(())
@@ -83,7 +83,7 @@ pub(super) async fn grade_one(service: &Arc<Service>, id: SubmissionId) -> Resul
 }
 
 /// Notes the rows of a submission that an older version of the service graded, or refuses it, as one of today.
-pub(super) async fn index_one(service: &Arc<Service>, id: SubmissionId) -> Result<(), StoreError> {
+pub(super) async fn index_one(service: &Arc<Service>, term: Term, id: SubmissionId) -> Result<(), StoreError> {
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };
     let Some(results) = store.results(id).await? else { return Ok(()) };
@@ -97,8 +97,8 @@ pub(super) async fn index_one(service: &Arc<Service>, id: SubmissionId) -> Resul
     let rows = once(rows?);
     let label = label(&results);
     match origin_of(store, &entry.account, &label, &rows).await? {
-        Origin::Refused(reason) => store.refuse(id, "service", &reason).await,
-        Origin::Own { replaces } => store.set_indexed(id, &entry.account, &label, &replaces, &rows).await,
+        Origin::Refused(reason) => store.refuse_on(term, id, &reason).await,
+        Origin::Own { replaces } => store.set_indexed(term, id, &entry.account, &label, &replaces, &rows).await,
     }
 }
 

@@ -205,17 +205,19 @@ pub(super) async fn audit(
     subject: &str,
     detail: &str,
 ) -> Result<(), StoreError> {
-    sqlx::query(
-        "INSERT INTO audit (seq, at, who, action, subject, detail) \
-         SELECT COALESCE(MAX(seq), 0) + 1, $1, $2, $3, $4, $5 FROM audit",
-    )
-    .bind(now_ms())
-    .bind(who)
-    .bind(action)
-    .bind(subject)
-    .bind(detail)
-    .execute(&mut **tx)
-    .await
-    .map(drop)
-    .map_err(StoreError::database("write the audit log"))
+    let failed = |error| StoreError::database("write the audit log")(error);
+    // Whoever writes next waits for this row until the transaction ends. So the log has no gap, and nobody's number is taken.
+    let row = sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'audit' RETURNING value");
+    let seq: i64 = row.fetch_one(&mut **tx).await.and_then(|row| row.try_get("value")).map_err(failed)?;
+    sqlx::query("INSERT INTO audit (seq, at, who, action, subject, detail) VALUES ($1, $2, $3, $4, $5, $6)")
+        .bind(seq)
+        .bind(now_ms())
+        .bind(who)
+        .bind(action)
+        .bind(subject)
+        .bind(detail)
+        .execute(&mut **tx)
+        .await
+        .map(drop)
+        .map_err(failed)
 }

@@ -12,7 +12,7 @@ use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
 use super::facts::{RunsInputs, facts_in};
-use super::{Digest, Store, now_ms};
+use super::{Digest, Store, Term, now_ms};
 use crate::claims::{HostedRun, KnownRow, Label};
 use crate::{StoreError, SubmissionId};
 
@@ -134,16 +134,17 @@ impl Store {
         rows.iter().map(|row| super::submissions::digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
     }
 
-    /// Notes the rows of a graded submission as its own.
+    /// Notes the rows of a graded submission as its own, unless another scorer grades now.
     pub(crate) async fn set_indexed(
         &self,
+        term: Term,
         id: SubmissionId,
         account: &str,
         label: &Label,
         replaces: &BTreeSet<String>,
         rows: &[EpisodeRows],
     ) -> Result<(), StoreError> {
-        let mut tx = self.write().await?;
+        let Some(mut tx) = self.write_on(term).await? else { return Ok(()) };
         own(&mut tx, id, account, label, replaces, rows).await?;
         tx.commit().await.map_err(StoreError::database(CHANGE))
     }

@@ -1,36 +1,56 @@
 //! The queue of jobs. There is no separate list: every submission in the state `received` waits to be graded, and every
 //! episode with the verdict `waiting` waits to be verified. So no accepted submission can be lost, and nothing is decided twice.
 //!
-//! Who verifies an episode claims it for a while ([`LEASE`]) and renews the claim meanwhile. Threads and processes claim in
-//! transactions that write, one after the other. The claim of one that was killed ends by itself. Each claim has a number, so a
-//! verdict of an earlier claim counts for nothing.
+//! Who verifies an episode claims it for a while and renews the claim meanwhile. Threads and processes claim by one statement,
+//! one after the other. The claim of one that was killed ends by itself. Each claim has a number, so a verdict of an earlier
+//! claim counts for nothing.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{AssertSqlSafe, Row as _};
 
 use super::accounts::audit;
 use super::facts::{facts_in, facts_text};
 use super::known::{EpisodeRows, own, take_place};
+use super::lease::{MAX_PAUSE, after};
 use super::submissions::{counts, digest_of, id_of, refuse};
-use super::{Count, Digest, Store, now_ms};
+use super::{Count, Digest, Store, Term, now_ms};
 use crate::claims::{Consequence, Facts, Label, consequence};
 use crate::{StoreError, SubmissionId};
+
+/// Selects the free episode for servers of a version that has waited longest.
+macro_rules! free {
+    ($version:literal) => {
+        concat!(
+            "SELECT e.queue, e.submission, e.task, e.seed, e.episode FROM episodes e \
+             WHERE e.verdict = 'waiting' AND e.leased_until = 0 AND e.version = ",
+            $version,
+            " AND (SELECT s.state FROM submissions s WHERE s.id = e.submission) = 'graded' \
+             ORDER BY e.queue, e.submission, e.task, e.seed, e.episode LIMIT 1"
+        )
+    };
+}
 
 const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
 
-/// The free episode that has waited longest: the first one of an index, as long as refused submissions have none that wait.
-const NEXT: &str = "SELECT e.submission, e.task, e.seed, e.episode, e.attempt + 1 AS attempt, e.refusals, \
-     (SELECT f.sha256 FROM files f WHERE f.submission = e.submission AND f.place = e.place) AS sha256 \
-     FROM episodes e WHERE e.verdict = 'waiting' AND e.leased_until = 0 \
-     AND (SELECT s.state FROM submissions s WHERE s.id = e.submission) = 'graded' \
-     ORDER BY e.queue, e.submission, e.task, e.seed, e.episode LIMIT 1";
+/// Claims the free episode that has waited longest, of those for any server and those for this version (`$1`): each is the first one of an
+/// index, as long as refused submissions have none that wait. One statement, so that nobody waits for more than that.
+const CLAIM: &str = concat!(
+    "UPDATE episodes SET attempt = attempt + 1, leased_until = $2 WHERE (submission, task, seed, episode) IN \
+     (SELECT submission, task, seed, episode FROM (SELECT * FROM (",
+    free!("''"),
+    ") UNION ALL SELECT * FROM (",
+    free!("$1"),
+    ")) ORDER BY queue, submission, task, seed, episode LIMIT 1) \
+     RETURNING submission, task, seed, episode, attempt, refusals, \
+     (SELECT f.sha256 FROM files f WHERE f.submission = episodes.submission AND f.place = episodes.place) AS sha256"
+);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// The second run was equal to the last bit.
     Equal,
     /// The second run differed, which refuses the whole submission.
@@ -72,11 +92,6 @@ pub(crate) struct Graded<'a> {
     pub replaces: BTreeSet<String>,
 }
 
-/// Time after which a claim that is not renewed ends.
-pub(crate) const LEASE: Duration = Duration::from_secs(20);
-/// No claim or pause is longer. An end that is further away was written by a clock that ran ahead.
-const MAX_PAUSE: Duration = Duration::from_secs(24 * 3600);
-
 /// An episode that its holder has claimed to verify it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct EpisodeJob {
@@ -92,11 +107,13 @@ pub(crate) struct EpisodeJob {
 }
 
 /// The reason for which an episode goes back to the queue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Return {
     Unplayed,
     /// A server of the bag's version refuses to play it.
     Refused,
+    /// A server of another version plays it otherwise: only one of this version may claim it from now on.
+    OtherVersion(String),
 }
 
 impl std::fmt::Display for EpisodeJob {
@@ -115,11 +132,11 @@ impl Store {
         row.map(|row| id_of(&row, "id")).transpose()
     }
 
-    /// Stores the outcome of grading. Does nothing if the submission is graded already.
-    pub(crate) async fn set_graded(&self, id: SubmissionId, graded: &Graded<'_>) -> Result<(), StoreError> {
+    /// Stores the outcome of grading. Does nothing if the submission is graded already, or if another scorer grades now.
+    pub(crate) async fn set_graded(&self, term: Term, id: SubmissionId, graded: &Graded<'_>) -> Result<(), StoreError> {
         let failed = |error| StoreError::database(CHANGE)(error);
         let Graded { account, results, facts, episodes, label, rows, replaces } = graded;
-        let mut tx = self.write().await?;
+        let Some(mut tx) = self.write_on(term).await? else { return Ok(()) };
         let done = sqlx::query(
             "UPDATE submissions SET state = 'graded', results = $2, facts = $3 WHERE id = $1 AND state = 'received'",
         )
@@ -171,52 +188,54 @@ impl Store {
         tx.commit().await.map_err(failed)
     }
 
-    /// Claims the episode that has waited longest, for [`LEASE`]. One whose claim has ended has its old place in the queue.
-    pub(crate) async fn claim(&self) -> Result<Option<EpisodeJob>, StoreError> {
+    /// Claims the episode that has waited longest, for a server of this version, which is empty if it is not known. One whose claim has
+    /// ended has its old place in the queue.
+    pub(crate) async fn claim(&self, version: &str, lease: Duration) -> Result<Option<EpisodeJob>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
-        let mut tx = self.write().await?;
         let now = now_ms();
         // Free episodes have one value, 0, so that the index has them in order.
-        let ended = "UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND leased_until > 0 AND leased_until <= $1";
-        let far = "UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND leased_until > $1";
-        for (free, limit) in [(ended, now), (far, after(now, MAX_PAUSE))] {
-            sqlx::query(free).bind(limit).execute(&mut *tx).await.map_err(failed)?;
+        let ended = "leased_until > 0 AND leased_until <= $1";
+        let far = "leased_until > $1";
+        for (which, limit) in [(ended, now), (far, after(now, MAX_PAUSE))] {
+            let found = format!("SELECT 1 FROM episodes WHERE verdict = 'waiting' AND {which} LIMIT 1");
+            let found = sqlx::query(AssertSqlSafe(found)).bind(limit).fetch_optional(&self.pool).await;
+            if found.map_err(failed)?.is_some() {
+                let free = format!("UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND {which}");
+                sqlx::query(AssertSqlSafe(free)).bind(limit).execute(&self.writer).await.map_err(failed)?;
+            }
         }
-        let row = sqlx::query(NEXT).fetch_optional(&mut *tx).await.map_err(failed)?;
-        let Some(row) = row else { return Ok(None) };
-        let job = job_of(&row)?;
-        let claim = "UPDATE episodes SET attempt = $5, leased_until = $6 \
-             WHERE submission = $1 AND task = $2 AND seed = $3 AND episode = $4";
-        sqlx::query(claim)
-            .bind(job.submission.to_string())
-            .bind(&job.task)
-            .bind(&job.seed)
-            .bind(&job.episode)
-            .bind(job.attempt)
-            .bind(after(now, LEASE))
-            .execute(&mut *tx)
+        let claimed = sqlx::query(CLAIM)
+            .bind(version)
+            .bind(after(now, lease))
+            .fetch_optional(&self.writer)
             .await
             .map_err(failed)?;
-        tx.commit().await.map_err(failed)?;
-        Ok(Some(job))
+        claimed.map(|row| job_of(&row)).transpose()
     }
 
-    /// Makes a claim last for [`LEASE`] from now on; returns `false` if it is no longer the holder's.
-    pub(crate) async fn renew(&self, job: &EpisodeJob) -> Result<bool, StoreError> {
-        self.set_lease(job, after(now_ms(), LEASE), 0).await
+    /// True if an episode that is free waits for a server of a certain version.
+    pub(crate) async fn wants_version(&self) -> Result<bool, StoreError> {
+        let wanting = "SELECT 1 FROM episodes WHERE verdict = 'waiting' AND leased_until = 0 AND version > '' LIMIT 1";
+        let row = sqlx::query(wanting).fetch_optional(&self.pool).await.map_err(StoreError::database(ASK))?;
+        Ok(row.is_some())
+    }
+
+    /// Makes a claim last for `lease` from now on; returns `false` if it is no longer the holder's.
+    pub(crate) async fn renew(&self, job: &EpisodeJob, lease: Duration) -> Result<bool, StoreError> {
+        self.set_lease(job, after(now_ms(), lease), &Return::Unplayed).await
     }
 
     /// Gives an episode back, to be claimed again after a pause. Does nothing if another holder has claimed it meanwhile.
-    pub(crate) async fn release(&self, job: &EpisodeJob, pause: Duration, why: Return) -> Result<(), StoreError> {
+    pub(crate) async fn release(&self, job: &EpisodeJob, pause: Duration, why: &Return) -> Result<(), StoreError> {
         let until = if pause.is_zero() { 0 } else { after(now_ms(), pause.min(MAX_PAUSE)) };
-        self.set_lease(job, until, i64::from(why == Return::Refused)).await.map(drop)
+        self.set_lease(job, until, why).await.map(drop)
     }
 
-    async fn set_lease(&self, job: &EpisodeJob, until: i64, refusals: i64) -> Result<bool, StoreError> {
-        let failed = |error| StoreError::database(CHANGE)(error);
-        let mut tx = self.write().await?;
+    async fn set_lease(&self, job: &EpisodeJob, until: i64, why: &Return) -> Result<bool, StoreError> {
+        let version = if let Return::OtherVersion(version) = why { version } else { "" };
         let done = sqlx::query(
-            "UPDATE episodes SET leased_until = $6, refusals = refusals + $7 WHERE submission = $1 AND task = $2 \
+            "UPDATE episodes SET leased_until = $6, refusals = refusals + $7, \
+             version = CASE WHEN $8 = '' THEN version ELSE $8 END WHERE submission = $1 AND task = $2 \
              AND seed = $3 AND episode = $4 AND attempt = $5 AND verdict = 'waiting'",
         )
         .bind(job.submission.to_string())
@@ -225,11 +244,11 @@ impl Store {
         .bind(&job.episode)
         .bind(job.attempt)
         .bind(until)
-        .bind(refusals)
-        .execute(&mut *tx)
+        .bind(i64::from(*why == Return::Refused))
+        .bind(version)
+        .execute(&self.writer)
         .await
-        .map_err(failed)?;
-        tx.commit().await.map_err(failed)?;
+        .map_err(StoreError::database(CHANGE))?;
         Ok(done.rows_affected() == 1)
     }
 
@@ -297,11 +316,6 @@ impl Store {
     }
 }
 
-/// The time after a pause, ms since 1970.
-fn after(now: i64, pause: Duration) -> i64 {
-    now + pause.as_millis() as i64
-}
-
 fn job_of(row: &SqliteRow) -> Result<EpisodeJob, StoreError> {
     let failed = |error| StoreError::database(ASK)(error);
     let text = |column| row.try_get::<String, _>(column).map_err(failed);
@@ -318,4 +332,4 @@ fn job_of(row: &SqliteRow) -> Result<EpisodeJob, StoreError> {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-mod tests;
+pub(crate) mod tests;

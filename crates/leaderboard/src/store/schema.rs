@@ -118,44 +118,64 @@ const CLAIMS: &[&str] = &[
 const REPLACES: &[&str] = &["ALTER TABLE submissions ADD COLUMN replaces TEXT"];
 
 /// Claims on the episodes that wait. `queue` is the time at which the submission was received, `leased_until` the end of a claim or a
-/// pause, 0 without one; `attempt` counts claims. Of a refused submission nothing waits: its episodes have the verdict `dropped`.
+/// pause, 0 without one; `attempt` counts claims; `version` is that of the only servers that may claim it, empty for any. Of a refused
+/// submission nothing waits: its episodes have the verdict `dropped`. `duties` are leases, too, of work that one scorer at a time does.
+/// `counters` number rows, so that processes that write at once never choose the same number.
 const LEASES: &[&str] = &[
     "ALTER TABLE episodes ADD COLUMN queue BIGINT NOT NULL DEFAULT 0",
     "ALTER TABLE episodes ADD COLUMN attempt BIGINT NOT NULL DEFAULT 0",
     "ALTER TABLE episodes ADD COLUMN leased_until BIGINT NOT NULL DEFAULT 0",
     "ALTER TABLE episodes ADD COLUMN refusals BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE episodes ADD COLUMN version TEXT NOT NULL DEFAULT ''",
     "UPDATE episodes SET queue = (SELECT COALESCE(s.received, s.begun) FROM submissions s WHERE s.id = episodes.submission)",
     "UPDATE episodes SET verdict = 'dropped' WHERE verdict = 'waiting' AND submission IN \
      (SELECT id FROM submissions WHERE state = 'refused')",
-    "CREATE INDEX episodes_by_queue ON episodes (verdict, leased_until, queue, submission, task, seed, episode)",
+    "CREATE INDEX episodes_by_queue ON episodes (verdict, leased_until, version, queue, submission, task, seed, episode)",
+    "CREATE TABLE duties (
+        name TEXT PRIMARY KEY,
+        term BIGINT NOT NULL,
+        leased_until BIGINT NOT NULL
+    )",
+    "INSERT INTO duties (name, term, leased_until) VALUES ('grade', 0, 0), ('draw', 0, 0)",
+    "CREATE TABLE counters (
+        name TEXT PRIMARY KEY,
+        value BIGINT NOT NULL
+    )",
+    "INSERT INTO counters (name, value) SELECT 'audit', COALESCE(MAX(seq), 0) FROM audit",
 ];
 
-pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
+/// The version of this program.
+pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;
+
+/// The version of a database; 0 for a new one.
+///
+/// # Errors
+/// As [`StoreError::Database`]; [`StoreError::Newer`]: this program is older than the database.
+pub(super) async fn version(pool: &SqlitePool) -> Result<i64, StoreError> {
     let failed = |action| StoreError::database(action);
     sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")
         .execute(pool)
         .await
         .map_err(failed("be opened"))?;
-    let mut tx = pool.begin_with("BEGIN IMMEDIATE").await.map_err(failed("be locked"))?;
-    let row = sqlx::query("SELECT COALESCE(MAX(version), 0) AS version FROM schema_version")
-        .fetch_one(&mut *tx)
-        .await
-        .map_err(failed("tell its version"))?;
-    let found: i64 = row.try_get("version").map_err(failed("tell its version"))?;
-    let known = MIGRATIONS.len() as i64;
-    if found > known {
-        return Err(StoreError::Newer { found, known });
-    }
-    for (version, statements) in (1..).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or_default()) {
-        let version: i64 = version;
+    let row = sqlx::query("SELECT COALESCE(MAX(version), 0) AS version FROM schema_version").fetch_one(pool).await;
+    let found: i64 = row.and_then(|row| row.try_get("version")).map_err(failed("tell its version"))?;
+    if found > KNOWN { Err(StoreError::Newer { found, known: KNOWN }) } else { Ok(found) }
+}
+
+/// Brings a database to a version. Nothing else may use it.
+pub(super) async fn migrate(pool: &SqlitePool, to: i64) -> Result<(), StoreError> {
+    let failed = |error| StoreError::database("be migrated")(error);
+    let found = version(pool).await?;
+    let mut tx = pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))?;
+    for (version, statements) in (1..=to).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or_default()) {
         for statement in *statements {
-            sqlx::query(AssertSqlSafe(*statement)).execute(&mut *tx).await.map_err(failed("be migrated"))?;
+            sqlx::query(AssertSqlSafe(*statement)).execute(&mut *tx).await.map_err(failed)?;
         }
         sqlx::query("INSERT INTO schema_version (version) VALUES ($1)")
             .bind(version)
             .execute(&mut *tx)
             .await
-            .map_err(failed("be migrated"))?;
+            .map_err(failed)?;
     }
-    tx.commit().await.map_err(failed("be migrated"))
+    tx.commit().await.map_err(failed)
 }

@@ -5,7 +5,7 @@ use sqlx::{Row as _, Sqlite, Transaction};
 
 use super::accounts::audit;
 use super::facts::{RunsInputs, facts_in, forget_rows};
-use super::{Account, Digest, Store, moment, now_ms};
+use super::{Account, Digest, Store, Term, moment, now_ms};
 use crate::claims::{Facts, Progress, decide, tries_of};
 use crate::submission::{FileSpec, word_of};
 use crate::{Entry, Manifest, Stage, StoreError, SubmissionId};
@@ -281,6 +281,13 @@ impl Store {
     pub(crate) async fn refuse(&self, id: SubmissionId, who: &str, reason: &str) -> Result<(), StoreError> {
         let mut tx = self.write().await?;
         refuse(&mut tx, id, who, reason).await?;
+        tx.commit().await.map_err(StoreError::database(CHANGE))
+    }
+
+    /// As [`Store::refuse`], by the scorer that grades; does nothing if another one grades now.
+    pub(crate) async fn refuse_on(&self, term: Term, id: SubmissionId, reason: &str) -> Result<(), StoreError> {
+        let Some(mut tx) = self.write_on(term).await? else { return Ok(()) };
+        refuse(&mut tx, id, "service", reason).await?;
         tx.commit().await.map_err(StoreError::database(CHANGE))
     }
 

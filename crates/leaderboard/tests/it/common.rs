@@ -51,7 +51,7 @@ impl Board {
         let (address, metrics, store, jobs) = runtime.block_on(async {
             let store = Store::open(store).await.unwrap();
             let service = Arc::new(Service::new(store.clone(), options));
-            let jobs = Jobs::start(&service, Vec::new(), Default::default(), 1).unwrap();
+            let jobs = Jobs::start(&service, Vec::new(), 1).unwrap();
             let [listener, metrics] =
                 [0, 0].map(|port| fiatlux_leaderboard::listen(SocketAddr::from(([127, 0, 0, 1], port))).unwrap());
             let [address, at] = [&listener, &metrics].map(|listener| listener.local_addr().unwrap());

@@ -24,6 +24,9 @@ async fn make_old(folder: &Path, statements: &[String]) {
         "ALTER TABLE episodes DROP COLUMN attempt",
         "ALTER TABLE episodes DROP COLUMN leased_until",
         "ALTER TABLE episodes DROP COLUMN refusals",
+        "ALTER TABLE episodes DROP COLUMN version",
+        "DROP TABLE duties",
+        "DROP TABLE counters",
         "DELETE FROM schema_version WHERE version > 2",
     ];
     for statement in back.into_iter().map(str::to_owned).chain(statements.iter().cloned()) {

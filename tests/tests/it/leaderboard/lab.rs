@@ -116,6 +116,15 @@ impl<'a> Board<'a> {
         Self { lab, service, args: all, port }
     }
 
+    /// Another service on the same folder, which verifies on no server.
+    pub fn another(&self) -> Self {
+        let (lab, port) = (self.lab, free_port());
+        let own = format!("127.0.0.1:{}", self.port);
+        let args = self.args.iter().map(|arg| if *arg == own { format!("127.0.0.1:{port}") } else { arg.clone() });
+        let args: Vec<String> = args.collect();
+        Self { lab, service: serve(lab, &args, &[]), args, port }
+    }
+
     /// Kills it and starts it again.
     pub fn restart(&mut self, servers: &[&str]) {
         self.service.kill();

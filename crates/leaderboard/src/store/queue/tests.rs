@@ -3,15 +3,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use sqlx::AssertSqlSafe;
-
+use super::super::lease::LEASE;
 use super::*;
 
 /// A folder that is removed when it is dropped.
-struct Folder(PathBuf);
+pub(crate) struct Folder(pub PathBuf);
 
 impl Folder {
-    fn new(name: &str) -> Self {
+    pub fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("fiatlux-queue-{name}-{}", std::process::id()));
         drop(std::fs::remove_dir_all(&path));
         Self(path)
@@ -29,7 +28,7 @@ async fn run(store: &Store, statement: &str) {
 }
 
 /// Adds graded submissions 1 to `submissions` with `each` episodes that wait. The last one was received first.
-async fn fill(store: &Store, submissions: u64, each: u64) {
+pub(crate) async fn fill(store: &Store, submissions: u64, each: u64) {
     let numbers =
         |end: u64| format!("WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {end})");
     let received = submissions + 1;
@@ -62,7 +61,7 @@ async fn filled(folder: &Folder, submissions: u64, each: u64) -> Store {
 }
 
 async fn next(store: &Store) -> EpisodeJob {
-    store.claim().await.unwrap().unwrap()
+    store.claim("", LEASE).await.unwrap().unwrap()
 }
 
 /// Submission and seed.
@@ -127,7 +126,7 @@ async fn two_claimers_never_get_the_same_episode() {
     let other = Store::open(&folder.0).await.unwrap();
     let all = async |store: &Store| {
         let mut found = Vec::new();
-        while let Some(job) = store.claim().await.unwrap() {
+        while let Some(job) = store.claim("", LEASE).await.unwrap() {
             found.push(place(&job));
         }
         found
@@ -147,11 +146,11 @@ async fn an_ended_claim_is_taken_again_before_others() {
     let held = next(&store).await;
     assert_eq!(place(&held), (2, "2".into()));
     end_claims(&store).await;
-    assert!(store.renew(&held).await.unwrap(), "nobody has taken it");
+    assert!(store.renew(&held, LEASE).await.unwrap(), "nobody has taken it");
     let again = next(&store).await;
     assert_eq!((place(&again), again.attempt), (place(&late), 2));
-    assert!(!store.renew(&late).await.unwrap());
-    store.release(&late, Duration::ZERO, Return::Refused).await.unwrap();
+    assert!(!store.renew(&late, LEASE).await.unwrap());
+    store.release(&late, Duration::ZERO, &Return::Refused).await.unwrap();
     assert!(!store.set_verdict(&late, Verdict::Differs, "late", "").await.unwrap());
     assert_eq!(place(&next(&store).await), (1, "1".into()), "the second claim and the renewed one hold");
     assert!(store.set_verdict(&again, Verdict::Equal, "again", "").await.unwrap());
@@ -170,13 +169,13 @@ async fn pauses_and_refusals_are_kept() {
     let folder = Folder::new("pauses");
     let store = filled(&folder, 1, 2).await;
     let first = next(&store).await;
-    store.release(&first, Duration::from_secs(600), Return::Refused).await.unwrap();
+    store.release(&first, Duration::from_secs(600), &Return::Refused).await.unwrap();
     drop(store);
     let store = Store::open(&folder.0).await.unwrap();
     let second = next(&store).await;
     assert_eq!((&*second.seed, second.refusals), ("2", 0));
-    assert_eq!(store.claim().await.unwrap(), None);
-    store.release(&second, Duration::ZERO, Return::Unplayed).await.unwrap();
+    assert_eq!(store.claim("", LEASE).await.unwrap(), None);
+    store.release(&second, Duration::ZERO, &Return::Unplayed).await.unwrap();
     assert_eq!(next(&store).await.refusals, 0);
     run(&store, "UPDATE episodes SET leased_until = leased_until + 90000000 WHERE seed = '1'").await;
     let first = next(&store).await;
@@ -199,24 +198,93 @@ async fn nothing_of_a_refused_submission_waits() {
     );
 }
 
-/// Guards that a database of before the claims keeps what waits, in the order in which it was received.
+/// Guards that a server of another version costs a good run one try, and no longer holds up one of its own.
+#[tokio::test]
+async fn an_episode_waits_for_a_server_of_its_version() {
+    let folder = Folder::new("versions");
+    let store = filled(&folder, 2, 2).await;
+    for _ in 0..2 {
+        let job = store.claim("0.8.0", LEASE).await.unwrap().unwrap();
+        assert_eq!(place(&job).0, 2);
+        assert!(!store.wants_version().await.unwrap() || place(&job).1 == "2");
+        store.release(&job, Duration::ZERO, &Return::OtherVersion("0.7.0".into())).await.unwrap();
+    }
+    assert!(store.wants_version().await.unwrap());
+    let other = store.claim("0.8.0", LEASE).await.unwrap().unwrap();
+    assert_eq!(place(&other), (1, "1".into()), "later ones are not held up");
+    store.release(&other, Duration::ZERO, &Return::Unplayed).await.unwrap();
+    let own = store.claim("0.7.0", LEASE).await.unwrap().unwrap();
+    assert_eq!((place(&own), own.refusals), ((2, "1".into()), 0), "in its old place, and refused by nobody");
+    // A pause of another kind leaves the version alone.
+    store.release(&own, Duration::ZERO, &Return::Unplayed).await.unwrap();
+    assert_eq!(place(&next(&store).await).0, 1);
+}
+
+/// Guards the claims of others: only a scorer that is alone ends what killed ones have left. A refusal's pause stays.
+#[tokio::test]
+async fn the_first_scorer_ends_the_claims_of_killed_ones() {
+    let folder = Folder::new("joined");
+    let store = filled(&folder, 1, 3).await;
+    let refused = next(&store).await;
+    store.release(&refused, Duration::from_secs(180), &Return::Refused).await.unwrap();
+    let killed = next(&store).await;
+    let _first = store.join().await.unwrap().unwrap();
+    let again = next(&store).await;
+    assert_eq!((place(&again), again.attempt), (place(&killed), 2));
+    let _second = store.join().await.unwrap().unwrap();
+    assert_eq!(place(&next(&store).await).1, "3", "the claim of the first scorer holds");
+    assert_eq!(store.claim("", LEASE).await.unwrap(), None, "the refused one pauses");
+}
+
+/// Guards the numbers of the audit log against scorers that write at once: each has a connection of its own.
+#[tokio::test]
+async fn writers_at_once_lose_no_line_of_the_audit_log() {
+    let changes = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { 1_000 } else { 25 };
+    let folder = Folder::new("audit");
+    let mut stores = Vec::new();
+    for _ in 0..4 {
+        stores.push(Store::open(&folder.0).await.unwrap());
+    }
+    let writers = stores.iter().enumerate().map(|(writer, store)| async move {
+        for number in 0..changes {
+            store.make_account(&format!("a{writer}-{number}"), crate::Quota::default()).await.unwrap();
+        }
+    });
+    let mut writers = writers.collect::<Vec<_>>().into_iter();
+    let mut one = || writers.next().unwrap();
+    tokio::join!(one(), one(), one(), one());
+    let log = stores[0].list_audit(1_000_000).await.unwrap();
+    assert!(log.iter().map(|row| row.seq).eq(1..=4 * changes), "{} lines", log.len());
+}
+
+/// Guards that a database of version 4, of before the claims, keeps what waits, in the order in which it was received.
 #[tokio::test]
 async fn an_old_queue_keeps_its_order() {
     let folder = Folder::new("old");
-    let store = filled(&folder, 3, 1).await;
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let options =
+        sqlx::sqlite::SqliteConnectOptions::new().filename(folder.0.join("leaderboard.sqlite")).create_if_missing(true);
+    let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
+    super::super::schema::migrate(&pool, 4).await.unwrap();
     for statement in [
-        "DROP INDEX episodes_by_queue",
-        "ALTER TABLE episodes DROP COLUMN queue",
-        "ALTER TABLE episodes DROP COLUMN attempt",
-        "ALTER TABLE episodes DROP COLUMN leased_until",
-        "ALTER TABLE episodes DROP COLUMN refusals",
-        "UPDATE submissions SET state = 'refused' WHERE id = '0000000000000002'",
-        "DELETE FROM schema_version WHERE version = 5",
+        "INSERT INTO accounts (name, created, submissions_a_day, max_bytes) VALUES ('lab', 0, 1, 1)",
+        "INSERT INTO audit (seq, at, who, action, subject, detail) VALUES (7, 0, 'admin', 'account made', 'lab', '')",
+        "INSERT INTO submissions (id, account, manifest, state, reason, badge, begun, received, bytes, facts) VALUES \
+         ('0000000000000001', 'lab', '{}', 'graded', '', '', 0, 30, 0, '{}'), \
+         ('0000000000000002', 'lab', '{}', 'refused', '', '', 0, 20, 0, '{}'), \
+         ('0000000000000003', 'lab', '{}', 'graded', '', '', 0, 10, 0, '{}')",
+        "INSERT INTO files (submission, place, name, bytes, sha256, stored) \
+         SELECT id, 0, 'a.mcap', 1, printf('%064x', received), 1 FROM submissions",
+        "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail) \
+         SELECT id, 'S01', '1', '0', 0, 'waiting', '', '' FROM submissions",
     ] {
-        run(&store, statement).await;
+        sqlx::query(statement).execute(&pool).await.unwrap_or_else(|error| panic!("{statement}: {error}"));
     }
-    drop(store);
+    pool.close().await;
     let store = Store::open(&folder.0).await.unwrap();
     assert_eq!((place(&next(&store).await).0, place(&next(&store).await).0), (3, 1));
-    assert_eq!(store.claim().await.unwrap(), None);
+    assert_eq!(store.claim("", LEASE).await.unwrap(), None, "nothing of a refused submission waits");
+    store.make_account("two", crate::Quota::default()).await.unwrap();
+    let log = store.list_audit(10).await.unwrap();
+    assert_eq!(log.iter().map(|row| row.seq).collect::<Vec<_>>(), [7, 8]);
 }
