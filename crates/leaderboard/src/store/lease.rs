@@ -1,4 +1,4 @@
-//! How long claims, duties and pauses last.
+//! The durations of claims, duties and pauses.
 
 use std::time::Duration;
 
