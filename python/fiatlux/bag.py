@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._extras import missing
 from .settings import ActionForm
 from .spaces import Layout, ObservationForm
 
@@ -159,7 +160,10 @@ class Bag(Mapping[str, dict[str, Any]]):
         found: dict[str, dict[int, NDArray[np.uint8]]] = {}
         camera = self["/camera"]
         if camera:
-            from PIL import Image
+            try:
+                from PIL import Image
+            except ImportError as error:
+                raise missing("the picture of /camera, which Pillow reads,", "assets", error) from error
 
             seconds = np.asarray(camera["timestamp.seconds"]) + np.asarray(camera["timestamp.nanos"]) / 1e9
             rows = np.rint(seconds * ROWS_PER_SECOND).astype(int)

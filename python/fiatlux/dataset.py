@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._extras import missing
 from ._progress import Line, duration
 from .bag import ROWS_PER_SECOND, Bag, commands_of, files_below
 
@@ -161,9 +162,7 @@ def writer() -> tuple[Any, Any]:
         from lerobot.datasets.aggregate import aggregate_datasets
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
     except ImportError as error:
-        raise ImportError(
-            "export_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
-        ) from error
+        raise missing("export_lerobot", "lerobot", error) from error
     return aggregate_datasets, LeRobotDataset
 
 

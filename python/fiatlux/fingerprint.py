@@ -4,6 +4,7 @@ import dataclasses
 import enum
 import functools
 import hashlib
+import inspect
 import random
 import re
 from collections import deque
@@ -13,6 +14,7 @@ from types import (
     BuiltinFunctionType,
     CellType,
     FunctionType,
+    MemberDescriptorType,
     MethodType,
     ModuleType,
     SimpleNamespace,
@@ -46,15 +48,16 @@ def digest_of(policy: Any) -> str:
     while the policy plays assigns or changes in place is state and does not count, but what ``__init__`` alone does. An object of a library that keeps its
     contents out of Python's sight counts by its type: give such a policy an attribute ``digest``.
     """
-    own = getattr(policy, "digest", None)
-    if isinstance(own, str):
+    # An own one: a policy that answers every name, or hands names on to another, has none by that.
+    own: Any = getattr(policy, "digest", None) if _has(policy, "digest") else None
+    if _is(own, str):
         return own
     function = policy
-    while isinstance(function, functools.partial):
+    while _is(function, functools.partial):
         function = function.func
-    if isinstance(function, MethodType):
-        function = function.__self__ if not isinstance(function.__self__, type) else function.__func__
-    has_own = isinstance(function, (type, FunctionType, BuiltinFunctionType))
+    if _is(function, MethodType):
+        function = function.__self__ if not _is(function.__self__, type) else function.__func__
+    has_own = _is(function, (type, FunctionType, BuiltinFunctionType))
     home = (function if has_own else type(function)).__module__ or ""
     reach = _Reach(home)
     reach.follow(policy)
@@ -76,7 +79,7 @@ class _Reach:
 
     def follow(self, policy: Any) -> None:
         """Collects everything; methods count whose names are mentioned somewhere."""
-        if isinstance(policy, type):
+        if _is(policy, type):
             self._constructed.add(id(policy))
         self._visit(policy)
         found = -1
@@ -140,12 +143,12 @@ class _Reach:
             yield from self._of_module(module, value, uses.attributes)
 
     def _of_module(self, name: str, value: Any, attributes: set[str]) -> Iterator[tuple[str, Any]]:
-        if isinstance(value, ModuleType) and is_users(value.__name__, self.home):
+        if _is(value, ModuleType) and is_users(value.__name__, self.home):
             for attribute in sorted(attributes):
                 if attribute in vars(value):
                     inner = vars(value)[attribute]
                     yield f"{name}.{attribute}", inner
-                    if isinstance(inner, ModuleType) and inner.__name__.startswith(f"{value.__name__}."):
+                    if _is(inner, ModuleType) and inner.__name__.startswith(f"{value.__name__}."):
                         yield from self._of_module(f"{name}.{attribute}", inner, attributes)
 
     def _function(self, function: FunctionType) -> None:
@@ -158,28 +161,28 @@ class _Reach:
             self._mentioned |= uses.attributes | uses.names
             self._stored |= uses.own | uses.others
             for _, value in self.globals_of(function):
-                if isinstance(value, type):
+                if _is(value, type):
                     self._constructed.add(id(value))
                 self._visit(value)
         for value in parts_of_function(function):
             self._visit(value)
 
     def _visit(self, value: Any) -> None:
-        if isinstance(value, (str, bytes, int, float, complex, np.generic, np.ndarray, type(None), ModuleType)):
+        if _is(value, (str, bytes, int, float, complex, np.generic, np.ndarray, type(None), ModuleType)):
             return
         if id(value) in self._seen:
             return
-        if isinstance(value, FunctionType):
+        if _is(value, FunctionType):
             self._function(value)
             return
         self._seen[id(value)] = value
-        if isinstance(value, type):
+        if _is(value, type):
             for kind in value.__mro__:
                 if self.is_users(kind) and all(kind is not known for known in self._classes):
                     self._classes.append(kind)
                     for _, part in members(kind):
                         # Methods are followed where they are called.
-                        is_method = isinstance(part, (FunctionType, property, functools.cached_property))
+                        is_method = _is(part, (FunctionType, property, functools.cached_property))
                         if not is_method and unwrapped(part) is None:
                             self._visit(part)
             # What makes a class may also make its objects.
@@ -187,7 +190,7 @@ class _Reach:
                 self._constructed.add(id(type(value)))
                 self._visit(type(value))
             return
-        if isinstance(value, MethodType):
+        if _is(value, MethodType):
             self._mentioned.add(value.__func__.__name__)
         for part in _inner(value):
             self._visit(part)
@@ -197,13 +200,13 @@ class _Reach:
 
 def _inner(value: Any) -> Iterator[Any]:
     """Parts of an object that may be functions or objects of the user's."""
-    if isinstance(value, MethodType):
+    if _is(value, MethodType):
         yield from (value.__func__, value.__self__)
-    elif isinstance(value, functools.partial):
+    elif _is(value, functools.partial):
         yield from (value.func, *value.args, *value.keywords.values())
-    elif isinstance(value, Mapping):
+    elif _is(value, Mapping):
         yield from list(value.values())
-    elif isinstance(value, (list, tuple, set, frozenset, deque)):
+    elif _is(value, (list, tuple, set, frozenset, deque)):
         yield from list(value)
     wrapped = unwrapped(value)
     if wrapped is not None:
@@ -225,13 +228,22 @@ def parts_of_function(function: FunctionType) -> Iterator[Any]:
 
 
 def attributes(value: Any) -> dict[str, Any]:
-    """Attributes of an object, those in slots too, in the order of their names."""
-    found = dict(getattr(value, "__dict__", None) or {}) if not isinstance(value, type) else {}
+    """Attributes of an object, those in slots too, in the order of their names: what it keeps, not what ``__getattr__`` answers."""
+    found: dict[str, Any] = {}
+    if not _is(value, type):
+        try:
+            found = dict(object.__getattribute__(value, "__dict__"))
+        except (AttributeError, TypeError, ValueError):
+            pass
     for kind in type(value).__mro__:
-        slots = vars(kind).get("__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in ("__dict__", "__weakref__") and hasattr(value, name):
-                found[name] = getattr(value, name)
+        if "__slots__" not in vars(kind):
+            continue
+        for name, slot in vars(kind).items():
+            if _is(slot, MemberDescriptorType):
+                try:
+                    found[name] = slot.__get__(value)
+                except AttributeError:
+                    continue
     return {name: found[name] for name in sorted(found, key=str)}
 
 
@@ -239,8 +251,8 @@ def members(kind: type) -> Iterator[tuple[str, Any]]:
     """Functions and values of a class, without what Python adds."""
     is_generated = "__dataclass_fields__" in vars(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields"))
     for name, part in sorted(vars(kind).items()):
-        part = getattr(part, "__func__", part) if isinstance(part, (staticmethod, classmethod)) else part
-        if isinstance(part, FunctionType):
+        part = getattr(part, "__func__", part) if _is(part, (staticmethod, classmethod)) else part
+        if _is(part, FunctionType):
             file = part.__code__.co_filename
             if is_generated and (in_library(file) or (file.startswith("<") and name in _GENERATED)):
                 continue
@@ -254,15 +266,15 @@ def methods(kind: type) -> Iterator[tuple[str, FunctionType]]:
     """Functions of a class, those in properties and decorators too; with ``=`` after the name those that a property's assignment calls."""
     for name, part in members(kind):
         inner: tuple[Any, ...] = (part, unwrapped(part))
-        if isinstance(part, property):
+        if _is(part, property):
             inner = (part.fget,)
             for function in (part.fset, part.fdel):
-                if isinstance(function, FunctionType):
+                if _is(function, FunctionType):
                     yield f"{name}=", function
-        elif isinstance(part, functools.cached_property):
+        elif _is(part, functools.cached_property):
             inner = (part.func,)
         for function in inner:
-            if isinstance(function, FunctionType):
+            if _is(function, FunctionType):
                 yield name, function
 
 
@@ -276,11 +288,11 @@ class _Walk:
 
     def digest(self, value: Any) -> bytes:
         """The digest of a value. What is reached again from within itself counts by its type."""
-        if isinstance(value, (bool, int, float, complex, str, bytes, type(None))):
+        if _is(value, (bool, int, float, complex, str, bytes, type(None))):
             return _hashed([type(value).__name__.encode(), _plain(value)])
         known = self._known.get(id(value))
         if known is not None:
-            return known[1] or _hashed([b"again", _name(value if isinstance(value, type) else type(value))])
+            return known[1] or _hashed([b"again", _name(value if _is(value, type) else type(value))])
         self._known[id(value)] = value, None
         found = _hashed(self._object(value))
         self._known[id(value)] = value, found
@@ -289,38 +301,38 @@ class _Walk:
     def _object(self, value: Any) -> Iterator[bytes]:
         kind = type(value)
         yield _name(kind)
-        if isinstance(value, (np.ndarray, np.generic)) or _is_tensor(value):
+        if _is(value, (np.ndarray, np.generic)) or _is_tensor(value):
             yield from self._numbers(value)
-        elif isinstance(value, FunctionType):
+        elif _is(value, FunctionType):
             yield from self._function(value)
-        elif isinstance(value, MethodType):
+        elif _is(value, MethodType):
             yield from map(self.digest, (value.__func__, value.__self__))
-        elif isinstance(value, functools.partial):
+        elif _is(value, functools.partial):
             yield from map(self.digest, (value.func, value.args, *self._sorted(value.keywords)))
-        elif isinstance(value, type):
+        elif _is(value, type):
             yield from self._class(value)
-        elif isinstance(value, ModuleType):
+        elif _is(value, ModuleType):
             yield value.__name__.encode()
-        elif isinstance(value, enum.Enum):
+        elif _is(value, enum.Enum):
             yield value.name.encode()
             yield from map(self.digest, (value.value, kind))
-        elif isinstance(value, (property, functools.cached_property)):
+        elif _is(value, (property, functools.cached_property)):
             names = ("fget", "fset", "fdel", "func")
             yield from (self.digest(getattr(value, name, None)) for name in names)
-        elif isinstance(value, re.Pattern):
+        elif _is(value, re.Pattern):
             yield from map(self.digest, (value.pattern, value.flags))
-        elif isinstance(value, (PurePath, range, slice, np.dtype)):
+        elif _is(value, (PurePath, range, slice, np.dtype)):
             yield str(value).encode()
-        elif isinstance(value, (np.random.Generator, np.random.RandomState, random.Random)):
+        elif _is(value, (np.random.Generator, np.random.RandomState, random.Random)):
             return
-        elif isinstance(value, Mapping):
+        elif _is(value, Mapping):
             for name, part in list(value.items()):
                 yield from (self.digest(name), self.digest(part))
             yield from self._instance(value)
-        elif isinstance(value, (list, tuple, deque)):
+        elif _is(value, (list, tuple, deque)):
             yield from map(self.digest, list(value))
             yield from self._instance(value)
-        elif isinstance(value, (set, frozenset)):
+        elif _is(value, (set, frozenset)):
             yield from sorted(map(self.digest, value))
         else:
             wrapped = unwrapped(value)
@@ -333,11 +345,11 @@ class _Walk:
         own = attributes(value)
         if _has_weights(value):
             yield from self._network(value)
-        if self._reach.is_users(type(value)) or isinstance(value, SimpleNamespace):
+        if self._reach.is_users(type(value)) or _is(value, SimpleNamespace):
             yield self.digest(type(value))
             state = self._reach.state_of(type(value))
             # A module of PyTorch keeps its own under names that begin with a line; its weights were counted.
-            is_network = hasattr(value, "_modules")
+            is_network = "_modules" in own
             yield from self._named(
                 {
                     name: part
@@ -351,23 +363,20 @@ class _Walk:
             kept = {
                 name: part
                 for name, part in own.items()
-                if isinstance(part, plain) or _has_weights(part) or _is_tensor(part) or self._reach.is_users(type(part))
+                if _is(part, plain) or _has_weights(part) or _is_tensor(part) or self._reach.is_users(type(part))
             }
             yield from self._named(kept)
 
     def _network(self, value: Any) -> Iterator[bytes]:
         """Weights, and the layers that have none."""
         yield from self._named({str(name): part for name, part in value.state_dict().items()})
-        modules = getattr(value, "named_modules", None)
-        for name, module in modules() if callable(modules) else ():
+        for name, module in value.named_modules() if _has_method(value, "named_modules") else ():
             own = {
                 key: part for key, part in attributes(module).items() if not key.startswith("_") and key != "training"
             }
             state = self._reach.state_of(type(module))
             plain = {
-                key: part
-                for key, part in own.items()
-                if key not in state and isinstance(part, (bool, int, float, str, tuple))
+                key: part for key, part in own.items() if key not in state and _is(part, (bool, int, float, str, tuple))
             }
             yield from (name.encode(), _name(type(module)))
             yield from self._named(plain)
@@ -375,7 +384,7 @@ class _Walk:
                 yield self.digest(type(module))
 
     def _numbers(self, value: Any) -> Iterator[bytes]:
-        if not isinstance(value, (np.ndarray, np.generic)):
+        if not _is(value, (np.ndarray, np.generic)):
             yield str(value.dtype).encode() + str(tuple(value.shape)).encode()
             yield _bytes_of(value)
             return
@@ -447,9 +456,9 @@ def _hashed(parts: Iterable[bytes]) -> bytes:
 
 
 def _plain(value: Any) -> bytes:
-    if isinstance(value, str):
+    if _is(value, str):
         return value.encode("utf-8", "surrogatepass")
-    return value if isinstance(value, bytes) else repr(value).encode()
+    return value if _is(value, bytes) else repr(value).encode()
 
 
 def _name(kind: type) -> bytes:
@@ -459,9 +468,15 @@ def _name(kind: type) -> bytes:
 
 def _package(value: Any) -> bytes:
     """The same of a function of a library; nothing for an object without a name."""
-    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
-    module = getattr(value, "__module__", None) or ""
-    return f"{module.partition('.')[0]}.{name}".encode() if isinstance(name, str) else b""
+    name = _first(value, "__qualname__", "__name__")
+    module = _first(value, "__module__")
+    package = module.partition(".")[0] if isinstance(module, str) else ""
+    return f"{package}.{name}".encode() if isinstance(name, str) else b""
+
+
+def _first(value: Any, *names: str) -> Any:
+    """The first of the attributes that an object or its class has."""
+    return next((getattr(value, name) for name in names if _has(value, name)), None)
 
 
 def _or_none(value: Any) -> Any:
@@ -469,17 +484,37 @@ def _or_none(value: Any) -> Any:
 
 
 def _is_tensor(value: Any) -> bool:
-    """True for the arrays of PyTorch, JAX and TensorFlow."""
-    return not isinstance(value, type) and all(hasattr(value, name) for name in ("dtype", "shape", "__array__"))
+    """True for the arrays of PyTorch, JAX and TensorFlow: by their types, since a policy may answer to any name."""
+    names = ("dtype", "shape", "__array__")
+    return not _is(value, type) and all(_of_type(type(value), name) is not None for name in names)
 
 
 def _has_weights(value: Any) -> bool:
-    return not isinstance(value, type) and callable(getattr(value, "state_dict", None))
+    return _has_method(value, "state_dict")
+
+
+def _is(value: Any, kinds: type | tuple[type, ...]) -> bool:
+    """``isinstance`` by the type that an object has, not by a ``__class__`` that it claims, as proxies and doubles do."""
+    return issubclass(type(value), kinds)
+
+
+def _of_type(kind: type, name: str) -> Any:
+    """What a class or one that it is made from has by this name; none for what ``__getattr__`` would answer."""
+    return next((vars(parent)[name] for parent in kind.__mro__ if name in vars(parent)), None)
+
+
+def _has_method(value: Any, name: str) -> bool:
+    return not _is(value, type) and callable(_of_type(type(value), name))
+
+
+def _has(value: Any, name: str) -> bool:
+    """True for an attribute of an object's own or of its class."""
+    return inspect.getattr_static(value, name, None) is not None
 
 
 def _bytes_of(tensor: Any) -> bytes:
     """The bytes of a tensor, of PyTorch also where NumPy has no such type."""
-    if not hasattr(tensor, "detach"):
+    if not _has_method(tensor, "detach"):
         return np.asarray(tensor).tobytes()
     import torch
 

@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import ray
 
 from . import _native
+from ._extras import missing
 from ._native import FiatluxError
 from ._numbers import seeds_of
 from .client import run_of
@@ -24,6 +24,11 @@ from .policy import Player, PolicyLike, check_policy, is_stateful, settings_for
 from .settings import Settings, complete
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
+
+try:
+    import ray
+except ImportError as error:
+    raise missing("fiatlux.ray", "ray", error) from error
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

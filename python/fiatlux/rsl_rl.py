@@ -6,11 +6,16 @@ There are two observation groups: ``policy`` has the fields that a robot can sen
 from typing import Any
 
 import numpy as np
-import torch
-from rsl_rl.env import VecEnv
-from tensordict import TensorDict
 
+from ._extras import missing
 from .vector import VectorEnv, WalkingVectorEnv, check_trainer
+
+try:
+    import torch
+    from rsl_rl.env import VecEnv
+    from tensordict import TensorDict
+except ImportError as error:
+    raise missing("fiatlux.rsl_rl", "train", error) from error
 
 
 class RslRlVecEnv(VecEnv):

@@ -21,6 +21,8 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from ._extras import check, missing
+
 LONGEST_REQUEST = 16 << 20
 """Longest request, bytes; ZeroMQ closes connections that send more."""
 
@@ -55,9 +57,7 @@ class Model:
             from lerobot.configs.policies import PreTrainedConfig
             from lerobot.policies.factory import get_policy_class, make_pre_post_processors
         except ImportError as error:
-            raise ImportError(
-                "serve_lerobot needs lerobot; install the wheel with its extra lerobot (docs/python/wheels.md)"
-            ) from error
+            raise missing("serve_lerobot", "lerobot", error) from error
         self._torch = torch
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = device
@@ -161,7 +161,10 @@ def _unpacked(value: dict[Any, Any]) -> Any:
 
 def answer(model: Model, data: bytes) -> bytes:
     """The reply to a request. If it cannot be answered, the reply is a map with ``error``."""
-    import msgpack
+    try:
+        import msgpack
+    except ImportError as error:
+        raise missing("serve_lerobot", "lerobot", error) from error
 
     try:
         try:
@@ -199,6 +202,7 @@ def serve(model: Model, host: str = "127.0.0.1", port: int = 5555) -> None:
         host: Address to listen on; ``0.0.0.0`` for all, which lets everybody on the network send requests.
         port: Port to listen on; 0 picks a free one.
     """
+    check("serve_lerobot", "lerobot", "zmq", "msgpack")
     import zmq
 
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
@@ -231,6 +235,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     model._torch.set_num_threads(max(1, given.threads))
     try:
         serve(model, given.host, given.port)
+    except ImportError as error:
+        print(f"serve_lerobot: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         pass
     return 0

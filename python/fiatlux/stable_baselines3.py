@@ -5,9 +5,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
+from ._extras import missing
 from .vector import VectorEnv, WalkingVectorEnv, check_trainer
+
+try:
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+except ImportError as error:
+    raise missing("fiatlux.stable_baselines3", "train", error) from error
 
 
 def _undotted(observation: Any) -> Any:

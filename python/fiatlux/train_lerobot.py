@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from . import _native, dataset
+from ._extras import check
 from .bag import Bag, files_below
 
 STATE = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height", "joint_position")
@@ -148,6 +149,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
         parser.error("--minutes, --batch, --chunk and --workers are above 0")
 
+    try:
+        check("train_lerobot", "lerobot", "torch", "torchvision", "lerobot")
+    except ImportError as error:
+        parser.error(str(error))
     import torch
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig

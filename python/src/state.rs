@@ -78,6 +78,11 @@ pub(crate) fn set_parts(row: &mut Row, parts: &Parts<'_>, world: usize) -> PyRes
     Ok(())
 }
 
+/// True for the name of a thing that the row's scene has.
+fn is_named(row: &Row, index: usize, name: &str) -> bool {
+    row.present[index] && manifest().things[index].name == name
+}
+
 /// Sets a part of a row.
 pub(crate) fn set_part(row: &mut Row, name: &str, numbers: &[f64]) -> PyResult<()> {
     let copy_into = |list: &mut [f64]| match (list.len(), numbers.len()) {
@@ -98,11 +103,17 @@ pub(crate) fn set_part(row: &mut Row, name: &str, numbers: &[f64]) -> PyResult<(
         _ => {}
     }
     if let Some(thing) = name.strip_suffix("_seated") {
-        let held = manifest().held_by_socket().position(|index| manifest().things[index].name == thing);
+        let held = manifest().held_by_socket().position(|index| is_named(row, index, thing));
         if let Some(attachment) = held.and_then(|index| row.attachments.get_mut(index)) {
             let mut seated = [0.0];
             copy_into(&mut seated)?;
-            (attachment.seated, attachment.steps_beyond) = (seated != [0.0], 0);
+            if seated != [0.0] && seated != [1.0] {
+                return Err(PyValueError::new_err(format!(
+                    "like: {name} is {:?}; give 1 for seated, 0 for free",
+                    seated[0]
+                )));
+            }
+            (attachment.seated, attachment.steps_beyond) = (seated == [1.0], 0);
             return Ok(());
         }
     }
@@ -110,7 +121,10 @@ pub(crate) fn set_part(row: &mut Row, name: &str, numbers: &[f64]) -> PyResult<(
     let found = known.into_iter().find_map(|part| Some((name.strip_suffix(part)?, part)));
     let found = found.and_then(|(of, part)| match of {
         "robot" => Some((&mut row.robot, part)),
-        _ => free_things().find(|(thing, _)| *thing == of).map(|(_, index)| (&mut row.things[index], part)),
+        _ => {
+            let index = free_things().map(|(_, index)| index).find(|index| is_named(row, *index, of));
+            index.map(|index| (&mut row.things[index], part))
+        }
     });
     match found {
         Some((body, "_pose")) => {

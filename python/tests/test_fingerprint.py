@@ -1,6 +1,8 @@
 """Tests what the digest of a policy follows."""
 
 import functools
+import re
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -101,3 +103,68 @@ def test_a_network_of_a_library_counts():
     assert digest_of(policies[0]) != digest_of(policies[1])
     networks[1].load_state_dict(networks[0].state_dict())
     assert digest_of(policies[0]) == digest_of(policies[1])
+
+
+class Answers:
+    """Answers every name, as proxies and test doubles do."""
+
+    def __init__(self, weight, others=None):
+        self._weight, self._others = weight, others
+
+    def __getattr__(self, name):
+        return Answers(0.0)
+
+    def __iter__(self):
+        return iter(())
+
+    def __call__(self, *arguments):
+        return self._weight
+
+
+class Slotted:
+    """The same without a dictionary of its own, and with an attribute whose name Python mangles."""
+
+    __slots__ = ("__weight", "others")
+
+    def __init__(self, weight, others=None):
+        self.__weight, self.others = weight, others
+
+    def __getattr__(self, name):
+        return name
+
+    def __call__(self, observation):
+        return self.__weight
+
+
+class Claims(Answers):
+    """Says that it is of another class."""
+
+    __class__ = dict
+
+    def items(self):
+        return Answers(0.0)
+
+
+class Holds:
+    """A policy with something else in an attribute."""
+
+    def __init__(self, held):
+        self.held = held
+
+    def __call__(self, observation):
+        return self.held(observation)
+
+
+@pytest.mark.parametrize("kind", [Answers, Slotted, Claims], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("form", [lambda policy: policy, Holds, lambda policy: [policy], functools.partial])
+def test_objects_that_answer_every_name_count_by_what_they_keep(kind, form):
+    own = digest_of(form(kind(1.0)))
+    assert re.fullmatch("[0-9a-f]{16}", own)
+    assert digest_of(form(kind(1.0))) == own
+    assert digest_of(form(kind(2.0))) != own
+    assert digest_of(form(kind(1.0, np.ones(2)))) != own != digest_of(form(kind(1.0, Module(2.0))))
+
+
+def test_doubles_of_the_standard_library_have_a_digest():
+    for double in (mock.Mock(), mock.MagicMock(), mock.MagicMock(spec=dict), mock.MagicMock(spec=np.ndarray)):
+        assert re.fullmatch("[0-9a-f]{16}", digest_of(Holds(double)))

@@ -26,6 +26,8 @@ pub struct Batch {
     settings_of_banks: Vec<Vec<(String, String)>>,
     banks: Vec<Arc<ReadyBank>>,
     workers: Workers,
+    /// The largest factor of a drive's effort limit among the starts.
+    effort_factor: f64,
     torn: bool,
 }
 
@@ -64,7 +66,10 @@ impl Batch {
         check_memory(&spec, worlds)?;
         disturbances.check(banks[0].scene.robot.links().len())?;
         banks.iter().try_for_each(|bank| bank.ranges.check())?;
-        let ready = banks.iter().enumerate().map(|(index, bank)| ReadyBank::new(bank, index, &watch).map(Arc::new));
+        let drives = banks.iter().flat_map(|bank| &bank.starts).flat_map(|start| &start.variation.drives);
+        let effort_factor = drives.map(|(_, drive)| drive.effort_limit).fold(1.0, f64::max);
+        let ready = banks.iter().enumerate();
+        let ready = ready.map(|(index, bank)| ReadyBank::new(bank, index, effort_factor, &watch).map(Arc::new));
         let banks = ready.collect::<Result<Vec<_>, _>>()?;
         let spec = Arc::new(spec);
         let shared = Arc::new(Shared { disturbances, autoreset, watch, observation_length });
@@ -88,7 +93,8 @@ impl Batch {
             Worker::new(own, worlds, &of_threads, Arc::clone(&shared))
         };
         let workers = Workers::new(jobs, threads, worker)?;
-        let mut batch = Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, torn: false };
+        let mut batch =
+            Self { worlds, spec, autoreset, settings, settings_of_banks, banks, workers, effort_factor, torn: false };
         let mut asked = 0;
         let mut is_memory_left = || {
             asked += 1;
@@ -155,8 +161,9 @@ impl Batch {
         }
         for (world, begin) in begins.iter().enumerate() {
             let Begin::AtRow(row) = begin else { continue };
-            let scene = &self.banks[self.bank_of(world)].scene;
-            check_row(scene, row).map_err(|problem| BatchError::Row { world, problem })?;
+            let bank = &self.banks[self.bank_of(world)];
+            let checked = check_row(&bank.scene, row, self.effort_factor);
+            checked.map_err(|problem| BatchError::Row { world, problem })?;
         }
         for (mut job, begin) in self.workers.jobs().zip(begins) {
             if matches!(begin, Begin::Stays) {

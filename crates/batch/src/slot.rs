@@ -33,7 +33,7 @@ pub(crate) struct ReadyStart {
 
 impl ReadyBank {
     /// Tries every start. Equal variations in a row are prepared once.
-    pub fn new(bank: &Bank, index: usize, watch: &Watch) -> Result<Self, BatchError> {
+    pub fn new(bank: &Bank, index: usize, effort_factor: f64, watch: &Watch) -> Result<Self, BatchError> {
         let mut world = World::new(Arc::clone(&bank.scene));
         let mut starts: Vec<ReadyStart> = Vec::with_capacity(bank.starts.len());
         for (number, start) in bank.starts.iter().enumerate() {
@@ -47,7 +47,7 @@ impl ReadyBank {
             let impossible = |problem| BatchError::StartRow { bank: index, start: number, problem };
             let mut row = start.row.clone();
             row.step = 0;
-            check_row(&bank.scene, &row).map_err(impossible)?;
+            check_row(&bank.scene, &row, effort_factor).map_err(impossible)?;
             world.reset_to(&row).map_err(refused)?;
             check_height(&world).map_err(impossible)?;
             let (light, mut drawn) = (start.light, start.drawn.clone());

@@ -195,14 +195,17 @@ impl EpisodeState {
         };
         let stop = self.goal.stop_m();
         let (map, goal, any_side, works) = (&self.map, self.goal, self.any_side, self.works);
-        let apart = |at: Point| match goal {
-            Goal::Crate => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)),
-            Goal::Ladder if !any_side && libm::cos(turn(turned, thing, at)).abs() > AT_RAILS => f64::INFINITY,
-            Goal::FreshBulb if works && !any_side && !has_room_to_reach(map, thing, at) => f64::INFINITY,
-            Goal::FreshBulb | Goal::Ladder => distance(at, thing),
+        let is_good_side = |at: Point| match goal {
+            Goal::Ladder => any_side || libm::cos(turn(turned, thing, at)).abs() <= AT_RAILS,
+            _ => !works || any_side || has_room_to_reach(map, thing, at),
+        };
+        // A search for a path asks this of tens of thousands of places: their distance first, which most of them fail.
+        let is_within = |at: Point, most: f64| match goal {
+            Goal::Crate => map.distance_to("crate", at).unwrap_or_else(|| distance(at, thing)) < most,
+            Goal::FreshBulb | Goal::Ladder => distance(at, thing) < most && is_good_side(at),
         };
         let faces = turn(heading, here, thing);
-        let is_near = apart(here) < stop + if self.has_arrived { SLACK_M } else { 0.0 };
+        let is_near = is_within(here, stop + if self.has_arrived { SLACK_M } else { 0.0 });
         self.has_arrived = is_near && faces.abs() < if self.has_arrived { FACING.1 } else { FACING.0 };
         if self.has_arrived {
             return Ok(command);
@@ -220,7 +223,7 @@ impl EpisodeState {
             return Ok(command);
         }
         if self.planned.is_none_or(|planned| step >= planned + REPLAN) {
-            self.path = map.path(here, |at| apart(at) < stop - 0.02);
+            self.path = map.path(here, |at| is_within(at, stop - 0.02));
             self.any_side |= self.path.is_empty();
             self.planned = Some(step);
         }

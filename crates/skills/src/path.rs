@@ -137,25 +137,33 @@ impl Map {
         let index = |x: i32, y: i32| (y + REACH) as usize * side + (x + REACH) as usize;
         let point = |x: i32, y: i32| [start[0] + CELL_M * f64::from(x), start[1] + CELL_M * f64::from(y)];
         let mut costs = vec![f64::INFINITY; side * side];
-        let mut from = vec![(0, 0); side * side];
+        // The step that led to a cell, by its place among the steps.
+        let mut last = vec![0_u8; side * side];
         // Cost of a metre in a cell; found once, not from each of its neighbours.
         let mut weights = vec![f64::NAN; side * side];
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;
         let steps = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let steps = steps.map(|(dx, dy)| (dx, dy, CELL_M * libm::hypot(f64::from(dx), f64::from(dy))));
-        // Costs are whole micrometres, because floats have no total order.
-        open.push((Reverse(0_u64), 0, 0));
-        while let Some((Reverse(key), x, y)) = open.pop() {
+        open.push(Reverse(Open::new(0.0, 0, 0)));
+        while let Some(Reverse(next)) = open.pop() {
+            let (key, x, y) = next.parts();
             let cost = costs[index(x, y)];
             if key > micrometres(cost) {
                 continue;
             }
             if is_goal(point(x, y)) {
-                return trace(&from, (x, y), index, point);
+                let (mut at, mut path) = ((x, y), vec![point(x, y)]);
+                while at != (0, 0) {
+                    let (dx, dy, _) = steps[usize::from(last[index(at.0, at.1)])];
+                    at = (at.0 - dx, at.1 - dy);
+                    path.push(point(at.0, at.1));
+                }
+                path.reverse();
+                return path;
             }
-            for (dx, dy, length) in steps {
-                let (x, y, before) = (x + dx, y + dy, (x, y));
+            for (step, (dx, dy, length)) in (0..).zip(steps) {
+                let (x, y) = (x + dx, y + dy);
                 if x.abs() > REACH || y.abs() > REACH {
                     continue;
                 }
@@ -170,8 +178,8 @@ impl Map {
                 let cost = cost + length * weights[cell];
                 if cost < costs[cell] {
                     costs[cell] = cost;
-                    from[cell] = before;
-                    open.push((Reverse(micrometres(cost)), x, y));
+                    last[cell] = step;
+                    open.push(Reverse(Open::new(cost, x, y)));
                 }
             }
         }
@@ -189,21 +197,25 @@ fn micrometres(cost: f64) -> u64 {
     (cost * 1e6) as u64
 }
 
-/// The path from the start to a cell.
-fn trace(
-    from: &[(i32, i32)],
-    end: (i32, i32),
-    index: impl Fn(i32, i32) -> usize,
-    point: impl Fn(i32, i32) -> Point,
-) -> Vec<Point> {
-    let mut path = vec![point(end.0, end.1)];
-    let mut at = end;
-    while at != (0, 0) {
-        at = from[index(at.0, at.1)];
-        path.push(point(at.0, at.1));
+/// A cell to go on from, in one number that sorts by its cost in whole micrometres, because floats have no total order, then by x and
+/// y downwards.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Open(u64);
+
+impl Open {
+    /// Bits of a coordinate.
+    const BITS: u32 = 10;
+
+    fn new(cost: f64, x: i32, y: i32) -> Self {
+        let [x, y] = [x, y].map(|cells| (REACH - cells) as u64);
+        Self((micrometres(cost) << (2 * Self::BITS)) | (x << Self::BITS) | y)
     }
-    path.reverse();
-    path
+
+    /// Its cost in micrometres, x and y.
+    fn parts(self) -> (u64, i32, i32) {
+        let cells = |bits: u64| REACH - (bits & ((1 << Self::BITS) - 1)) as i32;
+        (self.0 >> (2 * Self::BITS), cells(self.0 >> Self::BITS), cells(self.0))
+    }
 }
 
 /// Distance of a point from a convex outline, m; 0 inside it.

@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parsed = parser().parse_args(arguments)
     try:
         return int(parsed.run(parsed) or 0)
-    except AssetError as error:
+    except (AssetError, ImportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from .._extras import missing
+
 
 class AssetError(ValueError):
     """An input that is refused; the message names it and the remedy. Nothing has been written."""
 
 
-def needs(module: str) -> AssetError:
-    return AssetError(f"{module} is not installed; install the wheel with its extra assets (docs/assets.md)")
+def needs(error: ImportError) -> ImportError:
+    """The error to raise where a package of the extra ``assets`` cannot be imported."""
+    return missing("fiatlux.assets", "assets", error)

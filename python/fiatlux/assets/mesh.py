@@ -18,7 +18,7 @@ from .formats.parsed import MAX_FILE_BYTES, Material
 try:
     import trimesh
 except ImportError as error:
-    raise needs("trimesh") from error
+    raise needs(error) from error
 
 #: Formats that are read, and the axis that points up in them where the caller does not say.
 FORMATS = {".glb": "y", ".gltf": "y", ".obj": "z", ".ply": "z", ".stl": "z"}

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
-from .mesh import Surface
+from .mesh import Surface, trimesh
 
 
 def export(surface: Surface, file: Path) -> None:

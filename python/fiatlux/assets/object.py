@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from . import articulation, linkage, mesh
 from .error import AssetError
 from .linkage import DENSITIES, DENSITY, Joint, check_name
-from .mesh import Surface
+from .mesh import Surface, trimesh
 from .pieces import pieces
 
 #: What an object can be in the room; `none` only stands on its own.

@@ -5,10 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
-from PIL import Image
 
+from .error import needs
 from .object import Settings
+
+try:
+    import trimesh
+    from PIL import Image
+except ImportError as error:
+    raise needs(error) from error
 
 #: Outline of the bulb, height and radius, m: that of the room's stock bulb, from its cap's bottom on.
 BULB = (

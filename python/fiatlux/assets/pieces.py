@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
-from scipy.spatial import ConvexHull, QhullError
 
 from .error import AssetError, needs
+
+try:
+    import trimesh
+    from scipy.spatial import ConvexHull, QhullError
+except ImportError as error:
+    raise needs(error) from error
 
 #: Corners of a piece. The engine takes 128; contact between two pieces takes time by the product of their edges.
 MAX_CORNERS = 48
@@ -107,7 +111,7 @@ def cut(shell: trimesh.Trimesh, threshold: float, seed: int) -> list[np.ndarray]
     try:
         import coacd
     except ImportError as error:
-        raise needs("coacd") from error
+        raise needs(error) from error
     coacd.set_log_level("error")
     parts = coacd.run_coacd(
         coacd.Mesh(shell.vertices, shell.faces),

@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from .error import AssetError
+from .error import AssetError, needs
 from .object import Object, Part
+
+try:
+    from scipy.spatial import ConvexHull
+except ImportError as error:
+    raise needs(error) from error
 
 #: Version of `object.toml`.
 FORMAT = 1

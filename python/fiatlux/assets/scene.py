@@ -17,7 +17,7 @@ from .usd import add_piece, bind_physics, new_stage, physics_material, set_frame
 try:
     from pxr import Gf, Sdf, UsdGeom, UsdPhysics
 except ImportError as error:
-    raise needs("usd-core") from error
+    raise needs(error) from error
 
 
 def write_scene(mjcf: str, out: str | Path, force: bool = False) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def write_scene(mjcf: str, out: str | Path, force: bool = False) -> dict[str, An
     try:
         import mujoco
     except ImportError as error:
-        raise needs("mujoco") from error
+        raise needs(error) from error
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
     except ValueError as error:

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
+from .error import needs
+
+try:
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
+except ImportError as error:
+    raise needs(error) from error
 
 #: Shapes that are looked at.
 SHAPES = (

@@ -16,7 +16,7 @@ from .object import Object, Part
 try:
     from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 except ImportError as error:
-    raise needs("usd-core") from error
+    raise needs(error) from error
 
 #: Channel of a look, its input of UsdPreviewSurface, and whether it is a colour.
 TEXTURES = {"color": True, "metallic_roughness": False, "normal": False}
@@ -108,7 +108,10 @@ def triangles(stage: Usd.Stage, path: Sdf.Path, vertices: np.ndarray, faces: np.
 
 def add_piece(stage: Usd.Stage, path: Sdf.Path, corners: np.ndarray) -> UsdGeom.Mesh:
     """A convex piece as a collider that is not drawn."""
-    from scipy.spatial import ConvexHull
+    try:
+        from scipy.spatial import ConvexHull
+    except ImportError as error:
+        raise needs(error) from error
 
     hull = ConvexHull(corners)
     faces = hull.simplices.copy()

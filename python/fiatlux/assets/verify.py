@@ -16,7 +16,7 @@ from .files import read_bytes
 try:
     from pxr import Ar, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdUtils, UsdValidation
 except ImportError as error:
-    raise needs("usd-core") from error
+    raise needs(error) from error
 
 from .unread import prims, unread
 

@@ -153,23 +153,42 @@ fn a_refused_reset_changes_nothing() {
         play(&mut twin, &mut others, 0..12);
         let row = batch.row(2).unwrap();
         type Change = fn(&mut Row);
-        let changes: [(Change, &str); 7] = [
+        let changes: [(Change, &str); 24] = [
             (|row| row.joint_position[3] = f64::NAN, "joint_position of 'left_knee_joint' is NaN"),
             (|row| row.joint_position[3] = 10.0, "joint_position of 'left_knee_joint' is 10, rad"),
             (|row| row.joint_velocity[0] = 1e4, "joint_velocity of 'left_hip_pitch_joint' is 10000, rad/s"),
+            (|row| row.joint_target[3] = 1e200, "joint_target of 'left_knee_joint' is 1e200, rad; the joint goes"),
+            (|row| row.joint_target[3] = -1.0, "joint_target of 'left_knee_joint' is -1, rad; the joint goes"),
+            (|row| row.joint_effort[3] = 1e200, "joint_effort of 'left_knee_joint' is 1e200, N m; give -"),
+            (|row| row.joint_effort[3] = -200.0, "joint_effort of 'left_knee_joint' is -200, N m; give -"),
+            (|row| row.joint_effort[3] = f64::NAN, "joint_effort of 'left_knee_joint' is NaN, N m"),
             (|row| row.robot.pose.translation.x = 1e6, "robot_pose is 1000000"),
+            (|row| row.robot.pose.translation.x = 1e200, "robot_pose is 1e200 m"),
             (|row| row.robot.pose.rotation.as_mut_unchecked().coords.w = 1.1, "robot_pose has a quaternion of length"),
             (|row| row.robot.linear_velocity.z = f64::INFINITY, "robot_linear_velocity is not finite"),
+            (|row| row.robot.linear_velocity.z = 101.0, "robot_linear_velocity is 101"),
+            (|row| row.robot.angular_velocity.z = 1e200, "robot_angular_velocity is 1e200 rad/s"),
             (|row| row.action[1] = f64::NAN, "action of 'left_hip_roll_joint' is NaN"),
+            (|row| row.action[1] = 1e200, "action of 'left_hip_roll_joint' is 1e200"),
+            (|row| row.forces[0].x = 1e200, "old_bulb.hand_force is 1e200 N"),
+            (|row| row.forces[1].x = f64::NAN, "old_bulb.hand_force is not finite"),
+            (|row| row.loads[0] = 1e200, "old_bulb.hand_force_peak is 1e200 N"),
+            (|row| row.loads[0] = f64::NAN, "old_bulb.hand_force_peak is not finite"),
+            (|row| row.joint_speed_peak = f64::NAN, "joint_speed_peak is not finite"),
+            (|row| row.penetration = 1e200, "penetration is 1e200 m"),
+            (|row| row.attachments[0].steps_beyond = u32::MAX, "attachments"),
+            (|row| row.attachments.iter_mut().for_each(|bulb| bulb.seated = true), "the socket holds one"),
         ];
         for (change, says) in changes {
             let mut bad = row.clone();
             change(&mut bad);
             let begin = |world| if world == 3 { Begin::AtRow(Box::new(bad.clone())) } else { Begin::AtStart };
             let mut observation = vec![7.0; outputs.observation.len()];
-            let refused = batch.reset_worlds(begin, Some(9), &mut observation).unwrap_err();
-            assert!(matches!(refused, BatchError::Row { world: 3, .. }), "{refused}");
-            assert!(refused.to_string().contains(says), "{refused}");
+            let refused = batch.reset_worlds(begin, Some(9), &mut observation).expect_err(says);
+            let by_world = matches!(refused, BatchError::Row { world: 3, .. } | BatchError::World { world: 3, .. });
+            assert!(by_world, "{refused}");
+            let words = std::error::Error::source(&refused).map_or(refused.to_string(), |source| source.to_string());
+            assert!(words.contains(says), "{words}");
             assert!(observation.iter().all(|number| *number == 7.0));
         }
         assert_eq!(play(&mut batch, &mut outputs, 12..60), play(&mut twin, &mut others, 12..60));

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..error import AssetError
+from ..error import AssetError, needs
 from ..files import read_bytes
 
 #: More are refused before they are decoded. Hunyuan3D writes 40 000.
@@ -61,7 +61,10 @@ def check_vertices(path: Path, vertices: int) -> None:
 
 
 def image(content: bytes, path: Path, what: str) -> Any:
-    from PIL import Image
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise needs(error) from error
 
     try:
         opened = Image.open(io.BytesIO(content))
