@@ -28,7 +28,7 @@ _JUDGED = {"success": "success", "clean": "clean", "gate_progress": "progress", 
 """The verdicts of each judge on an episode, and how its name goes on after ``strict_`` and ``published_``."""
 
 
-def _in_force(summary: dict[str, Any]) -> dict[str, Any]:
+def in_force(summary: dict[str, Any]) -> dict[str, Any]:
     """A summary whose plain names are of the judge that ended the episode."""
     made = dict(summary)
     for name, ending in _JUDGED.items():
@@ -139,14 +139,15 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
 
         ``info`` has ``reward_terms``. At the end of an episode it has the fields of :meth:`summary`, where ``success``, ``clean``,
         ``gate_progress``, ``steps`` and ``end`` are of the judge in force, the one that ``protocol`` names. Those of the
-        published judge are then ``published_success`` and so on, those of the strict one ``strict_success`` and so on.
+        published judge are then ``published_success`` and so on, those of the strict one ``strict_success`` and so on. A
+        :class:`fiatlux.VectorEnv` has the verdicts by the same names.
         """
         self._check_begun()
         array = as_actions(action, self.action_space.shape or ())
         reward, terminated, truncated = self._episode.step(array)
         info: dict[str, Any] = {"reward_terms": self._episode.reward_terms()}
         if terminated or truncated:
-            info |= _in_force(self._episode.summary())
+            info |= in_force(self._episode.summary())
         return self._observation(), reward, terminated, truncated, info
 
     def look(self, sensors: Sequence[str]) -> Any:

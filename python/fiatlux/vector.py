@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import _native
 from ._memory import check_memory
 from ._numbers import MAX_SEED, real, seed_of, seeds_of, size_of, whole
-from .env import check_camera
+from .env import check_camera, in_force
 from .kinematics import Contacts
 from .settings import EpisodeSettings, Gains, by_preset, complete, names_of, refuse_argument, spelt_out
 from .spaces import Layout, ObservationForm, as_actions, joint_groups
@@ -407,8 +407,10 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Takes a control step of 20 ms in every world.
 
         Actions count as ``float64``, as those of :class:`fiatlux.Env` do. ``info`` has ``reward_terms`` (worlds x terms, named by
-        :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended. ``success`` is of the judge in force, the one that
-        ``protocol`` names, as in :class:`fiatlux.Env`. Ctrl-C is raised when the step is done, and the next one can follow.
+        :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended. Where a task of the benchmark ended by its judges or by
+        time-out, ``info`` also has what :meth:`fiatlux.Env.step` says of the verdict, by the same names (``steps``, ``end``, ``strict_success``
+        and so on): an array each, of which the worlds count that ``info["_end"]`` marks (``_steps`` and so on are the same). ``success`` is
+        of the judge in force. Ctrl-C is raised when the step is done, and the next one can follow.
         """
         self._check_begun()
         array = as_actions(actions, self.action_space.shape or ())
@@ -433,8 +435,28 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """The rest of a step: the judge of the caller's."""
         own = np.copy if self.copies else np.asarray
         info |= {"reward_terms": own(self._terms), "success": own(self._success)}
+        if (self._terminated | self._truncated).any():
+            self._add_verdicts(info)
         if self._judge is not None and waited is not None:
             self._apply(self._judge, info, waited)
+
+    def _add_verdicts(self, info: dict[str, Any]) -> None:
+        """What the judges say of the episodes that ended, as Gymnasium's vectors have it: an array for each name, and which worlds count."""
+        counts = np.zeros(self.num_envs, np.bool_)
+        for world, summary in self._batch.verdicts():
+            verdict = in_force(summary)
+            if verdict["end"] is None and self._truncated[world]:
+                # A horizon of the caller's, which no judge knows.
+                verdict |= {"end": "time-out", "causes": ["time-out"]}
+            counts[world] = True
+            for name, value in verdict.items():
+                if name == "success":
+                    continue
+                if name not in info:
+                    dtype = type(value) if isinstance(value, (bool, int, float)) else object
+                    info[name] = np.full(self.num_envs, None) if dtype is object else np.zeros(self.num_envs, dtype)
+                    info[f"_{name}"] = counts
+                info[name][world] = value
 
     def _apply(self, judge: Judgement, info: dict[str, Any], waited: NDArray[np.bool_]) -> None:
         """Pays and ends as a judge of the caller's says."""

@@ -16,6 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::build;
+use crate::episode::describe_verdicts;
 use crate::fault::{failed, guarded, not_contiguous, own, own_mut, refused};
 use crate::painter::Painter;
 use crate::settings::{self, Settings};
@@ -341,6 +342,17 @@ impl Batch {
             BatchError::Task { source, .. } => PyValueError::new_err(source.to_string()),
             failure => error(failure),
         })
+    }
+
+    /// The verdicts on each episode that the last step ended, with its world.
+    fn verdicts<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Vec<(usize, Bound<'py, PyDict>)>> {
+        own!(slf, this);
+        let described = this.worlds.judged().map(|(world, judges)| {
+            let dict = PyDict::new(py);
+            describe_verdicts(&dict, &judges)?;
+            Ok((world, dict))
+        });
+        described.collect()
     }
 
     /// Worlds whose next episode has not begun yet.

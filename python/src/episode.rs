@@ -6,7 +6,7 @@ use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
 use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_render::{Lighting, Visuals};
-use fiatlux_rules::Protocol;
+use fiatlux_rules::{Judges, Protocol};
 use fiatlux_sensing::{Sampler, SenseError, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as WorldEpisode, PHYSICS_DT, Scene, SceneConfig};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
@@ -201,31 +201,12 @@ impl Episode {
     /// Summary of the episode so far: the fields of `results.json` that follow from its rows.
     fn summary<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         own!(slf, this);
-        let (judges, spec) = (this.episode().judges(), this.episode().spec());
-        let summary = judges.of(Protocol::Published).summary();
-        let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
-        // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
-        let end = summary.end.or(this.episode().end());
+        let spec = this.episode().spec();
         let dict = PyDict::new(py);
         dict.set_item("task", spec.task.short_id())?;
         dict.set_item("seed", spec.seed)?;
         dict.set_item("episode", spec.episode)?;
-        dict.set_item("success", summary.success)?;
-        dict.set_item("clean", summary.clean())?;
-        dict.set_item("broken", summary.broken)?;
-        dict.set_item("dropped", summary.dropped)?;
-        dict.set_item("gate_progress", summary.gate_progress)?;
-        dict.set_item("peak_hand_force_n", summary.peak_hand_force_n)?;
-        dict.set_item("control_effort", summary.control_effort)?;
-        dict.set_item("steps", summary.steps)?;
-        dict.set_item("end", end.map(|end| end.cause().name()))?;
-        let causes = end.map_or_else(Vec::new, |end| end.causes.iter().map(|cause| cause.name()).collect());
-        dict.set_item("causes", causes)?;
-        dict.set_item("strict_success", strict.map(|strict| strict.success))?;
-        dict.set_item("strict_clean", strict.map(|strict| strict.clean()))?;
-        dict.set_item("strict_progress", strict.map(|strict| strict.gate_progress))?;
-        dict.set_item("strict_end", strict.and_then(|strict| strict.end).map(|end| end.cause().name()))?;
-        dict.set_item("strict_steps", strict.map(|strict| strict.steps))?;
+        describe_verdicts(&dict, this.episode().judges())?;
         dict.set_item("steps_in_gate", this.steps_in_gate)?;
         dict.set_item("state_digest", this.digest())?;
         Ok(dict)
@@ -325,4 +306,30 @@ impl Episode {
         self.played.extend_from_slice(action);
         Ok(())
     }
+}
+
+/// Adds the verdicts of an episode's judges: plain names are of the published one, those with `strict_` of the strict one, `None` if
+/// the protocol is published.
+pub(crate) fn describe_verdicts(dict: &Bound<'_, PyDict>, judges: &Judges) -> PyResult<()> {
+    let summary = judges.of(Protocol::Published).summary();
+    let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
+    // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
+    let end = summary.end.or(judges.in_force().verdict().end);
+    dict.set_item("success", summary.success)?;
+    dict.set_item("clean", summary.clean())?;
+    dict.set_item("broken", summary.broken)?;
+    dict.set_item("dropped", summary.dropped)?;
+    dict.set_item("gate_progress", summary.gate_progress)?;
+    dict.set_item("peak_hand_force_n", summary.peak_hand_force_n)?;
+    dict.set_item("control_effort", summary.control_effort)?;
+    dict.set_item("steps", summary.steps)?;
+    dict.set_item("end", end.map(|end| end.cause().name()))?;
+    let causes = end.map_or_else(Vec::new, |end| end.causes.iter().map(|cause| cause.name()).collect());
+    dict.set_item("causes", causes)?;
+    dict.set_item("strict_success", strict.map(|strict| strict.success))?;
+    dict.set_item("strict_clean", strict.map(|strict| strict.clean()))?;
+    dict.set_item("strict_progress", strict.map(|strict| strict.gate_progress))?;
+    dict.set_item("strict_end", strict.and_then(|strict| strict.end).map(|end| end.cause().name()))?;
+    dict.set_item("strict_steps", strict.map(|strict| strict.steps))?;
+    Ok(())
 }

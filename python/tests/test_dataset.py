@@ -110,7 +110,7 @@ def test_the_command_says_what_it_needs(capsys):
     """The launcher asks this before it records anything."""
     if importlib.util.find_spec("lerobot") is None:
         assert lerobot.main(["--check"]) == 1
-        assert "its extra lerobot" in capsys.readouterr().err
+        assert "its extra lerobot, but" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         lerobot.main([])
     assert "name bags" in capsys.readouterr().err

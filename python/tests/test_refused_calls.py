@@ -47,6 +47,14 @@ def calls(env, row):
             broken(row, "joint_effort", np.inf),
             broken(row, "action", 1e300),
             broken(row, "joint_position", -np.inf),
+            broken(row, "joint_target", 1e200),
+            broken(row, "joint_target", -9.0),
+            broken(row, "joint_effort", 1e200),
+            broken(row, "joint_effort", -900.0),
+            {"robot_pose": [1e200, 0, 0.8, 1, 0, 0, 0]},
+            {"robot_linear_velocity": [0, 0, 1e200]},
+            {"fresh_bulb_seated": [np.nan]},
+            {"fresh_bulb_seated": [7.0]},
         ):
             yield lambda mask=mask, parts=parts: env.reset_worlds(mask, like=parts)
     # One bad world among good ones.
@@ -132,6 +140,15 @@ def test_the_refusal_says_which_world_and_what():
             r"like: world 2 .*joint_velocity of 'left_hip_pitch_joint' is 10000, rad/s",
         ),
         ({"robot_pose": [1e6, 0, 0.8, 1, 0, 0, 0]}, r"like: world 2 .*robot_pose is 1000000.* m from the middle"),
+        (
+            {"joint_target": np.full(53, 1e200)},
+            r"like: world 2 .*joint_target of 'left_hip_pitch_joint' is 1e200, rad; the joint goes",
+        ),
+        (
+            {"joint_effort": np.full(53, 1e200)},
+            r"like: world 2 .*joint_effort of 'left_hip_pitch_joint' is 1e200, N m; give -139 to 139",
+        ),
+        ({"fresh_bulb_seated": [7.0]}, "like: fresh_bulb_seated is 7.0; give 1 for seated, 0 for free"),
     ):
         with pytest.raises(ValueError, match=says):
             env.reset_worlds(only(2), like=parts)

@@ -296,3 +296,37 @@ def test_weights_of_the_reward_can_be_given():
     np.testing.assert_allclose(2 * paid[0], paid[1])
     with pytest.raises(ValueError, match="velocitty"):
         walkers(reward_weights={"velocitty": 1.0})
+
+
+@pytest.mark.parametrize("protocol", ["published", "strict"])
+@pytest.mark.parametrize("task", ["S05", "S07"])
+def test_the_verdict_on_an_episode_is_that_of_the_environment(task, protocol):
+    settings = {"protocol": protocol, "noise": False, "observation": "flat"}
+    env, worlds = fiatlux.Env(task, **settings), fiatlux.VectorEnv(task, 2, seeds=[1000], episodes=1, **settings)
+    env.reset(seed=1000)
+    worlds.reset(seed=0)
+    action, ended = np.full(env.action_space.shape, 0.05), False
+    while not ended:
+        _, _, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+        *_, found = worlds.step(np.broadcast_to(action, worlds.action_space.shape))
+        assert ("steps" in found) == ("steps" in info) == ended
+    # What names the episode, and its rows, is the environment's alone.
+    of_episode = {"task", "seed", "episode", "steps_in_gate", "state_digest"}
+    marks = {name for name in found if name.startswith("_")}
+    assert set(info) - of_episode == set(found) - marks - {"final_obs"}
+    assert {"success", "steps", "end", f"{'strict' if protocol == 'strict' else 'published'}_end"} <= set(found)
+    assert info["end"] == "fall" and 10 < info["steps"] < 500
+    for name in set(info) - of_episode - {"reward_terms"}:
+        assert list(found[name]) == [info[name]] * 2, name
+    assert all(found[mark].all() for mark in marks)
+
+
+def test_a_horizon_of_the_caller_s_ends_by_time_out():
+    worlds = fiatlux.VectorEnv("S07", 3, seeds=[1000], horizon_steps=5, observation="flat")
+    worlds.reset(seed=0)
+    worlds.stagger([0, 2, 0])
+    for _ in range(3):
+        *_, info = worlds.step(np.zeros(worlds.action_space.shape))
+    assert info["_end"].tolist() == [False, True, False] and info["end"].tolist() == [None, "time-out", None]
+    assert info["steps"].tolist() == [0, 3, 0] and info["causes"][1] == ["time-out"]

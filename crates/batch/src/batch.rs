@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::Row;
+use fiatlux_rules::{Judges, Row};
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{Light, Scene};
 
@@ -323,6 +323,12 @@ impl Batch {
     #[must_use]
     pub fn ended(&self) -> Vec<bool> {
         self.workers.jobs().map(|job| job.slot.has_ended).collect()
+    }
+
+    /// The benchmark's judges of the episodes that the last step ended, by world; worlds whose episode went on, and those of tasks that
+    /// the benchmark does not judge, are left out.
+    pub fn judged(&self) -> impl Iterator<Item = (usize, Box<Judges>)> {
+        self.workers.jobs().filter_map(|job| Some((job.world, job.judges.clone()?)))
     }
 
     /// A copy of a world's row.

@@ -384,6 +384,10 @@ impl Task for Rulebook {
         ]
     }
 
+    fn judges(&self) -> Option<&Judges> {
+        self.referee.as_ref().map(|referee| &referee.judges)
+    }
+
     fn drawn(&self) -> Vec<(&'static str, f64)> {
         let steps = self.delay.steps(self.spec.actions.len()).unwrap_or_default();
         let noise = if self.noise.is_some() { self.noise_scale } else { 0.0 };

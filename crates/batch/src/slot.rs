@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{Contact, PreparedVariation, Site};
-use fiatlux_rules::{Row, diverged};
+use fiatlux_rules::{Judges, Row, diverged};
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
@@ -162,6 +162,8 @@ pub(crate) struct Results<'a> {
     pub reward_terms: &'a mut [f32],
     /// Contact points of the step, if wanted.
     pub contacts: Option<&'a mut Vec<Contact>>,
+    /// The benchmark's judges of an episode that the step ended.
+    pub judges: &'a mut Option<Box<Judges>>,
 }
 
 impl Slot {
@@ -332,7 +334,8 @@ impl Slot {
         control: &mut Control,
         results: Results<'_>,
     ) -> Result<(Outcome, f32), Stopped> {
-        let Results { observation, final_observation, reward_terms, contacts } = results;
+        let Results { observation, final_observation, reward_terms, contacts, judges } = results;
+        *judges = None;
         if self.has_ended {
             reward_terms.fill(0.0);
             self.begin(stage, shared, None, observation)?;
@@ -357,6 +360,9 @@ impl Slot {
         reward_terms.iter_mut().filter(|term| !term.is_finite()).for_each(|term| *term = 0.0);
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
         self.has_ended = outcome != Outcome::Continues;
+        if self.has_ended {
+            *judges = self.task.judges().cloned().map(Box::new);
+        }
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
                 // Parts that are not due stay as they were.

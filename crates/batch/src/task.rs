@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::collections::BTreeMap;
 
-use fiatlux_rules::Row;
+use fiatlux_rules::{Judges, Row};
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{AppliedWrench, Light, Push, Random, Scene, World};
 
@@ -69,6 +69,11 @@ pub trait Task: TaskClone + Send + Sync {
         _observation: &mut [f32],
     ) -> Result<(), TaskError> {
         Err("this task has no sensors to look at".into())
+    }
+
+    /// The benchmark's judges of the present episode; `None` for a task that they do not judge, and before the first episode.
+    fn judges(&self) -> Option<&Judges> {
+        None
     }
 
     /// Name and value of each quantity that it drew for the episode.

@@ -149,8 +149,10 @@ impl Policy for Hands {
             "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),
             "S11" => {
-                let empty = arm(REST, room::with_bulb_in_socket(&seen))?;
-                Box::new(Insert::new(self.parameters.as_deref(), &info.joints, empty)?)
+                let (info, targets, socket) = (info.clone(), body.targets.clone(), room::with_bulb_in_socket(&seen));
+                let joints = info.joints.clone();
+                let empty = Box::new(move || RightArm::new(&info, &targets, REST, socket));
+                Box::new(Insert::new(self.parameters.as_deref(), &joints, empty)?)
             }
             _ => return Err(refused()),
         };

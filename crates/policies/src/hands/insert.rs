@@ -133,8 +133,8 @@ pub(super) struct Insert {
     /// The search for the way off the bulb, and the postures on it that are left, the last first.
     search: Option<Search<Result<Vec<ArmAngles>, PolicyError>>>,
     way: Vec<ArmAngles>,
-    /// The arm for that: the bulb is then in the socket, not in the hand.
-    empty: Option<RightArm>,
+    /// Makes the arm for that: the bulb is then in the socket, not in the hand. It takes as long as half a control step.
+    empty: Option<MakesArm>,
     /// Pose of the bulb in the hand.
     hand_from_plug: Isometry3<f64>,
     /// Where the plug is wanted on the axis, from the seat, m.
@@ -149,10 +149,13 @@ pub(super) struct Insert {
     loosens: Option<bool>,
 }
 
+/// Makes an arm, once.
+pub(super) type MakesArm = Box<dyn FnOnce() -> Result<RightArm, PolicyError> + Send>;
+
 impl Insert {
-    /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` is the arm with nothing in its hand and the
-    /// bulb in the socket.
-    pub fn new(given: Option<&str>, joints: &[Joint], empty: RightArm) -> Result<Self, PolicyError> {
+    /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` makes the arm with nothing in its hand and
+    /// the bulb in the socket.
+    pub fn new(given: Option<&str>, joints: &[Joint], empty: MakesArm) -> Result<Self, PolicyError> {
         let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
@@ -181,8 +184,8 @@ impl Insert {
     }
 
     /// The bulb is in the socket, and the hand around it open: looks for the way off it.
-    fn backs_off(&mut self, arm: &mut RightArm, plug: &Plug) -> Phase {
-        self.empties(arm);
+    fn backs_off(&mut self, arm: &mut RightArm, plug: &Plug) -> Result<Phase, PolicyError> {
+        self.empties(arm)?;
         let from = arm.world_from_hand();
         let mut moves: Vec<_> = self.params.open.back.iter().copied().map(Vector3::from).collect();
         // Out as it came in, too, where the arm struck nothing.
@@ -193,14 +196,15 @@ impl Insert {
             let mut arm = arm.searching(work);
             async move { way_out(&mut arm, &from, &moves).await }
         }));
-        Phase::Retreat
+        Ok(Phase::Retreat)
     }
 
     /// From now on the bulb is in the socket.
-    fn empties(&mut self, arm: &mut RightArm) {
+    fn empties(&mut self, arm: &mut RightArm) -> Result<(), PolicyError> {
         if let Some(empty) = self.empty.take() {
-            *arm = empty.going_on_from(arm);
+            *arm = empty()?.going_on_from(arm);
         }
+        Ok(())
     }
 
     /// True if something has held for a time, s.
@@ -392,7 +396,7 @@ impl Expert for Insert {
             Phase::Open => {
                 let opening = CONTROL_DT / open.time;
                 self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
-                (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug))
+                (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug)).transpose()?
             }
             Phase::Retreat => {
                 if let Some(search) = &mut self.search {
@@ -458,8 +462,8 @@ impl Expert for Insert {
             Phase::Relax
         } else {
             self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| finger.share = share);
-            self.empties(arm);
-            if is_near { self.backs_off(arm, &plug) } else { Phase::Leave }
+            self.empties(arm)?;
+            if is_near { self.backs_off(arm, &plug)? } else { Phase::Leave }
         };
         self.phases = Phases::new(phase, seen.time);
         Ok(Some(command))
