@@ -499,7 +499,7 @@ def _is(value: Any, kinds: type | tuple[type, ...]) -> bool:
 
 
 def _of_type(kind: type, name: str) -> Any:
-    """What a class or one that it is made from has by this name; none for what ``__getattr__`` would answer."""
+    """The part of a class, or of one that it is made from, by its name; none for a name that ``__getattr__`` would answer."""
     return next((vars(parent)[name] for parent in kind.__mro__ if name in vars(parent)), None)
 
 

@@ -441,7 +441,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
             self._apply(self._judge, info, waited)
 
     def _add_verdicts(self, info: dict[str, Any]) -> None:
-        """What the judges say of the episodes that ended, as Gymnasium's vectors have it: an array for each name, and which worlds count."""
+        """Adds the judges' verdicts on the episodes that ended, as Gymnasium's vectors have it: an array for each name, and which worlds count."""
         counts = np.zeros(self.num_envs, np.bool_)
         for world, summary in self._batch.verdicts():
             verdict = in_force(summary)

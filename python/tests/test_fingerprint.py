@@ -139,7 +139,7 @@ class Slotted:
 class Claims(Answers):
     """Says that it is of another class."""
 
-    __class__ = dict
+    __class__ = dict  # type: ignore[assignment]
 
     def items(self):
         return Answers(0.0)
