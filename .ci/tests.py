@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
 from pathlib import Path
 
@@ -28,6 +29,13 @@ RULES = {
 def package(**fields):
     package = {"name": "a", "version": "1.0.0", "license": "MIT", "source": licences.REGISTRY, "dependencies": []}
     return {**package, **fields}
+
+
+class Cases(unittest.TestCase):
+    def test_the_test_of_each_case_is_there(self):
+        root = Path(__file__).parent.parent
+        for case, (file, name) in tomllib.loads((root / "tests/cases.toml").read_text())["cases"].items():
+            self.assertIn(name, (root / file).read_text(), case)
 
 
 class Licences(unittest.TestCase):
