@@ -203,8 +203,8 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         """The scene as MJCF for MuJoCo; its keyframe is the present state with the present joint targets.
 
         With ``nearest`` it has the options of MuJoCo that are closest to this simulator, otherwise MuJoCo's defaults. It does not
-        model how the socket holds a bulb. Sites have the names of :attr:`Kinematics.sites`,
-        cameras those of the robot's, joints and actuators those of :attr:`action_names`.
+        model how the socket holds a bulb. Sites have the names of :attr:`Kinematics.sites`; links are bodies, but for those that are
+        fixed to another one. Cameras have those of the robot's, joints and actuators those of :attr:`action_names`.
         """
         self._check_begun()
         return self._episode.mjcf(nearest)

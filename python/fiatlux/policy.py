@@ -48,6 +48,8 @@ def check_policy(policy: Any) -> None:
 def settings_for(policy: PolicyLike, given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that are given, with those that the policy has of its own."""
     settings = dict(given)
+    if "task" in settings:
+        raise TypeError("unexpected argument 'task' (did you mean 'tasks'?)")
     for name in ("action_form", "sensors", "robot"):
         own = getattr(policy, name, None)
         # A policy may call an object of its own by these names.

@@ -126,3 +126,8 @@ def test_shards_join_one_run(tmp_path):
             fiatlux.evaluate(Zero, tasks, seeds, **{"out": tmp_path / "wrong", **wrong})
     with pytest.raises(ValueError, match="rooms of its own"):
         fiatlux.evaluate(Zero, tasks, "fresh:4", out=tmp_path / "wrong", shard="1/2", run_file=run_file)
+
+
+def test_a_task_in_place_of_tasks_is_refused_by_name():
+    with pytest.raises(TypeError, match=r"unexpected argument 'task' \(did you mean 'tasks'\?\)"):
+        fiatlux.evaluate(lambda observation: np.zeros(53), task=["S05"])

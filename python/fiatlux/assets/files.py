@@ -34,6 +34,8 @@ def read_bytes(path: Path, limit: int, check_head: Callable[[bytes, int], None] 
             content += file.read(limit + 1)
     except FileNotFoundError as error:
         raise AssetError(f"{path}: there is no such file") from error
+    except AssetError:
+        raise
     except (OSError, ValueError) as error:
         raise AssetError(f"{path}: cannot be read: {error}") from error
     if len(content) > limit:

@@ -50,6 +50,8 @@ def read(path: Path) -> Articulation:
     """
     try:
         root = ElementTree.fromstring(read_text(path, MAX_BYTES))
+    except AssetError:
+        raise
     except (ElementTree.ParseError, ValueError) as error:
         raise AssetError(f"{path}: {error}") from error
     if root.tag != "robot":

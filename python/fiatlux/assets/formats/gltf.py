@@ -44,6 +44,8 @@ def read(path: Path, content: bytes) -> Parsed:
     """
     try:
         return Reader(path, *chunks(content)).read()
+    except AssetError:
+        raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError, struct.error) as error:
         raise AssetError(f"{path}: cannot be read as gltf: {type(error).__name__}: {error}") from error
     except RecursionError as error:

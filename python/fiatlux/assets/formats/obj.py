@@ -180,6 +180,8 @@ class Reader:
                     self.not_read.add(f"{key} of materials")
                 elif key and not (key == "d" and float(rest) == 1.0) and not (key == "Tr" and float(rest) == 0.0):
                     self.not_read.add(f"{key} of materials")
+            except AssetError:
+                raise
             except ValueError as error:
                 raise AssetError(f"{file}: '{key} {rest}' cannot be read: {error}") from error
 

@@ -71,6 +71,8 @@ def image(content: bytes, path: Path, what: str) -> Any:
         if opened.width * opened.height > MAX_PIXELS:
             raise AssetError(f"{path}: {what} has {opened.width} x {opened.height} pixels; the limit is {MAX_PIXELS}")
         opened.load()
+    except AssetError:
+        raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise AssetError(f"{path}: {what} cannot be read as an image: {error}") from error
     return opened

@@ -53,6 +53,8 @@ def read(path: Path, content: bytes) -> Parsed:
     header = header_of(path, content, len(content))
     try:
         columns = text(header, content) if header.order == "" else binary(header, content)
+    except AssetError:
+        raise
     except (ValueError, IndexError, struct.error) as error:
         raise AssetError(f"{path}: cannot be read as ply: its elements do not fit its header: {error}") from error
     return parsed(path, header, columns)
