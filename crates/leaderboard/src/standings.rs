@@ -4,19 +4,25 @@
 
 mod played;
 mod subtasks;
+mod summary;
+mod word;
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use fiatlux_grading::{CompareError, RateRow, Results, TaskResult, compare_results};
 use fiatlux_rules::{Rate, Task};
+use serde::{Deserialize, Serialize};
 
 use crate::{Division, Entry, SubmissionId};
 
 pub(crate) use played::PlayedEpisodes;
 pub(crate) use subtasks::{RankedTask, SubtaskResults, TaskTable, by_task};
+pub(crate) use summary::{LAYOUT, Summary};
+use word::Word;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Standing {
     /// Version of the benchmark: scores of different versions never share a table.
     pub version: u32,
@@ -30,7 +36,7 @@ pub(crate) struct Standing {
     pub rooms: Rooms,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Rooms {
     pub seeds: Vec<u64>,
     /// A server drew them: their numbers mean nothing to a reader.
@@ -44,7 +50,7 @@ impl Rooms {
 }
 
 /// Clean success over all episodes, and S.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Scores {
     pub clean: f64,
     /// Wilson 95 % interval of `clean`.
@@ -55,10 +61,12 @@ pub(crate) struct Scores {
     pub std: Option<f64>,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Cell {
-    pub id: &'static str,
-    pub name: &'static str,
+    #[serde(deserialize_with = "word::task_word")]
+    pub id: Word,
+    #[serde(deserialize_with = "word::task_word")]
+    pub name: Word,
     pub episodes: u64,
     /// Score s by the strict judge, 0 to 1.
     pub strict: f64,
@@ -176,7 +184,7 @@ impl Cell {
 pub(crate) struct RankedEntry {
     /// 1 for the best; rows with equal scores share a rank, and one at zero has none.
     pub rank: Option<usize>,
-    pub entry: Entry,
+    pub entry: Arc<Entry>,
     pub standing: Standing,
 }
 
@@ -192,14 +200,15 @@ pub(crate) struct Table {
 type Group = (Reverse<u32>, Division);
 
 /// Tables of all divisions, those of the latest version of the benchmark first, and of these the hosted ones.
-pub(crate) fn tables(ranked: Vec<(Entry, Standing)>) -> Vec<Table> {
-    let mut groups: BTreeMap<Group, Vec<(Entry, Standing)>> = BTreeMap::new();
+pub(crate) fn tables(ranked: Vec<(impl Into<Arc<Entry>>, Standing)>) -> Vec<Table> {
+    let mut groups: BTreeMap<Group, Vec<(Arc<Entry>, Standing)>> = BTreeMap::new();
     for (entry, standing) in ranked {
+        let entry: Arc<Entry> = entry.into();
         if let Some(division) = entry.division.clone() {
             groups.entry((Reverse(standing.version), division)).or_default().push((entry, standing));
         }
     }
-    let table = |((version, division), mut rows): (Group, Vec<(Entry, Standing)>)| {
+    let table = |((version, division), mut rows): (Group, Vec<(Arc<Entry>, Standing)>)| {
         rows.sort_by(|(entry_a, a), (entry_b, b)| {
             let ((lower_a, score_a), (lower_b, score_b)) = (a.merit(), b.merit());
             let by_merit = lower_b.total_cmp(&lower_a).then(score_b.total_cmp(&score_a));

@@ -12,6 +12,7 @@ pub(crate) mod queue;
 mod schema;
 mod scorers;
 mod submissions;
+mod summaries;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

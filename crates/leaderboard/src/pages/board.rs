@@ -1,5 +1,6 @@
 //! The leaderboard itself, and the page about it.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use askama::Template;
@@ -8,7 +9,7 @@ use axum::response::Response;
 
 use super::answer::{Problem, page};
 use super::show;
-use super::state::{Board, Pages};
+use super::state::{Board, Pages, Pair};
 use super::tasks::{Card, cards};
 use crate::claims::{FIXED_ROOMS, GRACE_DAYS, MIN_ROOMS};
 use crate::paper::{PAPER, PaperRow};
@@ -58,7 +59,7 @@ struct BoardPage<'a> {
     chosen: String,
     paper: &'static [PaperRow],
     cards: Vec<Card<'a>>,
-    unranked: &'a [Entry],
+    unranked: &'a [Arc<Entry>],
     more_unranked: usize,
     min_rooms: usize,
     fixed_rooms: &'static str,
@@ -84,7 +85,9 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
         }
         None => first_tables(&board),
     };
-    let sections: Vec<Section<'_>> = tables.into_iter().map(|table| section(&board, table, query)).collect();
+    let pairs: Vec<Pair> = tables.iter().flat_map(|table| shown_pairs(table, query)).collect();
+    let tested = pages.tested(&pairs).await?;
+    let sections: Vec<Section<'_>> = tables.into_iter().map(|table| section(&board, table, &tested, query)).collect();
     Ok(page(&BoardPage {
         choices: choices(&board, &sections),
         sections,
@@ -124,25 +127,38 @@ fn choices(board: &Board, sections: &[Section<'_>]) -> Vec<(Kind, Vec<DivisionCh
     [Kind::Hosted, Kind::Replayed].map(of).into_iter().filter(|(_, choices)| !choices.is_empty()).collect()
 }
 
-fn section<'a>(board: &Board, table: &'a Table, query: Option<&str>) -> Section<'a> {
+/// The rows that the page shows, each with the next one.
+fn shown_pairs(table: &Table, query: Option<&str>) -> Vec<Pair> {
+    let first = (show::part(&table.places, ROWS, query).page - 1) * ROWS;
+    let places = table.places.iter().skip(first).take(ROWS + 1).map(|place| place.entry.id);
+    let ids: Vec<_> = places.collect();
+    ids.windows(2).map(|pair| (pair[0], pair[1])).collect()
+}
+
+fn section<'a>(
+    board: &Board,
+    table: &'a Table,
+    tested: &BTreeMap<Pair, Neighbours>,
+    query: Option<&str>,
+) -> Section<'a> {
     let part = show::part(&table.places, ROWS, query);
     let first = (part.page - 1) * ROWS;
     Section {
         table,
         slug: show::slug(table.version, &table.division),
-        rows: (first..first + part.shown.len()).map(|index| row(board, table, index)).collect(),
+        rows: (first..first + part.shown.len()).map(|index| row(board, table, tested, index)).collect(),
         page: part.page,
         pages: part.pages,
     }
 }
 
-fn row<'a>(board: &Board, table: &'a Table, index: usize) -> Row<'a> {
+fn row<'a>(board: &Board, table: &'a Table, tested: &BTreeMap<Pair, Neighbours>, index: usize) -> Row<'a> {
     let place = &table.places[index];
     let has_partners = board.sharing.contains(&place.entry.id);
     let Some(next) = table.places.get(index + 1) else {
         return Row { place, verdict: "", test: String::new(), differs: false, has_partners };
     };
-    let (verdict, test, differs) = match board.neighbours.get(&(place.entry.id, next.entry.id)) {
+    let (verdict, test, differs) = match tested.get(&(place.entry.id, next.entry.id)) {
         Some(Neighbours::Tested { pairs, p }) => {
             let differs = *p < SIGNIFICANT;
             let verdict = if differs { "ahead" } else { "no significant difference" };
@@ -188,7 +204,8 @@ mod tests {
             (entry(id, name, &results), Standing::of(&results).expect("a row"))
         });
         let board = Board { tables: tables(rows.collect()), ..Board::default() };
-        let sections: Vec<_> = first_tables(&board).into_iter().map(|table| section(&board, table, None)).collect();
+        let sections: Vec<_> =
+            first_tables(&board).into_iter().map(|table| section(&board, table, &BTreeMap::new(), None)).collect();
         let page = BoardPage {
             choices: choices(&board, &sections),
             sections,

@@ -76,7 +76,7 @@ pub(super) async fn episode(
     let found = find(&pages, &id, &key).await?;
     let board = pages.board_with(found.entry.id).await?;
     let has =
-        |id| board.played.get(&id).is_some_and(|p| p.has(found.key.task.short_id(), found.key.seed, found.key.episode));
+        |id| board.played(id).is_some_and(|p| p.has(found.key.task.short_id(), found.key.seed, found.key.episode));
     let others = board.partners(found.entry.id).into_iter().map(|(entry, _)| entry).filter(|entry| has(entry.id));
     let others = others.take(PARTNERS).collect();
     let replay = one();

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
+use fiatlux_cli::in_full;
 use fiatlux_grading::Results;
 use fiatlux_replay::ReplayCache;
 use tokio::sync::OwnedMutexGuard;
@@ -13,9 +14,9 @@ use tokio::sync::OwnedMutexGuard;
 use super::answer::Problem;
 use super::heavy::Heavy;
 use super::key::Key;
-use crate::standings::{Neighbours, PlayedEpisodes, Standing, SubtaskResults, Table, TaskTable, by_task, tables};
+use crate::standings::{LAYOUT, Neighbours, PlayedEpisodes, Summary, Table, TaskTable, by_task, tables};
 use crate::store::{Picture, Pictures};
-use crate::{Entry, Service, Stage, SubmissionId};
+use crate::{Entry, Service, Stage, StoreError, SubmissionId};
 
 /// Age below which the tables are shown without a check for new entries.
 const FRESH: Duration = Duration::from_secs(1);
@@ -23,6 +24,8 @@ const FRESH: Duration = Duration::from_secs(1);
 const STALE: Duration = Duration::from_secs(10);
 /// Maximum number of cached replays, of at most 50 MB each.
 const REPLAYS: usize = 4;
+/// Maximum number of cached results of tests on neighbours, about 100 bytes each.
+const NEIGHBOURS: usize = 1 << 14;
 /// Maximum number of cached figures, about 20 kB each.
 const FIGURES: usize = 512;
 
@@ -34,36 +37,30 @@ pub(super) struct Pages {
     figures: Mutex<VecDeque<((SubmissionId, String), Bytes)>>,
     shown: Mutex<Option<(Instant, Arc<Board>)>>,
     kept: Arc<tokio::sync::Mutex<BoardInputs>>,
+    /// Results of an entry do not change, so neither does a test on two.
+    neighbours: tokio::sync::Mutex<BTreeMap<Pair, Neighbours>>,
 }
+
+/// Two neighbours in a table, the better one first.
+pub(super) type Pair = (SubmissionId, SubmissionId);
 
 /// The inputs of the tables. Results of an entry do not change; what follows from its claims is not in them.
 #[derive(Debug, Default)]
 struct BoardInputs {
-    runs: BTreeMap<SubmissionId, RunInputs>,
-    neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
-}
-
-/// Cached values of a submission's results.
-#[derive(Debug)]
-struct RunInputs {
-    standing: Option<Standing>,
-    tried: SubtaskResults,
-    played: Arc<PlayedEpisodes>,
+    runs: BTreeMap<SubmissionId, Arc<Summary>>,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Board {
     /// Entries from which it was made, oldest first.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<Arc<Entry>>,
     /// One table for each division, latest benchmark version first.
     pub tables: Vec<Table>,
-    /// Test results of neighbours in a table; the better one is first in the key.
-    pub neighbours: BTreeMap<(SubmissionId, SubmissionId), Neighbours>,
     /// Entries that are not ranked among all twelve subtasks, latest first.
-    pub unranked: Vec<Entry>,
+    pub unranked: Vec<Arc<Entry>>,
     pub tasks: Vec<TaskTable>,
     pub pictures: Pictures,
-    pub played: BTreeMap<SubmissionId, Arc<PlayedEpisodes>>,
+    pub runs: BTreeMap<SubmissionId, Arc<Summary>>,
     /// Entries that share episodes with another one.
     pub sharing: BTreeSet<SubmissionId>,
 }
@@ -81,6 +78,10 @@ impl Board {
         })
     }
 
+    pub fn played(&self, id: SubmissionId) -> Option<&PlayedEpisodes> {
+        self.runs.get(&id).map(|run| &run.played)
+    }
+
     /// The pictures of a submission's best success in a subtask.
     pub fn picture(&self, id: SubmissionId, task: &str) -> Option<&Picture> {
         self.pictures.get(&(id, task.to_owned()))
@@ -88,10 +89,10 @@ impl Board {
 
     /// The other entries that share episodes with this one, and their numbers, latest first.
     pub fn partners(&self, id: SubmissionId) -> Vec<(&Entry, usize)> {
-        let Some(own) = self.played.get(&id) else { return Vec::new() };
-        let shared = |entry: &Entry| self.played.get(&entry.id).map_or(0, |other| own.shared(other));
+        let Some(own) = self.played(id) else { return Vec::new() };
+        let shared = |entry: &Entry| self.played(entry.id).map_or(0, |other| own.shared(other));
         let others = self.entries.iter().rev().filter(|entry| entry.id != id);
-        others.map(|entry| (entry, shared(entry))).filter(|(_, shared)| *shared > 0).collect()
+        others.map(|entry| (&**entry, shared(entry))).filter(|(_, shared)| *shared > 0).collect()
     }
 }
 
@@ -104,6 +105,7 @@ impl Pages {
             figures: Mutex::default(),
             shown: Mutex::default(),
             kept: Arc::default(),
+            neighbours: tokio::sync::Mutex::default(),
         }
     }
 
@@ -175,7 +177,7 @@ impl Pages {
         {
             return Ok(Arc::clone(board));
         }
-        let entries = self.service.store.entries().await?;
+        let entries: Vec<Arc<Entry>> = self.service.store.entries().await?.into_iter().map(Arc::new).collect();
         let pictures = self.service.store.pictures().await?;
         let board = match shown {
             Some((_, board)) if board.entries == entries && board.pictures == pictures => board,
@@ -185,51 +187,75 @@ impl Pages {
         Ok(board)
     }
 
-    async fn make(&self, kept: &mut BoardInputs, entries: Vec<Entry>) -> Result<Board, Problem> {
+    async fn make(&self, kept: &mut BoardInputs, entries: Vec<Arc<Entry>>) -> Result<Board, Problem> {
         let mut board = Board::default();
-        let mut ranked = Vec::new();
+        if kept.runs.is_empty() {
+            kept.runs = self.stored().await?;
+        }
+        let (mut ranked, mut new) = (Vec::new(), Vec::new());
         for entry in &entries {
             if let Slot::Vacant(slot) = kept.runs.entry(entry.id) {
                 let Some(results) = self.service.store.results(entry.id).await? else { continue };
-                slot.insert(RunInputs {
-                    standing: Standing::of(&results),
-                    tried: SubtaskResults::of(&results),
-                    played: Arc::new(PlayedEpisodes::of(&results)),
-                });
+                let summary = slot.insert(Arc::new(Summary::of(&results)));
+                let text =
+                    serde_json::to_string(&**summary).map_err(|error| StoreError::corrupt("a summary", error))?;
+                new.push((entry.id, text));
             }
             let Some(run) = kept.runs.get(&entry.id) else { continue };
-            board.played.insert(entry.id, Arc::clone(&run.played));
+            board.runs.insert(entry.id, Arc::clone(run));
             match run.standing.as_ref().filter(|_| entry.division.is_some() && entry.obstacle.is_empty()) {
-                Some(standing) => ranked.push((entry.clone(), standing.with_failures(&entry.failed_tries))),
-                None => board.unranked.push(entry.clone()),
+                Some(standing) => ranked.push((Arc::clone(entry), standing.with_failures(&entry.failed_tries))),
+                None => board.unranked.push(Arc::clone(entry)),
             }
+        }
+        if !new.is_empty()
+            && let Err(error) = self.service.store.set_summaries(LAYOUT, &new).await
+        {
+            tracing::warn!(
+                error = in_full(&error),
+                "summaries of results are not kept; the next start makes them again"
+            );
         }
         let tried = entries.iter().filter_map(|entry| Some((entry, &kept.runs.get(&entry.id)?.tried)));
         board.tasks = by_task(&tried.collect::<Vec<_>>());
         board.unranked.reverse();
         board.tables = tables(ranked);
-        for table in &board.tables {
-            for pair in table.places.windows(2) {
-                let ids = (pair[0].entry.id, pair[1].entry.id);
-                if let Slot::Vacant(slot) = kept.neighbours.entry(ids) {
-                    let Some(tested) = self.neighbours(ids).await? else { continue };
-                    slot.insert(tested);
-                }
-                if let Some(tested) = kept.neighbours.get(&ids) {
-                    board.neighbours.insert(ids, tested.clone());
-                }
-            }
-        }
-        // Entries that were withdrawn, and pairs that are no longer neighbours, are dropped.
-        kept.neighbours.clone_from(&board.neighbours);
-        kept.runs.retain(|id, _| entries.iter().any(|entry| entry.id == *id));
+        // Entries that were withdrawn are dropped.
+        kept.runs.clone_from(&board.runs);
         board.entries = entries;
-        let shares = PlayedEpisodes::any_shared(&board.played.values().map(Arc::as_ref).collect::<Vec<_>>());
-        board.sharing = board.played.keys().zip(shares).filter(|(_, shares)| *shares).map(|(id, _)| *id).collect();
+        let played = board.runs.values().map(|run| &run.played);
+        let shares = PlayedEpisodes::any_shared(&played.collect::<Vec<_>>());
+        board.sharing = board.runs.keys().zip(shares).filter(|(_, shares)| *shares).map(|(id, _)| *id).collect();
         Ok(board)
     }
 
-    async fn neighbours(&self, (a, b): (SubmissionId, SubmissionId)) -> Result<Option<Neighbours>, Problem> {
+    /// The summaries that an earlier service made.
+    async fn stored(&self) -> Result<BTreeMap<SubmissionId, Arc<Summary>>, Problem> {
+        let texts = self.service.store.summaries(LAYOUT).await?;
+        // One that cannot be read is made again.
+        let read = |(id, text): (SubmissionId, String)| Some((id, Arc::new(serde_json::from_str(&text).ok()?)));
+        let all = tokio::task::spawn_blocking(move || texts.into_iter().filter_map(read).collect()).await;
+        all.map_err(|_| Problem::Failed)
+    }
+
+    /// The results of tests on neighbours. One visitor at a time has new ones made.
+    pub async fn tested(&self, pairs: &[Pair]) -> Result<BTreeMap<Pair, Neighbours>, Problem> {
+        let mut known = self.neighbours.lock().await;
+        if known.len() > NEIGHBOURS {
+            known.clear();
+        }
+        let mut tested = BTreeMap::new();
+        for pair in pairs {
+            if let Slot::Vacant(slot) = known.entry(*pair) {
+                let Some(made) = self.test(*pair).await? else { continue };
+                slot.insert(made);
+            }
+            tested.extend(known.get(pair).map(|found| (*pair, found.clone())));
+        }
+        Ok(tested)
+    }
+
+    async fn test(&self, (a, b): Pair) -> Result<Option<Neighbours>, Problem> {
         let store = &self.service.store;
         let (Some(of_a), Some(of_b)) = (store.results(a).await?, store.results(b).await?) else { return Ok(None) };
         let tested = tokio::task::spawn_blocking(move || Neighbours::of((a, &of_a), (b, &of_b))).await;

@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 
 use fiatlux_grading::Results;
+use serde::{Deserialize, Serialize};
 
 /// The episodes of a submission in order: task, seed, index.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(crate) struct PlayedEpisodes {
     version: u32,
     episodes: Vec<(String, u64, u64)>,

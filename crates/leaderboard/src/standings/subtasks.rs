@@ -4,18 +4,20 @@
 //! of 0.98 over 64. Submissions without a success are listed and have no rank.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use fiatlux_grading::Results;
 use fiatlux_rules::Task;
+use serde::{Deserialize, Serialize};
 
 use super::{Cell, Rooms, lower_bound};
 use crate::{Division, Entry};
 
 /// The results of a submission in the subtasks that it played.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SubtaskResults {
     version: u32,
-    cells: Vec<(Task, Cell, Rooms)>,
+    cells: Vec<(Cell, Rooms)>,
 }
 
 impl SubtaskResults {
@@ -25,7 +27,7 @@ impl SubtaskResults {
             let result = results.subtasks.iter().find(|found| found.id == task.short_id())?;
             let played = results.episodes.iter().filter(|row| row.task == task.short_id());
             let seeds: BTreeSet<u64> = played.map(|row| row.seed).collect();
-            Some((task, Cell::of(task, result), Rooms::of(results, seeds.into_iter().collect())))
+            Some((Cell::of(task, result), Rooms::of(results, seeds.into_iter().collect())))
         };
         Self {
             version: results.conditions.benchmark_version,
@@ -38,7 +40,7 @@ impl SubtaskResults {
 pub(crate) struct RankedTask {
     /// 1 for the best; equal rows share a rank, and one without a success has none.
     pub rank: Option<usize>,
-    pub entry: Entry,
+    pub entry: Arc<Entry>,
     pub cell: Cell,
     /// The rooms in which it played the subtask.
     pub rooms: Rooms,
@@ -68,18 +70,20 @@ impl TaskTable {
 }
 
 /// Rankings of all twelve subtasks, S01 first.
-pub(crate) fn by_task(tried: &[(&Entry, &SubtaskResults)]) -> Vec<TaskTable> {
+pub(crate) fn by_task(tried: &[(&Arc<Entry>, &SubtaskResults)]) -> Vec<TaskTable> {
     let latest = tried.iter().filter(|(entry, _)| entry.division.is_some()).map(|(_, tried)| tried.version).max();
     let table = |task: Task| {
         let mut divisions: BTreeMap<Division, Vec<RankedTask>> = BTreeMap::new();
         for (entry, tried) in tried.iter().filter(|(_, tried)| Some(tried.version) == latest) {
-            let Some((_, cell, rooms)) = tried.cells.iter().find(|(found, ..)| *found == task) else { continue };
+            let Some((cell, rooms)) = tried.cells.iter().find(|(found, _)| found.id == task.short_id()) else {
+                continue;
+            };
             let Some(division) = &entry.division else { continue };
             if !entry.tasks.iter().any(|ranked| ranked == task.short_id()) {
                 continue;
             }
             let cell = cell.with_failures(&entry.failed_tries);
-            let place = RankedTask { rank: None, entry: (*entry).clone(), cell, rooms: rooms.clone() };
+            let place = RankedTask { rank: None, entry: Arc::clone(entry), cell, rooms: rooms.clone() };
             divisions.entry(division.clone()).or_default().push(place);
         }
         divisions.values_mut().for_each(|places| rank(places));
@@ -124,8 +128,11 @@ mod tests {
     }
 
     fn tables_of(all: &[Results]) -> Vec<TaskTable> {
-        let tried: Vec<_> =
-            all.iter().zip(1..).map(|(results, id)| (entry(id, "p", results), SubtaskResults::of(results))).collect();
+        let tried: Vec<_> = all
+            .iter()
+            .zip(1..)
+            .map(|(results, id)| (Arc::new(entry(id, "p", results)), SubtaskResults::of(results)))
+            .collect();
         by_task(&tried.iter().map(|(entry, tried)| (entry, tried)).collect::<Vec<_>>())
     }
 

@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, Row as _};
 use crate::StoreError;
 
 /// The statements of each version, from version 1 on.
-const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS, REPLACES, LEASES];
+const MIGRATIONS: &[&[&str]] = &[FIRST, PICTURES, CLAIMS, REPLACES, LEASES, SUMMARIES];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE accounts (
@@ -143,6 +143,14 @@ const LEASES: &[&str] = &[
     )",
     "INSERT INTO counters (name, value) SELECT 'audit', COALESCE(MAX(seq), 0) FROM audit",
 ];
+
+/// What the tables take from results: `results` is the digest of those that a summary was made of.
+const SUMMARIES: &[&str] = &["CREATE TABLE summaries (
+        submission TEXT PRIMARY KEY,
+        results TEXT NOT NULL,
+        layout BIGINT NOT NULL,
+        summary TEXT NOT NULL
+    )"];
 
 /// The version of this program.
 pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;

@@ -321,6 +321,7 @@ impl Store {
         .map_err(failed)?;
         for statement in [
             "DELETE FROM pictures WHERE submission = $1",
+            "DELETE FROM summaries WHERE submission = $1",
             "DELETE FROM episodes WHERE submission = $1",
             "DELETE FROM files WHERE submission = $1",
             "DELETE FROM submissions WHERE id = $1",

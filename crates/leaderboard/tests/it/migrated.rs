@@ -26,6 +26,7 @@ async fn make_old(folder: &Path, statements: &[String]) {
         "ALTER TABLE episodes DROP COLUMN refusals",
         "ALTER TABLE episodes DROP COLUMN version",
         "DROP TABLE duties",
+        "DROP TABLE summaries",
         "DROP TABLE counters",
         "DELETE FROM schema_version WHERE version > 2",
     ];
