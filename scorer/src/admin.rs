@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
@@ -21,6 +22,7 @@ use time::format_description::well_known::Rfc3339;
   scorer admin --folder board account lab                 create an account
   scorer admin --folder board token lab --days 90         create a token for it, which is shown only once
   scorer admin --folder board known takes                 nobody can submit these takes as a policy's episodes
+  scorer admin --folder board thin --older 30d            a tenth of the disk for what is old
   scorer admin --folder board backup /backups/board       copy the folder, even while the service runs")]
 pub struct AdminArgs {
     /// Folder of the service; required
@@ -88,6 +90,14 @@ enum Command {
         /// Name for them in a refusal
         #[arg(long, value_name = "TEXT", default_value = "a published recording")]
         name: String,
+    },
+    /// Make the bags of verified submissions thin: actions, result and signature alone, a tenth of the size or less
+    ///
+    /// They replay and verify as before. A bag stays full if its rows cannot be simulated again, or if a younger submission has it, too.
+    Thin {
+        /// Age of the submissions in days, such as 30d
+        #[arg(long, value_name = "DAYS", value_parser = days)]
+        older: Duration,
     },
     /// Show the end of the audit log
     Log {
@@ -188,6 +198,20 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
                 writeln!(said, "  {}", plain(&reason))?;
             }
         }
+        Command::Thin { older } => {
+            let done = store.thin(*older).await?;
+            let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+            writeln!(
+                said,
+                "{} bags are thin now: {:.1} MiB before, {:.1} MiB after",
+                done.bags,
+                mib(done.before),
+                mib(done.after)
+            )?;
+            for reason in done.kept {
+                writeln!(said, "  {}", plain(&reason))?;
+            }
+        }
         Command::Log { last } => {
             for row in store.list_audit(*last).await? {
                 let (seq, at, who) = (row.seq, when(row.at_ms), &row.who);
@@ -200,6 +224,13 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
         }
     }
     Ok(said)
+}
+
+/// Reads a number of days, such as 30d.
+fn days(text: &str) -> Result<Duration, String> {
+    let number = text.strip_suffix('d').and_then(|number| number.parse::<u32>().ok());
+    let days = number.filter(|days| *days <= 36_500).ok_or("write a number of days with a d, such as 30d")?;
+    Ok(Duration::from_secs(u64::from(days) * 24 * 3600))
 }
 
 /// A time in RFC 3339.

@@ -38,7 +38,7 @@ pub use jobs::{Jobs, ServerVerifier, Verifier, VerifyOutcome};
 pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
-pub use store::{Account, AuditRow, Joined, KnownBags, Store, TokenRow, Verdict};
+pub use store::{Account, AuditRow, Joined, KnownBags, Store, ThinnedBags, TokenRow, Verdict};
 pub use submission::{
     Badge, Claim, Claims, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Proof, Stage,
     SubmissionId, Time, WordError,

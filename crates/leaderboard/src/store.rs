@@ -13,6 +13,7 @@ mod schema;
 mod scorers;
 mod submissions;
 mod summaries;
+mod thin;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -37,6 +38,7 @@ pub use scorers::Joined;
 pub(crate) use scorers::{Duty, Term};
 pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
+pub use thin::ThinnedBags;
 
 const DATABASE: &str = "leaderboard.sqlite";
 const BLOBS: &str = "blobs";

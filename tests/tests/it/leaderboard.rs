@@ -6,12 +6,12 @@ mod lab;
 mod restored;
 mod trust;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use fiatlux_access::Identity;
 use fiatlux_tests::forge::JournalParts;
-use fiatlux_tests::programs::{PATIENCE, Running, endpoint};
+use fiatlux_tests::programs::{PATIENCE, Running, endpoint, program};
 use lab::{Board, played_run};
 use serde_json::Value;
 
@@ -137,6 +137,17 @@ fn nothing_is_hosted_by_its_own_word() {
     assert_eq!(board.get(&format!("/api/v1/submissions/{id}"))["badge"], "replayed");
 }
 
+/// Size of the one bag in a store, bytes, and whether it is thin.
+fn only_bag(store: &Path) -> (u64, bool) {
+    let folders = std::fs::read_dir(store.join("blobs")).unwrap().map(|folder| folder.unwrap().path());
+    let files = folders.flat_map(|folder| std::fs::read_dir(folder).unwrap()).map(|file| file.unwrap().path());
+    let bags =
+        files.filter_map(|path| Some((path.metadata().unwrap().len(), fiatlux_bag::Bag::open(&path).ok()?.is_thin())));
+    let bags: Vec<_> = bags.collect();
+    assert_eq!(bags.len(), 1);
+    bags[0]
+}
+
 /// Guards several scorers on one folder: what one accepts, another grades, a third one verifies, and both services show.
 #[test]
 fn scorers_share_a_folder() {
@@ -157,6 +168,21 @@ fn scorers_share_a_folder() {
     assert_eq!(first.get(&format!("/api/v1/submissions/{id}"))["badge"], "replayed");
     worker.signal("TERM");
     assert!(worker.finish(PATIENCE).0.success());
+    // What is old and verified needs no rows on the disk.
+    let thin = |older: &str| {
+        let args = ["admin", "--folder", &folder, "thin", "--older", older];
+        String::from_utf8(Command::new(program("scorer")).args(args).output().unwrap().stdout).unwrap()
+    };
+    let (full, is_thin) = only_bag(&first.folder());
+    assert!(!is_thin);
+    assert_eq!(thin("1d"), "0 bags are thin now: 0.0 MiB before, 0.0 MiB after\n");
+    let said = thin("0d");
+    assert!(said.starts_with("1 bags are thin now") && said.lines().count() == 1, "{said}");
+    let (left, is_thin) = only_bag(&first.folder());
+    assert!(is_thin && left < full, "{left} of {full} bytes");
+    assert!(thin("0d").starts_with("0 bags are thin now"));
+    let page = String::from_utf8(first.fetch(&format!("/runs/{id}/episodes/S04-s0-e0"))).unwrap();
+    assert!(page.contains("with-replay"), "{page}");
     let nobody = Running::start("scorer", &["work", "--folder", &folder], lab.folder()).finish(PATIENCE).0;
     assert_eq!(nobody.code(), Some(1), "a worker without a server has nothing to do");
 }

@@ -172,7 +172,7 @@ async fn names(pages: &Pages, id: &str, key: &str) -> Result<(SubmissionId, Key)
     Ok((pages.open(id).await?.id, key))
 }
 
-/// The bag, byte for byte as it was submitted, whole or in part.
+/// The bag, byte for byte as it was submitted or made thin since, whole or in part.
 pub(super) async fn bag(
     State(pages): State<Arc<Pages>>,
     method: Method,

@@ -1,4 +1,4 @@
-//! What the tables take from a submission's results.
+//! The part of a submission's results that the tables show.
 
 use fiatlux_grading::Results;
 use serde::{Deserialize, Serialize};

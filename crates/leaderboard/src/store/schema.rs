@@ -144,7 +144,7 @@ const LEASES: &[&str] = &[
     "INSERT INTO counters (name, value) SELECT 'audit', COALESCE(MAX(seq), 0) FROM audit",
 ];
 
-/// What the tables take from results: `results` is the digest of those that a summary was made of.
+/// The part of results that the tables show: `results` is the digest of those that a summary was made of.
 const SUMMARIES: &[&str] = &["CREATE TABLE summaries (
         submission TEXT PRIMARY KEY,
         results TEXT NOT NULL,

@@ -1,4 +1,4 @@
-//! What the tables take from a submission's results, so that a service that starts does not read all results again.
+//! The part of a submission's results that the tables show, so that a service that starts does not read all results again.
 
 use std::collections::BTreeMap;
 
