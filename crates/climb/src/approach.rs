@@ -59,15 +59,15 @@ impl<'a> Standing<'a> {
     }
 }
 
-/// From the posture that a robot is in on the level, both feet down, to one that bears it evenly, with the arms as they are or as the
-/// keyframe has them. Poses are those of the plan's frame; the keyframe is one on the same surface. `None` if there is no such
-/// posture.
-pub fn stand(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe, moves_arms: bool) -> Option<Plan> {
+/// From the posture that a robot is in on the level, both feet down, to one that bears it evenly, with the arms as the keyframe has
+/// them: an arm that is stretched out would tip it as it steps. Poses are those of the plan's frame; the keyframe is one on the same
+/// surface. `None` if there is no such posture.
+pub fn stand(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe) -> Option<Plan> {
     let mut standing = Standing::new(body, from, angles, to);
     let here = standing.here();
     let arms = body.robot.joints().iter().zip(&body.ids.joints).zip(&to.angles);
     let is_arm = |name: &str| ["shoulder", "elbow", "wrist"].iter().any(|part| name.contains(part));
-    for ((_, ids), angle) in arms.filter(|((joint, _), _)| moves_arms && is_arm(&joint.name)) {
+    for ((_, ids), angle) in arms.filter(|((joint, _), _)| is_arm(&joint.name)) {
         standing.state.qpos[ids.qpos] = *angle;
     }
     standing.planner.out = OUT[0];

@@ -53,7 +53,8 @@ const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 const ARM_RATE: f64 = 1.0;
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
-/// Speeds of the plans' times, up and down.
+/// Speeds of the plans' times: on the level, where a foot that comes down late tips the robot, up, and down.
+const STEPS: f64 = 1.5;
 const RATES: [f64; 2] = [2.0, 1.6];
 /// The ladder's top point in its frame, m.
 const TOP: [f64; 3] = ladder_numbers::TOP_POINT;
@@ -104,6 +105,8 @@ struct Episode {
     /// Hands with a bulb.
     hold: grip::Hold,
     climbs: bool,
+    /// Time in the plan at which the steps to its first posture are done, s.
+    stepped: f64,
     player: Option<Player>,
     /// Time of the plan before the player took it up, s.
     skipped: f64,
@@ -266,6 +269,7 @@ impl Policy for Climb {
             goes_down,
             hold,
             climbs: player.is_some(),
+            stepped: 0.0,
             player,
             skipped,
             search: None,
@@ -439,7 +443,7 @@ impl Episode {
         let lost = || PolicyError::Unfit { policy: "climb", reason: "the robot does not stand; start again".into() };
         let (robot, first) = (self.robot.take().ok_or_else(lost)?, self.plan.keyframes.first().ok_or_else(lost)?);
         let body_angles = angles.get(..BODY).ok_or_else(lost)?;
-        let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first, self.goes_down);
+        let plan = stand(&robot, &(world_from_plan.inverse() * pelvis), body_angles, first);
         let plan = plan.ok_or_else(lost)?;
         self.player = Some(Player::new(robot, plan, *world_from_plan).map_err(PolicyError::of("climb"))?);
         Ok(())
@@ -457,11 +461,12 @@ impl Episode {
             if let Some(found) = search.go_on(SLICE) {
                 self.search = None;
                 if let Some(mut plan) = found {
+                    self.stepped = plan.seconds();
                     if self.climber.is_none() {
                         plan.extend(self.plan.keyframes.iter().skip(1).cloned());
                     }
                     player.play(plan);
-                    player.rate = RATES[usize::from(self.goes_down)];
+                    player.rate = STEPS;
                 }
                 self.climbs = true;
             }
@@ -485,6 +490,9 @@ impl Episode {
             let mut tracker = Tracker::new(Arc::new(body), Arc::new(reference));
             tracker.restart(0.0, NETWORK_RATE);
             self.follower = Some(Follower::new(climber, tracker));
+        }
+        if self.climbs && player.time() >= self.stepped {
+            player.rate = RATES[usize::from(self.goes_down)];
         }
         (player.pace, player.lean) = (self.pace, world_from_plan.rotation * self.lean);
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();

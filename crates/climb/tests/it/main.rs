@@ -230,7 +230,7 @@ fn a_way_to_the_first_posture_is_found() {
     let first = &plan.keyframes[0];
     let angles = &body.robot.q0()[..fiatlux_robot::BODY];
     let away = Isometry3::translation(-0.1, 0.02, 0.0) * first.pelvis;
-    let still = stand(&body, &away, angles, first, false).unwrap();
+    let still = stand(&body, &away, angles, first).unwrap();
     let last = still.keyframes.last().unwrap();
     let way = at_once(approach(&body, &last.pelvis, &last.angles, first, Work::unlimited())).unwrap();
     let end = way.keyframes.last().unwrap();

@@ -65,6 +65,23 @@ fn a_hold_keeps_its_targets_near_the_fingers() {
     assert!(targets[BODY..].iter().all(|target| (target - 0.2 - 0.8 * 0.5 / STIFFNESS).abs() < 1e-12), "{targets:?}");
 }
 
+/// Guards that a finger that gives way presses more: its target follows what is sensed for two seconds alone.
+#[test]
+fn a_hold_stays_where_it_is_once_it_has_settled() {
+    let robot = Robot::by_name("g1_inspire").unwrap();
+    let all = joints(&robot);
+    let (start, mut targets) = (vec![1.0; all.len()], vec![0.0; all.len()]);
+    let mut hold = Hold::new(&all, 0.8);
+    let mut after = |hold: &mut Hold, steps: u32, angle: f64| {
+        (0..steps).for_each(|_| hold.write(&start, &vec![angle; all.len()], &mut targets));
+        targets[BODY]
+    };
+    let first = after(&mut hold, 1, 0.2);
+    let settled = after(&mut hold, 98, 0.3);
+    assert!(settled > first + 0.09, "{first} {settled}");
+    assert_eq!(after(&mut hold, 100, 0.5), settled);
+}
+
 #[test]
 fn forces_are_felt_by_side_and_finger() {
     let names = ["R_index_tip", "right_palm", "L_thumb_distal", "lamp"].map(str::to_owned);
