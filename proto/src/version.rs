@@ -3,7 +3,7 @@
 use crate::v3::Version;
 
 /// Protocol version of this build. The major number changes when an old client would be misunderstood.
-pub const PROTOCOL: Version = Version { major: 3, minor: 13 };
+pub const PROTOCOL: Version = Version { major: 3, minor: 14 };
 
 /// True if this build understands a peer.
 pub fn is_compatible(peer: &Version) -> bool {

@@ -113,6 +113,55 @@ def tumble(path=None):
     }
 
 
+def closing(path=None):
+    """A second in the air in which hands close whose outer joints follow: the left one within its range, the right one to its stops."""
+    scene = Scene.export(path, "--robot-only", "--robot", "g1_inspire6")
+    m, d = scene.m, scene.d
+    m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    low, high = m.jnt_range[scene.hinge].T
+    follows = {int(m.eq_obj1id[equality]) for equality in range(m.neq)}
+    targets, of_joint = np.zeros(m.nu), {int(j): i for i, j in enumerate(scene.hinge)}
+    start, fingers = scene.qpos(), []
+    for drive in range(m.nu):
+        joint = int(m.actuator_trnid[drive, 0])
+        index = of_joint[joint]
+        name, targets[drive] = scene.hinge_names[index], start[7 + index]
+        if name.startswith(("L_", "R_")):
+            fingers.append(7 + index)
+            if joint not in follows:
+                targets[drive] = 0.6 * high[index] if name.startswith("L_") else high[index] + 0.3
+    softness = m.jnt_solref.copy(), m.jnt_solimp.copy(), m.eq_solref.copy()
+
+    def roll(timestep, stiff=True):
+        """Hard stops and equalities, as stiff as the step allows, or MuJoCo's usual ones."""
+        scene.reset()
+        m.opt.timestep = timestep
+        m.jnt_solref[:], m.jnt_solimp[:], m.eq_solref[:] = softness
+        if stiff:
+            m.jnt_solref[:] = m.eq_solref[:] = [2 * timestep, 1.0]
+            m.jnt_solimp[:, :3] = [0.9999, 0.9999, 0.001]
+        d.ctrl[:] = targets
+        rows = [numbers(scene.qpos()[fingers], 12)]
+        for _ in range(20):
+            mujoco.mj_step(m, d, round(0.05 / timestep))
+            rows.append(numbers(scene.qpos()[fingers], 12))
+        scene.check_sane()
+        return rows
+
+    fine, coarse, soft = roll(1e-3 / 64), roll(1e-3), roll(1e-3, stiff=False)
+    apart = [float(np.abs(np.array(run) - fine).max()) for run in (roll(1e-3 / 32), coarse, soft)]
+    print(f"closing: from 16 us, MuJoCo at 31 us {apart[0]:.1e}, at 1 ms {apart[1]:.1e}, with its usual stops {apart[2]:.1e} rad")
+    return {
+        "bodies": scene.names,
+        "fingers": fingers,
+        "targets": numbers(targets),
+        "fine_timestep": 1e-3 / 64,
+        "fine_rows": fine,
+        "coarse_error": apart[1],
+        "soft_error": apart[2],
+    }
+
+
 FINE = 2.5e-4
 # Joints of the fingers begin so, by the kind of hand.
 FINGERS = ("L_", "R_", "left_hand_", "right_hand_")

@@ -30,6 +30,7 @@ def main():
         "dynamics_bare": (motion.dynamics_bare, "the same of the robot with welded fingers"),
         "dynamics_dex3": (motion.dynamics_dex3, "the same of the robot with Dex3 hands"),
         "tumble": (motion.tumble, "one second of tumbling in the air"),
+        "closing": (motion.closing, "one second in which hands close whose outer joints follow"),
         "fall_ankles_off": (falls.fall_ankles_off, "rest poses after a fall with free ankles"),
         "fall_zero_action": (falls.fall_zero_action, "when the robot falls under zero action"),
         "firm_ankles": (falls.firm_ankles, "whether the robot stands on ankles eight times as stiff"),

@@ -8,6 +8,8 @@ use fiatlux_world::{ACTION_LIMIT, Scene, World};
 
 /// Largest angle of a joint, or of its target, beyond the joint's limits, rad: impacts push it there.
 const JOINT_MARGIN: f64 = 0.5;
+/// Largest distance of a joint that follows another from where that one has it, rad: rounding in another program.
+const COUPLING: f64 = 1e-6;
 /// Speed of a joint, rad/s, several times the rated one of any motor; a finger, which has none, may be struck to 1000 rad/s.
 const JOINT_SPEED: f64 = 200.0;
 const FINGER_SPEED: f64 = 1000.0;
@@ -52,6 +54,13 @@ fn check_joints(scene: &Scene, field: &str, numbers: &[f64], effort_factor: f64)
         if !range.contains(number) {
             let number = short(*number);
             return Err(format!("{field} of '{}' is {number}{unit}; {rule}", joint.name));
+        }
+        if let Some(follows) = joint.follows.filter(|_| field == "joint_position") {
+            let (due, leader) = (follows.angle(numbers[follows.leader]), &scene.robot.joints()[follows.leader].name);
+            if (number - due).abs() > COUPLING {
+                let name = &joint.name;
+                return Err(format!("{field} of '{name}' is {number}{unit}; it follows '{leader}', so make it {due}"));
+            }
         }
     }
     Ok(())

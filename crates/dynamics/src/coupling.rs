@@ -99,8 +99,12 @@ impl Model {
         self.coupled.iter().any(|joint| joint.coupling.follower.0 == body)
     }
 
+    /// Sets the angles of followers alone.
+    ///
+    /// # Panics
+    /// If the state does not have the model's size.
     #[inline(always)]
-    pub(crate) fn follow_positions(&self, state: &mut State) {
+    pub fn follow_positions(&self, state: &mut State) {
         for CoupledJoint { coupling, leader_qpos, follower_qpos, .. } in &self.coupled {
             state.qpos[*follower_qpos] = coupling.ratio * state.qpos[*leader_qpos] + coupling.offset;
         }
@@ -113,8 +117,12 @@ impl Model {
         }
     }
 
-    /// Takes generalised forces, or a row of a Jacobian, to reduced coordinates.
-    pub(crate) fn reduce(&self, forces: &mut [f64]) {
+    /// Takes generalised forces, or a row of a Jacobian, to the coordinates that are free: what a follower has is added to its
+    /// leader's entry, times the ratio, and the follower's is then 0. A leader's entry of a force is then what its drive feels.
+    ///
+    /// # Panics
+    /// If `forces` does not have `nv` numbers.
+    pub fn reduce(&self, forces: &mut [f64]) {
         for joint in &self.coupled {
             forces[joint.leader_dof] += joint.coupling.ratio * forces[joint.follower_dof];
             forces[joint.follower_dof] = 0.0;

@@ -27,6 +27,9 @@ pub struct Site {
 /// `qvel`: a free joint has the velocity of its body's origin and the angular velocity, both in world axes.
 ///
 /// The acceleration of a free joint is the time derivative of that `qvel`.
+///
+/// Joints that follow others ([`Model::couplings`]) are read as if they were free: they have columns and forces of their own.
+/// [`Model::reduce`] takes a row of a Jacobian, or forces, to the joints that are free.
 #[derive(Debug, Clone)]
 pub struct Mechanics {
     pub(crate) kin: Kinematics,

@@ -124,6 +124,8 @@ pub struct Found {
 pub enum KinematicsError {
     #[error("body {body} is not a hinge below root {root}; name bodies of one robot")]
     Joint { body: usize, root: usize },
+    #[error("the joint of body {body} follows that of body {leader}; name body {leader} in its place")]
+    Follower { body: usize, leader: usize },
     #[error("body {0} is not a free root; leave the base fixed, or name the robot's root")]
     Root(usize),
     #[error("clearance {0} names a shape that the model does not have; take both from this model")]

@@ -58,8 +58,8 @@ pub struct InverseKinematics {
     root: BodyId,
     floating: bool,
     variables: Vec<Variable>,
-    /// Column of each degree of freedom that may move.
-    column: Vec<Option<u16>>,
+    /// Column of each degree of freedom that may move, and its rate: 1, or the ratio at which it follows the column's joint.
+    column: Vec<Option<(u16, f64)>>,
     /// Limits of the search.
     pub options: SearchOptions,
     clearances: Vec<Clearance>,
@@ -105,10 +105,10 @@ impl Errors {
 
 impl InverseKinematics {
     /// For the joints above these bodies of the tree of `root`; with `floating`, the pose of the root too. Joints rest where
-    /// the middle of their range is ([`Self::set_rest`]).
+    /// the middle of their range is ([`Self::set_rest`]). Joints that follow one of these move with it.
     ///
     /// # Errors
-    /// A body that is not a hinge of the tree, or a root that is not free.
+    /// A body that is not a hinge of the tree, a joint that follows another, or a root that is not free.
     pub fn new(model: &Model, root: BodyId, joints: &[BodyId], floating: bool) -> Result<Self, KinematicsError> {
         let bodies = model.bodies();
         let is_root = |id: BodyId| bodies.get(id.0).is_some_and(|body| id != BodyId::WORLD && body.root == id);
@@ -117,7 +117,7 @@ impl InverseKinematics {
         }
         let mut column = vec![None; model.nv()];
         let first = if floating { 6 } else { 0 };
-        (0..first).for_each(|k| column[bodies[root.0].dof_start + k] = Some(k as u16));
+        (0..first).for_each(|k| column[bodies[root.0].dof_start + k] = Some((k as u16, 1.0)));
         // The solution of x^(n + 1) = x + 1 gives strides whose multiples fill n dimensions evenly.
         let golden = (0..64).fold(1.5_f64, |x, _| libm::pow(1.0 + x, 1.0 / (joints.len() as f64 + 1.0)));
         let mut variables = Vec::with_capacity(joints.len());
@@ -125,7 +125,10 @@ impl InverseKinematics {
             let not_a_joint = KinematicsError::Joint { body: id.0, root: root.0 };
             let body = bodies.get(id.0).filter(|body| body.root == root).ok_or(not_a_joint.clone())?;
             let Joint::Hinge(hinge) = &body.spec.joint else { return Err(not_a_joint) };
-            column[body.dof_start] = Some((first + index) as u16);
+            if let Some(coupling) = model.couplings().find(|coupling| coupling.follower == id) {
+                return Err(KinematicsError::Follower { body: id.0, leader: coupling.leader.0 });
+            }
+            column[body.dof_start] = Some(((first + index) as u16, 1.0));
             let (lower, upper) = (hinge.lower.max(-1e3), hinge.upper.min(1e3));
             variables.push(Variable {
                 body: id,
@@ -136,6 +139,11 @@ impl InverseKinematics {
                 rest: (lower.max(-UNLIMITED) + upper.min(UNLIMITED)) / 2.0,
                 stride: libm::pow(golden, -(index as f64 + 1.0)),
             });
+        }
+        for coupling in model.couplings() {
+            if let Some((of_leader, _)) = column[bodies[coupling.leader.0].dof_start] {
+                column[bodies[coupling.follower.0].dof_start] = Some((of_leader, coupling.ratio));
+            }
         }
         let count = first + variables.len();
         let at = bodies[root.0].qpos_start;
@@ -208,7 +216,7 @@ impl InverseKinematics {
         Ok(())
     }
 
-    /// Moves the chosen joints of a state to the goals. The state's own posture is tried first; velocities do not matter and
+    /// Moves the chosen joints of a state to the goals, and joints that follow others to where these have them. The state's own posture is tried first; velocities do not matter and
     /// stay.
     ///
     /// # Errors
@@ -234,6 +242,7 @@ impl InverseKinematics {
             return Err(KinematicsError::Length { field: "qpos", expected, found });
         }
         check_finite("qpos", &state.qpos)?;
+        model.follow_positions(state);
         check_clearances(model, &self.clearances)?;
         for goal in goals {
             let pose = goal.world_from_part;
@@ -247,7 +256,7 @@ impl InverseKinematics {
         let (mut least, mut tries, mut steps) = (f64::INFINITY, 0, 0);
         copy(&self.entries, &state.qpos, &mut self.start);
         while tries < self.options.tries.max(1) {
-            self.place_start(state, tries);
+            self.place_start(model, state, tries);
             tries += 1;
             let (mut mark, mut since) = (f64::INFINITY, 0);
             for _ in 0..=self.options.steps {
@@ -275,6 +284,7 @@ impl InverseKinematics {
         for (entry, value) in self.entries.iter().zip(&self.best) {
             state.qpos[*entry] = *value;
         }
+        model.follow_positions(state);
         self.mechanics.update_bodies(model, state, &self.touched);
         let errors = self.measure(model, goals);
         self.linearise(model, goals);
@@ -313,7 +323,7 @@ impl InverseKinematics {
     }
 
     /// Puts the joints where a try starts: as they were given, then on a table that fills their ranges evenly.
-    fn place_start(&self, state: &mut State, tried: usize) {
+    fn place_start(&self, model: &Model, state: &mut State, tried: usize) {
         for (entry, value) in self.entries.iter().zip(&self.start) {
             state.qpos[*entry] = *value;
         }
@@ -330,6 +340,7 @@ impl InverseKinematics {
             }
             *angle = angle.clamp(lower, upper);
         }
+        model.follow_positions(state);
     }
 
     /// Range of a joint, rad; its middle where the margins leave nothing.
@@ -390,12 +401,12 @@ impl InverseKinematics {
         for (index, goal) in goals.iter().enumerate() {
             let (column, jacobian) = (&self.column, &mut self.jacobian);
             let mut write = |dof: usize, at: usize, values: &Vector3<f64>, weights: &[f64; 3]| {
-                if let Some(column) = column[dof] {
+                if let Some((column, rate)) = column[dof] {
                     let entries = &mut jacobian[usize::from(column) * rows + ROWS * index + at..][..3];
                     entries
                         .iter_mut()
                         .zip(values.iter().zip(weights))
-                        .for_each(|(entry, (value, w))| *entry = w * value);
+                        .for_each(|(entry, (value, w))| *entry += rate * (w * value));
                 }
             };
             match goal.part {
@@ -418,8 +429,9 @@ impl InverseKinematics {
             let (a, b) = self.clearances[*index].shapes;
             for (shape, point, sign) in [(a, nearest.points[0], -1.0), (b, nearest.points[1], 1.0)] {
                 for (dof, velocity) in self.mechanics.point_columns(model, model.shapes()[shape.0].body, point) {
-                    if let Some(column) = self.column[dof] {
-                        self.jacobian[usize::from(column) * rows + row] += sign * nearest.normal.dot(&velocity.linear);
+                    if let Some((column, rate)) = self.column[dof] {
+                        self.jacobian[usize::from(column) * rows + row] +=
+                            rate * (sign * nearest.normal.dot(&velocity.linear));
                     }
                 }
             }
@@ -516,6 +528,7 @@ impl InverseKinematics {
             let angle = &mut state.qpos[variable.qpos];
             *angle = (*angle + scale * change).clamp(lower, upper);
         }
+        model.follow_positions(state);
     }
 
     /// The obstacle between the posture and the goals: the joint at a limit that the error presses most against it.

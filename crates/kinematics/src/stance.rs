@@ -171,16 +171,19 @@ impl StanceController {
     /// For the robot of that root.
     ///
     /// # Errors
-    /// [`SupportError::Root`] for a root that is not free.
+    /// [`SupportError::Root`] for a root that is not free; [`SupportError::Coupled`] where a joint follows one that it would move.
     pub fn new(model: &Model, root: BodyId) -> Result<Self, SupportError> {
         let body = model.bodies().get(root.0).filter(|body| body.root == root && body.spec.joint == Joint::Free);
         let root_dof = body.ok_or(SupportError::Root(root.0))?.dof_start;
         let mut dofs: Vec<usize> = (root_dof..root_dof + 6).collect();
         let mut drives = Vec::new();
-        for (index, (body, drive)) in model.drives().iter().enumerate() {
-            let body = &model.bodies()[body.0];
+        for (index, (id, drive)) in model.drives().iter().enumerate() {
+            let body = &model.bodies()[id.0];
             let Joint::Hinge(hinge) = &body.spec.joint else { continue };
             if body.root == root && drive.effort_limit >= WEAKEST && drive.stiffness > 0.0 {
+                if model.couplings().any(|coupling| coupling.leader == *id) {
+                    return Err(SupportError::Coupled(id.0));
+                }
                 let (qpos, dof, variable) = (body.qpos_start, body.dof_start, dofs.len());
                 drives.push(Drives { index, qpos, dof, variable, lower: hinge.lower, upper: hinge.upper });
                 dofs.push(dof);

@@ -59,6 +59,8 @@ pub enum SupportError {
     Unsupported,
     #[error("the drive of body {0} is too weak for this; change the posture or add a support")]
     Effort(usize),
+    #[error("another joint follows that of body {0}, which a stance cannot move; give it a drive below 2 N m, or none")]
+    Coupled(usize),
     /// The solver failed.
     #[error(transparent)]
     Program(#[from] ProgramError),
@@ -137,6 +139,7 @@ impl SupportSolver {
         self.acceleration[self.root_dof..][..3].copy_from_slice(of_root.as_slice());
         self.acceleration[self.root_dof + 3..][..3].copy_from_slice(wanted.trunk.as_slice());
         mechanics.inverse_dynamics(model, &self.acceleration, &mut self.needed);
+        model.reduce(&mut self.needed);
         self.transpose(model, mechanics, supports);
         let weight = mass * (model.gravity() - wanted.com).norm().max(1.0);
         self.formulate(model, mechanics, supports, weight)?;
@@ -204,6 +207,14 @@ impl SupportSolver {
                 }
             }
             self.axes.push(axes);
+        }
+        for coupling in model.couplings() {
+            let [leader, follower] =
+                [coupling.leader, coupling.follower].map(|body| n * model.bodies()[body.0].dof_start);
+            for place in 0..n {
+                self.transposed[leader + place] += coupling.ratio * self.transposed[follower + place];
+            }
+            self.transposed[follower..][..n].fill(0.0);
         }
     }
 
@@ -291,7 +302,8 @@ impl SupportSolver {
         &self.forces
     }
 
-    /// Efforts of all drives, N m, in the order of [`Model::drives`]; drives of other trees have 0.
+    /// Efforts of all drives, N m, in the order of [`Model::drives`]; drives of other trees have 0, and so have joints that follow
+    /// others: their leaders carry what loads them.
     pub fn efforts(&self) -> &[f64] {
         &self.efforts
     }

@@ -261,19 +261,24 @@ impl Writer<'_> {
         self.xml.leaf("inertial", &[("pos", &com), ("mass", &spec.mass), (field, &moments)]);
         match &spec.joint {
             Joint::Free => self.xml.leaf("freejoint", &[("name", &spec.name)]),
-            Joint::Hinge(hinge) => self.hinge(self.options.names.joint(self.model, index), hinge),
+            Joint::Hinge(hinge) => self.hinge(index, hinge),
         }
         self.contents(index);
         self.xml.close("body");
     }
 
-    fn hinge(&mut self, name: &str, hinge: &Hinge) {
+    fn hinge(&mut self, body: usize, hinge: &Hinge) {
+        let name = self.options.names.joint(self.model, body);
         let axis = numbers(hinge.axis.as_slice());
         let range = numbers(&[hinge.lower.max(-NO_LIMIT), hinge.upper.min(NO_LIMIT)]);
         let damping = hinge.drive.map_or(0.0, |drive| drive.damping);
         let mut attributes: Vec<Attribute> = vec![("name", &name), ("type", &"hinge"), ("axis", &axis)];
         if hinge.lower.is_finite() || hinge.upper.is_finite() {
             attributes.push(("range", &range));
+            // Its leader's range keeps a follower within its own.
+            if self.model.couplings().any(|coupling| coupling.follower.0 == body) {
+                attributes.push(("limited", &"false"));
+            }
         }
         if hinge.armature > 0.0 {
             attributes.push(("armature", &hinge.armature));

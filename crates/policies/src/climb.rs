@@ -224,7 +224,7 @@ impl Policy for Climb {
             plan.extend(then.map_err(PolicyError::of("climb"))?.keyframes);
         }
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
-        let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
+        let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;
         let own = robot.gains(Default::default());
         let gains = info.joints.iter().zip(&own.0).map(|(joint, own)| JointGains {

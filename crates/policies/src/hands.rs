@@ -145,14 +145,13 @@ impl Policy for Hands {
         let seen = seen(first, &bodies, false)?;
         let arm = |rest, surroundings| RightArm::new(info, &body.targets, rest, surroundings);
         let mut skill: Box<dyn Expert> = match task {
-            "S03" => Box::new(Remove::new(self.parameters.as_deref(), &info.joints)?),
-            "S06" => Box::new(Place::new(self.parameters.as_deref(), &info.joints)?),
-            "S08" => Box::new(Grab::new(self.parameters.as_deref(), &info.joints)?),
+            "S03" => Box::new(Remove::new(self.parameters.as_deref(), info)?),
+            "S06" => Box::new(Place::new(self.parameters.as_deref(), info)?),
+            "S08" => Box::new(Grab::new(self.parameters.as_deref(), info)?),
             "S11" => {
-                let (info, targets, socket) = (info.clone(), body.targets.clone(), room::with_bulb_in_socket(&seen));
-                let joints = info.joints.clone();
-                let empty = Box::new(move || RightArm::new(&info, &targets, REST, socket));
-                Box::new(Insert::new(self.parameters.as_deref(), &joints, empty)?)
+                let (own, targets, socket) = (info.clone(), body.targets.clone(), room::with_bulb_in_socket(&seen));
+                let empty = Box::new(move || RightArm::new(&own, &targets, REST, socket));
+                Box::new(Insert::new(self.parameters.as_deref(), info, empty)?)
             }
             _ => return Err(refused()),
         };

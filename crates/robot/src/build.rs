@@ -1,10 +1,10 @@
 //! Puts a robot into a model of the dynamics engine.
 
-use fiatlux_dynamics::{BodyId, BodySpec, Hinge, Joint as EngineJoint, Model, ModelBuilder, ShapeSpec};
+use fiatlux_dynamics::{BodyId, BodySpec, Coupling, Hinge, Joint as EngineJoint, Model, ModelBuilder, ShapeSpec};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::robot::HAND_SURFACE;
-use crate::{GainSet, Gains, Robot, RobotError};
+use crate::{Follows, GainSet, Gains, Robot, RobotError};
 
 /// Options for adding a robot to a model.
 #[derive(Debug, Clone)]
@@ -133,6 +133,11 @@ impl Robot {
                 joint_bodies[joint] = body;
             }
             links.push(LinkIds { body, body_from_link });
+        }
+        for (joint, &follower) in self.joints.iter().zip(&joint_bodies) {
+            if let Some(Follows { leader, ratio, offset }) = joint.follows {
+                builder.couple(Coupling { follower, leader: joint_bodies[leader], ratio, offset })?;
+            }
         }
         self.add_shapes(builder, options, &links)?;
         for &(a, b) in &self.excluded {

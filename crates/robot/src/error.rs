@@ -15,6 +15,10 @@ pub enum RobotError {
     Name(String),
     #[error("no known robot has these {found} joints in this order; the known ones are {known}", known = NAMES.join(", "))]
     Joints { found: usize },
+    #[error(
+        "the {found} joints are not those of robot '{name}', which has {expected}, or in another order; name the robot that has them"
+    )]
+    OtherJoints { name: String, expected: usize, found: usize },
     #[error("gain set '{0}' is unknown; use 'fiatlux', 'sonic', 'gear' or 'gear-lerobot'")]
     GainSet(String),
     #[error("gains are for {found} joints, the robot has {expected}; start from Robot::gains")]

@@ -29,6 +29,8 @@ pub(crate) struct RobotFile {
     pub link: Vec<LinkDef>,
     pub joint: Vec<JointDef>,
     #[serde(default)]
+    pub couple: Vec<CoupleDef>,
+    #[serde(default)]
     pub fixed: Vec<FixedDef>,
     pub shape: Vec<ShapeDef>,
 }
@@ -148,6 +150,17 @@ pub(crate) struct JointDef {
     pub stiffness: f64,
     pub damping: f64,
     pub armature: f64,
+}
+
+/// A joint that follows another.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CoupleDef {
+    pub follower: String,
+    pub leader: String,
+    pub ratio: f64,
+    #[serde(default)]
+    pub offset: f64,
 }
 
 #[derive(Deserialize)]

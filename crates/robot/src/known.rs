@@ -33,18 +33,30 @@ impl Robot {
         if name.is_empty() { Ok(NAMES[0]) } else { Ok(found(name)?.0) }
     }
 
-    /// The robot that has these joints in this order, for peers that know the joints alone.
+    /// The robot of a session or a bag: that of the name, which must have these joints in this order. Peers from before sessions
+    /// named their robot leave the name empty; then it is the first of [`Robot::NAMES`] with these joints.
     ///
     /// # Errors
-    /// [`RobotError::Joints`] when no known robot has them.
-    pub fn with_joints<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Result<Self, RobotError> {
+    /// [`RobotError::Name`] for an unknown name, [`RobotError::OtherJoints`] for one whose robot has other joints, and
+    /// [`RobotError::Joints`] when there is no name and no known robot has them.
+    pub fn of_session<'a>(name: &str, joints: impl Iterator<Item = &'a str> + Clone) -> Result<Self, RobotError> {
+        let has_them = |robot: &Self| robot.joints.iter().map(|joint| joint.name.as_str()).eq(joints.clone());
+        if !name.is_empty() {
+            let robot = Self::by_name(name)?;
+            let (expected, found) = (robot.joints.len(), joints.clone().count());
+            return if has_them(&robot) {
+                Ok(robot)
+            } else {
+                Err(RobotError::OtherJoints { name: name.into(), expected, found })
+            };
+        }
         for known in Self::NAMES {
             let robot = Self::by_name(known)?;
-            if robot.joints.iter().map(|joint| joint.name.as_str()).eq(names.clone()) {
+            if has_them(&robot) {
                 return Ok(robot);
             }
         }
-        Err(RobotError::Joints { found: names.count() })
+        Err(RobotError::Joints { found: joints.count() })
     }
 
     /// The benchmark's robot, the first of [`Robot::NAMES`].

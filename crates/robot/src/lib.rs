@@ -28,6 +28,7 @@
 //! # Ok::<(), RobotError>(())
 //! ```
 mod build;
+mod couple;
 mod digest;
 mod error;
 mod file;
@@ -50,6 +51,6 @@ pub use build::{BuildOptions, JointIds, LinkIds, PlacedRobot, RobotIds};
 pub use error::RobotError;
 pub use gains::{GainSet, Gains, JointGains};
 pub use groups::{ARMS, BODY, LEGS, MOVED};
-pub use robot::{BulbGrasp, CameraMount, Joint, JointGroups, Link, Robot};
+pub use robot::{BulbGrasp, CameraMount, Follows, Joint, JointGroups, Link, Robot};
 pub use shape::{Shape, Surface};
 pub use sites::{RobotSite, Sole};

@@ -31,7 +31,10 @@ pub(crate) fn load(text: &str) -> Result<Robot, RobotError> {
         return Err(refuse.at(&[Step::Key("joint_groups")], "joint_groups", problem));
     }
     let links = crate::tree::links(&file, &refuse)?;
-    let (joints, links) = crate::tree::joints(&file, links, &refuse)?;
+    let (mut joints, links) = crate::tree::joints(&file, links, &refuse)?;
+    crate::couple::couple(&mut joints, &links, &file.couple, &refuse)?;
+    let joint_names: Vec<&str> = file.joint.iter().map(|joint| joint.name.as_str()).collect();
+    crate::couple::check_drives(&joints, &joint_names, &refuse)?;
     let surfaces = surfaces(&file, &refuse)?;
     let (shapes, groups) = crate::load_shapes::shapes(&file, &surfaces, &refuse)?;
 
@@ -160,6 +163,7 @@ fn bulb_grasp(
     for (name, &angle) in &def.grip {
         let path = [Step::Key(TABLE), Step::Key("grip"), Step::Key(name)];
         let joint = refuse.find(&names, name, "joint", TABLE, &path)?;
+        refuse.follower(joints, joint, TABLE, &path)?;
         let Joint { lower, upper, .. } = joints[joint];
         if !(lower..=upper).contains(&angle) {
             let problem = format!("sets joint '{name}' to {angle}, beyond its limits {lower} to {upper}; correct it");
@@ -219,8 +223,12 @@ fn read_posture(file: &RobotFile, robot: &mut Robot, refuse: &Refuse<'_>) -> Res
     for (name, &angle) in &file.posture {
         let path = [Step::Key("posture"), Step::Key(name)];
         let index = refuse.find(&names, name, "joint", "posture", &path)?;
+        refuse.follower(&robot.joints, index, "posture", &path)?;
         robot.q0[index] = angle;
     }
+    let mut q0 = std::mem::take(&mut robot.q0);
+    robot.follow(&mut q0);
+    robot.q0 = q0;
     for (joint, &angle) in robot.joints.iter().zip(&robot.q0) {
         if !(joint.lower <= angle && angle <= joint.upper) {
             let problem = format!(
@@ -246,6 +254,7 @@ fn read_sonic(file: &RobotFile, robot: &mut Robot, refuse: &Refuse<'_>) -> Resul
     for (i, name) in def.joints.iter().enumerate() {
         let path = [Step::Key("gains"), Step::Key("sonic"), Step::Key("joints"), Step::Index(i)];
         let index = refuse.find(&names, name, "joint", "gains.sonic", &path)?;
+        refuse.follower(&robot.joints, index, "gains.sonic", &path)?;
         robot.sonic.0[index] = robot.joints[index].gains.tuned(frequency, def.damping_ratio);
     }
     Ok(())

@@ -1,6 +1,6 @@
 //! Wording of refusals: which line, which part, which field, what to do.
 
-use crate::RobotError;
+use crate::{Joint, RobotError};
 use crate::locate::{Step, line_of};
 
 /// Largest number that a robot file may contain; keeps every later sum finite.
@@ -31,6 +31,19 @@ impl<'a> Refuse<'a> {
         names.iter().position(|n| *n == name).ok_or_else(|| {
             self.at(path, field, format!("names {kind} '{name}', which the file does not have; correct or remove it"))
         })
+    }
+
+    /// Refuses a number for a joint whose angle its leader sets.
+    pub fn follower(
+        &self,
+        joints: &[Joint],
+        index: usize,
+        field: &'static str,
+        path: &[Step<'_>],
+    ) -> Result<(), RobotError> {
+        let Some(follows) = joints[index].follows else { return Ok(()) };
+        let (name, leader) = (&joints[index].name, &joints[follows.leader].name);
+        Err(self.at(path, field, format!("names joint '{name}', which follows '{leader}'; remove it")))
     }
 
     /// Entry `index` of the array of tables `table`.

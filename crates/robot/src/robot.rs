@@ -22,7 +22,7 @@ pub struct Link {
     pub joint: Option<usize>,
 }
 
-/// A driven rotary joint.
+/// A rotary joint, driven unless it follows another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// Name of the joint, which no other joint of the robot has.
@@ -37,6 +37,26 @@ pub struct Joint {
     pub upper: f64,
     /// Drive of the set [`GainSet::Fiatlux`].
     pub gains: JointGains,
+    /// The joint that this one follows, by a linkage; its own drive then has no stiffness and no damping, and its target no effect.
+    pub follows: Option<Follows>,
+}
+
+/// A joint's angle is `ratio` times its leader's plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Follows {
+    /// Index of the leader, a joint above it that follows none.
+    pub leader: usize,
+    /// rad per rad of the leader, not 0.
+    pub ratio: f64,
+    /// Angle at 0 of the leader, rad.
+    pub offset: f64,
+}
+
+impl Follows {
+    /// The angle of the follower, rad, at one of its leader's.
+    pub fn angle(&self, of_leader: f64) -> f64 {
+        self.ratio * of_leader + self.offset
+    }
 }
 
 /// Where a camera is on a robot, and its lens.
@@ -134,6 +154,18 @@ impl Robot {
         &self.joints
     }
 
+    /// Sets the angles of joints that follow others, rad by joint index, by those of their leaders.
+    ///
+    /// # Panics
+    /// If `q` has fewer numbers than the robot has joints.
+    pub fn follow(&self, q: &mut [f64]) {
+        for (index, joint) in self.joints.iter().enumerate() {
+            if let Some(follows) = joint.follows {
+                q[index] = follows.angle(q[follows.leader]);
+            }
+        }
+    }
+
     /// Joints as rewards name them.
     pub fn joint_groups(&self) -> &JointGroups {
         &self.joint_groups
@@ -220,7 +252,11 @@ impl Robot {
             GainSet::Fiatlux => Gains(self.joints.iter().map(|j| j.gains).collect()),
             GainSet::Sonic => self.sonic.clone(),
             GainSet::Gear | GainSet::GearLerobot => {
-                Gains(self.joints.iter().map(|joint| joint.gains.of_gear(&joint.name, set)).collect())
+                let of_gear = |joint: &Joint| match joint.follows {
+                    Some(_) => joint.gains,
+                    None => joint.gains.of_gear(&joint.name, set),
+                };
+                Gains(self.joints.iter().map(of_gear).collect())
             }
         }
     }

@@ -209,6 +209,7 @@ pub(crate) fn joints(
                 speed_limit: def.speed_limit.unwrap_or(f64::INFINITY),
                 armature: def.armature,
             },
+            follows: None,
         });
     }
     Ok((joints.into_iter().flatten().collect(), links))

@@ -37,7 +37,11 @@ pub fn finger(name: &str) -> Option<usize> {
 pub fn grasp_of(robot: &Robot) -> Angles {
     let own = robot.bulb_grasp().map(|grasp| &grasp.grip);
     let own = own.map(|grip| grip.iter().map(|(joint, angle)| (robot.joints()[*joint].name.clone(), *angle)).collect());
-    own.unwrap_or_else(|| grasp::GRIP.map(|(name, angle)| (name.to_owned(), angle)).into())
+    let is_driven = |name: &str| robot.joint_index(name).is_none_or(|joint| robot.joints()[joint].follows.is_none());
+    own.unwrap_or_else(|| {
+        let of_room = grasp::GRIP.into_iter().filter(|(name, _)| is_driven(name));
+        of_room.map(|(name, angle)| (name.to_owned(), angle)).collect()
+    })
 }
 
 /// Forces on fingers and on the rest of a hand, N.
@@ -94,9 +98,10 @@ pub struct HandJoint {
 }
 
 impl HandJoint {
-    /// Those of both hands with their names, in the session's order.
+    /// Those of both hands that have drives, with their names, in the session's order.
     pub fn all(joints: &[Joint]) -> impl Iterator<Item = (Self, &str)> {
-        joints.iter().enumerate().skip(BODY).map(|(index, joint)| {
+        let driven = joints.iter().enumerate().skip(BODY).filter(|(_, joint)| joint.follows.is_none());
+        driven.map(|(index, joint)| {
             let (limits, stiffness) = ([joint.lower, joint.upper], joint.stiffness.max(1e-3));
             (Self { index, limits, stiffness }, joint.name.as_str())
         })

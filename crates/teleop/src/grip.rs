@@ -120,7 +120,7 @@ pub(crate) struct Grips {
 impl Grips {
     pub fn new(info: &SessionInfo) -> Result<Self, toml::de::Error> {
         let known: BTreeMap<String, Angles> = toml::from_str(include_str!("grip.toml"))?;
-        let robot = Robot::with_joints(info.joints.iter().map(|joint| joint.name.as_str()));
+        let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
         let bulb: BTreeMap<&str, f64> =
             grasp.iter().filter_map(|(name, angle)| Some((side(name)?.1, *angle))).collect();

@@ -65,7 +65,7 @@ impl Policy for Operator {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let names = info.joints.iter().map(|joint| joint.name.as_str());
-        let robot = Robot::with_joints(names).map_err(PolicyError::of(NAME))?;
+        let robot = Robot::of_session(&info.robot, names).map_err(PolicyError::of(NAME))?;
         self.pilot = Some((Pilot::new(info, first)?, View::new(robot, info)));
         Ok(())
     }

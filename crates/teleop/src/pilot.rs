@@ -99,7 +99,7 @@ impl Pilot {
             return Err(PolicyError::Sensor { policy: NAME, sensor: "last_action" });
         }
         let names = info.joints.iter().map(|joint| joint.name.as_str());
-        let robot = Robot::with_joints(names).map_err(PolicyError::of(NAME))?;
+        let robot = Robot::of_session(&info.robot, names).map_err(PolicyError::of(NAME))?;
         let staged = info.joints.iter().zip(&first.last_action);
         Ok(Self {
             robot,

@@ -1,7 +1,7 @@
 //! Parts of a robot as messages.
 
 use fiatlux_proto::v3;
-use fiatlux_robot::{Gains, Robot};
+use fiatlux_robot::{Follows, Gains, Robot};
 
 /// The joints of a robot with the gains in force, in the public joint order.
 pub fn joint_messages(robot: &Robot, gains: &Gains) -> Vec<v3::Joint> {
@@ -15,6 +15,11 @@ pub fn joint_messages(robot: &Robot, gains: &Gains) -> Vec<v3::Joint> {
         damping: drive.damping,
         effort_limit: drive.effort_limit,
         speed_limit: drive.speed_limit.is_finite().then_some(drive.speed_limit),
+        follows: joint.follows.map(|Follows { leader, ratio, offset }| v3::Follows {
+            leader: leader as u32,
+            ratio,
+            offset,
+        }),
     };
     joints.map(message).collect()
 }

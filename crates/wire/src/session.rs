@@ -11,6 +11,7 @@ use crate::{footprint_messages, hand_body_names, joint_messages};
 pub fn session_terms(task: Task, scene: &Scene) -> SessionInfo {
     SessionInfo {
         task: Some(TaskInfo { task: task.short_id().into(), ..TaskInfo::default() }),
+        robot: scene.robot.name().into(),
         joints: joint_messages(&scene.robot, &scene.spec.gains),
         footprints: footprint_messages(scene),
         hand_bodies: hand_body_names(&scene.robot),

@@ -165,6 +165,7 @@ impl World {
             self.state.qvel[ids.dof] = row.joint_velocity[joint];
             self.targets[ids.drive] = row.joint_target[joint];
         }
+        model.follow(&mut self.state);
         for (attachment, values) in self.attachments.iter_mut().zip(&row.attachments) {
             let state = if values.seated { AttachmentState::Seated } else { AttachmentState::Free };
             *attachment = Attachment { state, steps_beyond: values.steps_beyond };

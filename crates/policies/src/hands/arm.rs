@@ -110,7 +110,7 @@ impl RightArm {
     ) -> Result<Self, PolicyError> {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names = info.joints.iter().map(|joint| joint.name.as_str());
-        let robot = Robot::with_joints(names).map_err(|error| unfit(error.to_string()))?;
+        let robot = Robot::of_session(&info.robot, names).map_err(|error| unfit(error.to_string()))?;
         let link = hand_link(&robot).ok_or_else(|| {
             unfit(format!("the robot has no {HAND} and no grasp of its own; use {}", Robot::NAMES[0]))
         })?;

@@ -6,7 +6,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::{Search, at_once};
-use fiatlux_proto::v3::Joint;
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_room::bench;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::phases::{Phases, Skill};
@@ -200,12 +200,12 @@ struct Choice {
 
 impl Grab {
     /// With parameters of the form of `grab.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "grab", joints, |params: &mut Params| {
+    pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
+        let params = parameters(given, "grab", info, |params: &mut Params| {
             let lying = params.lying.as_mut().map(|lying| &mut lying.grip);
             [&mut params.close.grip].into_iter().chain(lying).collect()
         })?;
-        let grip = |closed| Grip::new(joints, &params.close.open, closed);
+        let grip = |closed| Grip::new(&info.joints, &params.close.open, closed);
         Ok(Self {
             phases: Phases::new(Phase::Raise, 0.0),
             size: 1.0,

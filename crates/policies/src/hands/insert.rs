@@ -5,7 +5,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::Search;
-use fiatlux_proto::v3::Joint;
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_room::fixture;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::phases::{Phases, Skill};
@@ -155,8 +155,8 @@ pub(super) type MakesArm = Box<dyn FnOnce() -> Result<RightArm, PolicyError> + S
 impl Insert {
     /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` makes the arm with nothing in its hand and
     /// the bulb in the socket.
-    pub fn new(given: Option<&str>, joints: &[Joint], empty: MakesArm) -> Result<Self, PolicyError> {
-        let params = parameters(given, "insert", joints, |params: &mut Params| vec![&mut params.open.grip])?;
+    pub fn new(given: Option<&str>, info: &SessionInfo, empty: MakesArm) -> Result<Self, PolicyError> {
+        let params = parameters(given, "insert", info, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), Manner::CARRYING),
@@ -169,7 +169,7 @@ impl Insert {
             held_since: None,
             deepest: (0.0, 0.0),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
-            grip: Grip::new(joints, &params.open.open, &params.open.grip),
+            grip: Grip::new(&info.joints, &params.open.open, &params.open.grip),
             loosens: None,
             params,
         })

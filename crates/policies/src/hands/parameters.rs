@@ -1,7 +1,7 @@
 //! Parameters of the experts by hand: a file for each task and hand, in which a hand's file names another one as its base.
 
 use fiatlux_client::PolicyError;
-use fiatlux_proto::v3::Joint;
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_robot::Robot;
 use fiatlux_skills::grip::{Angles, grasp_of};
 use serde::Deserialize;
@@ -35,7 +35,7 @@ enum LayerError {
     Toml(#[from] toml::de::Error),
 }
 
-/// Parameters of a skill: those of its file for the robot with these joints, but for those given. Joints that its grips leave out are as
+/// Parameters of a skill: those of its file for the session's robot, but for those given. Joints that its grips leave out are as
 /// in the robot's grasp of a bulb.
 ///
 /// # Errors
@@ -43,10 +43,11 @@ enum LayerError {
 pub(super) fn parameters<P: DeserializeOwned>(
     given: Option<&str>,
     skill: &str,
-    joints: &[Joint],
+    info: &SessionInfo,
     grips: impl Fn(&mut P) -> Vec<&mut Angles>,
 ) -> Result<P, PolicyError> {
-    let robot = Robot::with_joints(joints.iter().map(|joint| joint.name.as_str())).ok();
+    let joints = &info.joints;
+    let robot = Robot::of_session(&info.robot, joints.iter().map(|joint| joint.name.as_str())).ok();
     let own = robot.as_ref().and_then(|robot| {
         let of_robot = format!("{skill}.{}", robot.name());
         text_of(if robot.name() == Robot::NAMES[0] { skill } else { &of_robot })

@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
-use fiatlux_proto::v3::Joint;
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_room::{bulb, crate_};
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
@@ -157,8 +157,8 @@ pub(super) struct Place {
 
 impl Place {
     /// With parameters of the form of `place.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "place", joints, |params: &mut Params| vec![&mut params.close.grip])?;
+    pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
+        let params = parameters(given, "place", info, |params: &mut Params| vec![&mut params.close.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::StepUp, 0.0),
             spot: None,
@@ -166,7 +166,7 @@ impl Place {
             share: 0.0,
             hangs: false,
             fingers: [Finger { share: 1.0, torque: Some(params.grasp.torque) }; FINGERS.len()],
-            grip: Grip::new(joints, &params.close.open, &params.close.grip),
+            grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
             params,
         })
     }

@@ -4,7 +4,7 @@
 //! closes the thumb and the fingers, and pulls along the socket's axis. If the bulb stays, it opens the hand and tries again.
 
 use fiatlux_client::PolicyError;
-use fiatlux_proto::v3::Joint;
+use fiatlux_proto::v3::SessionInfo;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
@@ -113,8 +113,8 @@ pub(super) struct Remove {
 
 impl Remove {
     /// With parameters of the form of `remove.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, joints: &[Joint]) -> Result<Self, PolicyError> {
-        let params = parameters(given, "remove", joints, |params: &mut Params| vec![&mut params.close.grip])?;
+    pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
+        let params = parameters(given, "remove", info, |params: &mut Params| vec![&mut params.close.grip])?;
         if params.grasp.tilts.is_empty() {
             let reason = "grasp.tilts is empty; name one at least".into();
             return Err(PolicyError::Unfit { policy: "hands", reason });
@@ -125,7 +125,7 @@ impl Remove {
             glass_from_hand: Isometry3::identity(),
             has_arrived: false,
             fingers: Default::default(),
-            grip: Grip::new(joints, &params.close.open, &params.close.grip),
+            grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
             params,
         })
     }

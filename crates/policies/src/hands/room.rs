@@ -91,7 +91,7 @@ pub(super) fn with_bulb_in_hand(
 
 fn world_from_hand(info: &SessionInfo, first: &Observation, seen: &Seen) -> Result<Isometry3<f64>, PolicyError> {
     let names = info.joints.iter().map(|joint| joint.name.as_str());
-    let robot = Robot::with_joints(names).map_err(PolicyError::of("hands"))?;
+    let robot = Robot::of_session(&info.robot, names).map_err(PolicyError::of("hands"))?;
     let turned = first.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();
     let angles: Vec<f64> =
         info.joints.iter().zip(turned).map(|(joint, turned)| joint.q0 + f64::from(*turned)).collect();

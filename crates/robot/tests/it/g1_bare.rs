@@ -97,19 +97,18 @@ fn broken_files_are_refused_with_the_line_at_fault() {
 }
 
 #[test]
-fn robots_are_found_by_name_and_by_joints() {
+fn robots_are_found_by_name_and_by_hand() {
     for name in Robot::NAMES {
         let robot = Robot::by_name(name).unwrap();
         assert_eq!(robot.name(), name);
         assert_eq!(Robot::known(name), Ok(name));
-        assert_eq!(Robot::with_joints(robot.joints().iter().map(|joint| joint.name.as_str())).unwrap(), robot);
     }
     assert_eq!(Robot::known(""), Ok("g1_inspire"));
     assert_eq!((Robot::known("dex3"), Robot::known("bare")), (Ok("g1_dex3"), Ok("g1_bare")));
     assert_eq!(Robot::by_name("inspire"), Robot::benchmark());
     assert_eq!(Robot::known("g1"), Err(RobotError::Name("g1".into())));
     assert_eq!(Robot::by_name("g1"), Err(RobotError::Name("g1".into())));
-    let error = Robot::with_joints(["knee"].into_iter()).unwrap_err();
+    let error = Robot::of_session("", ["knee"].into_iter()).unwrap_err();
     assert!(error.to_string().contains("g1_inspire, g1_bare"), "{error}");
 }
 

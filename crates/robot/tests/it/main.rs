@@ -4,5 +4,6 @@
 mod g1;
 mod g1_bare;
 mod g1_dex3;
+mod g1_inspire6;
 mod model;
 mod refused;

@@ -353,7 +353,7 @@ mod tests {
                 OpenRequest { robot: "claw".into(), ..request() },
                 Code::Unknown,
                 "robot",
-                "use one of 'g1_inspire', 'g1_bare', 'g1_dex3'",
+                "use one of 'g1_inspire', 'g1_bare', 'g1_dex3', 'g1_inspire6'",
             ),
             (
                 OpenRequest { episode_protocol: "lenient".into(), ..request() },

@@ -52,6 +52,7 @@ impl Scene {
                 .grip
                 .iter()
                 .map(|(name, &angle)| Ok((find_joint(name)?, angle)))
+                .filter(|found| !found.as_ref().is_ok_and(|(joint, _)| robot.joints()[*joint].follows.is_some()))
                 .collect::<Result<_, StartError>>()?,
         })
     }

@@ -165,6 +165,7 @@ impl Start<'_> {
                 let angle = self.posture[joint] + offset.joints[joint];
                 row.joint_position[joint] = angle.clamp(limits.lower, limits.upper);
             }
+            scene.robot.follow(&mut row.joint_position);
             let moved = |nominal: &Place| Place {
                 position: nominal.position + Vector2::from(offset.shift),
                 yaw: measure::wrap_angle(nominal.yaw + offset.turn),

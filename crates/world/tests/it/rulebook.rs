@@ -13,7 +13,7 @@ const ROLL: [f64; 2] = [-0.2618, 0.2618];
 /// The published terms read these joints of the G1, by their places in its `joint_order`, with the limits of its ankles.
 #[test]
 fn the_groups_of_joints_are_the_published_ones() {
-    for (name, joints) in [("g1_inspire", 53), ("g1_dex3", 43), ("g1_bare", 29)] {
+    for (name, joints) in [("g1_inspire", 53), ("g1_dex3", 43), ("g1_bare", 29), ("g1_inspire6", 53)] {
         let robot = Arc::new(Robot::by_name(name).unwrap());
         let spec = SceneSpec::new(SceneKind::FreeLadder, 0, robot.gains(GainSet::default()));
         let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();

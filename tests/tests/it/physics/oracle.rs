@@ -110,20 +110,21 @@ struct TumbleRow {
     qvel: Vec<f64>,
 }
 
-/// The robot in the air without contacts: MuJoCo's tumble has them disabled.
-fn robot_without_shapes() -> Model {
-    let with_shapes = ExportScene::robot_only("g1_inspire", false).unwrap().model;
+/// A robot in the air without contacts: MuJoCo has them disabled.
+fn without_shapes(robot: &str) -> (Model, State) {
+    let ExportScene { model, state, .. } = ExportScene::robot_only(robot, false).unwrap();
     let mut builder = ModelBuilder::new();
-    for body in &with_shapes.bodies()[1..] {
+    for body in &model.bodies()[1..] {
         builder.add_body(body.spec.clone()).unwrap();
     }
-    builder.build().unwrap()
+    model.couplings().for_each(|coupling| builder.couple(*coupling).unwrap());
+    (builder.build().unwrap(), state)
 }
 
 #[test]
 fn a_tumble_in_the_air_is_that_of_mujoco_and_nearer_to_its_limit_at_5_ms_than_its_own_at_1_ms() {
     let fixture: Tumble = fixture("tumble");
-    let model = robot_without_shapes();
+    let (model, _) = without_shapes("g1_inspire");
     check_bodies(&model, &fixture.bodies);
     let start = State { qpos: fixture.rows[0].qpos.clone(), qvel: fixture.rows[0].qvel.clone() };
     // Rows are 0.1 s apart.
@@ -159,6 +160,43 @@ fn a_tumble_in_the_air_is_that_of_mujoco_and_nearer_to_its_limit_at_5_ms_than_it
     for k in [0, 2] {
         assert!(errors[1][k] < errors[0][k] && errors[2][k] < errors[1][k], "smaller steps are nearer: {errors:?}");
     }
+}
+
+#[derive(Deserialize)]
+struct Closing {
+    bodies: Vec<String>,
+    /// Indices of the fingers' joints in `qpos`; rows have these alone, 0.05 s apart.
+    fingers: Vec<usize>,
+    targets: Vec<f64>,
+    fine_rows: Vec<Vec<f64>>,
+    soft_error: f64,
+}
+
+/// One hand closes within its range, the other to its stops; MuJoCo ties the joints with equalities, at 16 us as hard as its stops.
+#[test]
+fn hands_with_coupled_joints_close_as_in_mujoco_within_the_error_of_the_step() {
+    let fixture: Closing = fixture("closing");
+    let (model, start) = without_shapes("g1_inspire6");
+    check_bodies(&model, &fixture.bodies);
+    let roll = |dt: f64| {
+        let (mut dynamics, mut state) = (Dynamics::new(&model), start.clone());
+        let mut rows = Vec::new();
+        for row in 0..fixture.fine_rows.len() {
+            for _ in 0..if row > 0 { (0.05 / dt).round() as usize } else { 0 } {
+                let input = Input { targets: &fixture.targets, ..Input::default() };
+                assert!(dynamics.step(&model, &mut state, &input, dt).converged);
+            }
+            rows.push(fixture.fingers.iter().map(|&at| state.qpos[at]).collect::<Vec<_>>());
+        }
+        rows
+    };
+    let apart = |a: &[Vec<f64>], b: &[Vec<f64>]| {
+        a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let runs = [5e-3, 2.5e-3, 1.25e-3, 0.625e-3].map(|dt| roll(dt));
+    let own = runs[..3].iter().map(|run| apart(run, &runs[3])).collect::<Vec<_>>();
+    let theirs = runs.iter().map(|run| apart(run, &fixture.fine_rows)).collect::<Vec<_>>();
+    println!("from MuJoCo at 16 us, at 5, 2.5, 1.25 and 0.625 ms: {theirs:.1e?} rad; from our own at 0.625 ms: {own:.1e?}");
 }
 
 /// The robot over a floor, as exported, stiffness and damping of its ankles scaled.

@@ -1,6 +1,7 @@
 //! Options of a session: real time, looks, sensors, robot and room.
 
 use fiatlux_proto::v3::Source;
+use fiatlux_robot::Robot;
 
 use super::*;
 
@@ -163,10 +164,15 @@ fn bags_have_large_sensors_at_their_own_rate() {
 /// A session has the robot that was asked for by name; what stands still is told with it.
 #[test]
 fn a_session_says_which_robot_and_room_it_has() {
-    for (robot, joints, bodies) in [("", 53, 34), ("g1_inspire", 53, 34), ("g1_dex3", 43, 24), ("g1_bare", 29, 10)] {
+    for (robot, joints, bodies) in
+        [("", 53, 34), ("g1_inspire", 53, 34), ("g1_dex3", 43, 24), ("g1_bare", 29, 10), ("inspire6", 53, 34)]
+    {
         let harness = without_client(OpenRequest { robot: robot.into(), ..OpenRequest::default() });
         let info = harness.session.info();
         assert_eq!((info.joints.len(), info.hand_bodies.len()), (joints, bodies), "robot '{robot}'");
+        let followers = info.joints.iter().filter(|joint| joint.follows.is_some()).count();
+        assert_eq!(Robot::known(robot), Ok(info.robot.as_str()));
+        assert_eq!(followers, if robot == "inspire6" { 12 } else { 0 }, "robot '{robot}'");
         let names: Vec<&str> = info.footprints.iter().map(|footprint| footprint.name.as_str()).collect();
         for name in ["bench", "crate", "fixture", "wall_west"] {
             assert!(names.contains(&name), "{name} in {names:?}");
