@@ -36,7 +36,8 @@ impl Policy for Stand {
         let staged = body::staged("stand", info, first)?;
         let unfit = |reason: String| PolicyError::Unfit { policy: "stand", reason };
         let joints = info.joints.iter().map(|joint| joint.name.as_str());
-        let robot = Robot::of_session(&info.robot, joints).map_err(|error| unfit(format!("{error}; use another policy")))?;
+        let robot =
+            Robot::of_session(&info.robot, joints).map_err(|error| unfit(format!("{error}; use another policy")))?;
         let gain = |(joint, own): (&fiatlux_proto::v3::Joint, &JointGains)| JointGains {
             stiffness: joint.stiffness,
             damping: joint.damping,

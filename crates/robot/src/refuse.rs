@@ -1,7 +1,7 @@
 //! Wording of refusals: which line, which part, which field, what to do.
 
-use crate::{Joint, RobotError};
 use crate::locate::{Step, line_of};
+use crate::{Joint, RobotError};
 
 /// Largest number that a robot file may contain; keeps every later sum finite.
 const LARGEST: f64 = 1e6;

@@ -1,10 +1,13 @@
 //! Bad use is refused by name, and nothing panics.
 
+use std::sync::Arc;
+
 use fiatlux_batch::{
     Bank, Batch, BatchConfig, BatchError, Begin, Control, Outcome, Outputs, Ranges, Spec, Task, TaskError, Walking,
 };
+use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::Row;
-use fiatlux_world::{Light, Random, Scene, World};
+use fiatlux_world::{Light, Random, Scene, SceneConfig, SceneSpec, World};
 
 use crate::common::{floor, play, simple, walkers};
 
@@ -193,6 +196,30 @@ fn a_refused_reset_changes_nothing() {
         }
         assert_eq!(play(&mut batch, &mut outputs, 12..60), play(&mut twin, &mut others, 12..60));
     }
+}
+
+/// A row in which a joint is not where its leader has it is no state of that robot.
+#[test]
+fn a_row_off_the_coupling_is_refused() {
+    let robot = Arc::new(Robot::by_name("g1_inspire6").unwrap());
+    let spec = SceneSpec::floor(robot.gains(GainSet::Fiatlux));
+    let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, spec).unwrap());
+    let mut row = World::new(Arc::clone(&scene)).row().clone();
+    let [leader, follower] =
+        ["L_ring_proximal_joint", "L_ring_intermediate_joint"].map(|name| scene.robot.joint_index(name).unwrap());
+    row.joint_position[leader] = 0.5;
+    let begin = |row: &Row| {
+        let mut bank = Bank::standing(Arc::clone(&scene));
+        bank.starts[0].row = row.clone();
+        let task = Walking::new(&scene, Default::default()).unwrap();
+        Batch::new(BatchConfig { worlds: 1, threads: 1, ..BatchConfig::new(vec![bank]) }, &task).map(|_| ())
+    };
+    let refused = begin(&row).unwrap_err().to_string();
+    let says =
+        "joint_position of 'L_ring_intermediate_joint' is 0, rad; it follows 'L_ring_proximal_joint', so make it 0.5";
+    assert!(refused.contains(says), "{refused}");
+    row.joint_position[follower] = 0.5;
+    begin(&row).unwrap();
 }
 
 /// A task that cannot begin where one of its worlds shall begin.

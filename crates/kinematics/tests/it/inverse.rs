@@ -115,3 +115,29 @@ fn what_cannot_be_reached_is_said_with_the_reason() {
     let fixed = InverseKinematics::new(model, BodyId::WORLD, &[], true).map(|_| ());
     assert_eq!(fixed, Err(KinematicsError::Root(0)));
 }
+
+/// A fingertip is brought to where the leader's angle puts it; the joint that follows moves with it and is no choice of its own.
+#[test]
+fn joints_that_follow_others_move_with_them() {
+    let alone = Alone::new("g1_inspire6");
+    let (model, root) = (&alone.model, alone.ids.root);
+    let [leader, follower] = ["R_index_proximal_joint", "R_index_intermediate_joint"]
+        .map(|name| alone.ids.joints[alone.robot.joint_index(name).unwrap()]);
+    let tip = alone.site("right_index_tip");
+    let mut mechanics = Mechanics::new(model);
+    let mut target = alone.standing();
+    (target.qpos[leader.qpos], target.qpos[follower.qpos]) = (1.1, 1.1);
+    mechanics.update(model, &target);
+    let place = mechanics.world_from_site(&tip).translation.vector;
+    let mut inverse = InverseKinematics::new(model, root, &[leader.body], false).unwrap();
+    let mut state = alone.standing();
+    // Where the follower was put does not count.
+    state.qpos[follower.qpos] = 0.7;
+    let found = inverse.solve(model, &mut state, &[Goal::position(tip, place)]).unwrap();
+    assert_eq!(found.outcome, Outcome::Reached, "{found:?}");
+    assert!((state.qpos[leader.qpos] - 1.1).abs() < 5e-3 && found.steps < 12, "{found:?}");
+    assert_eq!(state.qpos[follower.qpos], state.qpos[leader.qpos]);
+
+    let refused = InverseKinematics::new(model, root, &[follower.body], false).map(|_| ()).unwrap_err();
+    assert_eq!(refused, KinematicsError::Follower { body: follower.body.0, leader: leader.body.0 });
+}

@@ -68,6 +68,43 @@ pub fn soles(robot: &Robot, body_of: impl Fn(usize) -> Site, friction: f64, rang
     supports
 }
 
+/// A leader's drive carries what loads its followers; their own have no effort.
+#[test]
+fn efforts_of_coupled_joints_are_those_of_their_leaders() {
+    let alone = Alone::new("g1_inspire6");
+    let (model, root) = (&alone.model, alone.ids.root);
+    let link =
+        |link: usize| Site { body: alone.ids.links[link].body, body_from_site: alone.ids.links[link].body_from_link };
+    let supports = soles(&alone.robot, link, 0.8, [[-0.1, 0.1]; 2]);
+    let (mut solver, mut mechanics) = (SupportSolver::new(model, root).unwrap(), Mechanics::new(model));
+    let mut state = alone.standing();
+    // Palms down, so that fingers have weight about their joints.
+    for (joint, ids) in
+        alone.robot.joints().iter().zip(&alone.ids.joints).filter(|(j, _)| j.name.contains("wrist_roll"))
+    {
+        state.qpos[ids.qpos] = if joint.name.starts_with("left") { -1.2 } else { 1.2 };
+    }
+    mechanics.update_equation(model, &state);
+    solver.solve(model, &mut mechanics, &supports, &Acceleration::default()).unwrap();
+    let bias = mechanics.bias_force();
+    let mut loaded = 0;
+    for (joint, ids) in alone.robot.joints().iter().zip(&alone.ids.joints) {
+        let Some(follows) = joint.follows else { continue };
+        let leader = alone.ids.joints[follows.leader];
+        let followers = alone.robot.joints().iter().zip(&alone.ids.joints);
+        let of_leader = followers.filter_map(|(joint, ids)| Some((joint.follows?, ids.dof)));
+        let of_leader = of_leader.filter(|(follows, _)| alone.ids.joints[follows.leader].dof == leader.dof);
+        let due = bias[leader.dof] + of_leader.map(|(follows, dof)| follows.ratio * bias[dof]).sum::<f64>();
+        assert_eq!(solver.efforts()[ids.drive], 0.0, "{}", joint.name);
+        assert!((solver.efforts()[leader.drive] - due).abs() < 1e-9, "{}", joint.name);
+        loaded += usize::from((due - bias[leader.dof]).abs() > 1e-4);
+    }
+    assert!(loaded > 4, "weight pulls at followers");
+    let mut targets = vec![f64::NAN; model.drives().len()];
+    solver.targets(model, &mechanics, &vec![0.0; targets.len()], &mut targets);
+    assert!(targets.iter().all(|target| target.is_finite()));
+}
+
 #[test]
 fn forces_and_efforts_obey_the_equation_of_motion() {
     let alone = Alone::new("g1_bare");

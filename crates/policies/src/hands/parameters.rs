@@ -147,7 +147,7 @@ mod tests {
     /// Guards that S07 ends where S08 then steps to.
     #[test]
     fn the_bulb_is_taken_from_where_the_hand_takes_it() {
-        for name in ["grab", "grab.g1_dex3"] {
+        for name in ["grab", "grab.g1_dex3", "grab.g1_inspire6"] {
             let stand = ["ahead", "left"].map(|key| of(name)["stand"][key].as_float());
             assert_eq!(stand, GRAB.map(Some));
         }
@@ -168,7 +168,7 @@ mod tests {
             assert!(!of_hand.is_empty() && repeated.is_empty(), "{name} repeats {repeated:?}");
             number += 1;
         }
-        assert_eq!(number, 4);
+        assert_eq!(number, 8);
     }
 
     #[test]
@@ -197,7 +197,7 @@ mod tests {
         for (text, part) in [
             (
                 "base = 'place.g2'",
-                "base = \"place.g2\" is no file of parameters; use one of grab.g1_dex3, grab, insert",
+                "base = \"place.g2\" is no file of parameters; use one of grab.g1_dex3, grab.g1_inspire6, grab, insert",
             ),
             ("without = ['open.shut']", "without names 'open.shut', which the base lacks"),
             ("without = ['open.time.now']", "without names 'open.time.now'"),

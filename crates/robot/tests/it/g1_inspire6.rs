@@ -32,7 +32,10 @@ fn it_has_the_makers_linkages_and_torques() {
             finger => (1.0, finger.trim_end_matches("_intermediate")),
         };
         assert_eq!((ratio, offset), (expected, 0.0), "{name}");
-        assert!(leader[..2] == name[..2] && leader[2..].starts_with(of) && !leader.contains("inter"), "{name}: {leader}");
+        assert!(
+            leader[..2] == name[..2] && leader[2..].starts_with(of) && !leader.contains("inter"),
+            "{name}: {leader}"
+        );
     }
     for side in ["L", "R"] {
         let thumb = &robot.joints()[robot.joint_index(&format!("{side}_thumb_proximal_pitch_joint")).unwrap()];
@@ -108,13 +111,33 @@ fn couplings_that_cannot_be_are_refused_with_the_line_at_fault() {
         ("ratio = 1.6", "ratio = 0", "ratio", "ratio is 0; give the follower's angle by rad of the leader, or weld it"),
         ("ratio = 1.6", "ratio = nan", "ratio", "ratio holds NaN"),
         ("ratio = 1.6", "ratio = 1.6\noffset = inf", "offset", "offset holds inf"),
-        ("ratio = 1.6", "ratio = -1.6\noffset = -1", "ratio", "ratio with this offset leaves 'L_thumb_proximal_pitch_joint' no range"),
+        (
+            "ratio = 1.6",
+            "ratio = -1.6\noffset = -1",
+            "ratio",
+            "ratio with this offset leaves 'L_thumb_proximal_pitch_joint' no range",
+        ),
         ("ratio = 1.6", "ratoi = 1.6", "ratoi", "unknown field `ratoi`"),
         ("leader = \"L_thumb_proximal_pitch_joint\"", "", "[[couple]]", "missing field `leader`"),
-        ("proximal_pitch_joint\"\nratio = 1.6", "proximal_joint\"\nratio = 1.6", "leader", "leader names joint 'L_thumb_proximal_joint', which the robot does not have"),
-        ("L_thumb_proximal_pitch_joint", "R_thumb_proximal_pitch_joint", "leader", "leader is 'R_thumb_proximal_pitch_joint', which does not carry the follower"),
+        (
+            "proximal_pitch_joint\"\nratio = 1.6",
+            "proximal_joint\"\nratio = 1.6",
+            "leader",
+            "leader names joint 'L_thumb_proximal_joint', which the robot does not have",
+        ),
+        (
+            "L_thumb_proximal_pitch_joint",
+            "R_thumb_proximal_pitch_joint",
+            "leader",
+            "leader is 'R_thumb_proximal_pitch_joint', which does not carry the follower",
+        ),
         ("L_thumb_proximal_pitch_joint", "L_thumb_intermediate_joint", "leader", "does not carry the follower"),
-        ("follower = \"L_thumb_intermediate_joint\"", "follower = \"L_thumb_joint\"", "follower", "follower names joint 'L_thumb_joint'"),
+        (
+            "follower = \"L_thumb_intermediate_joint\"",
+            "follower = \"L_thumb_joint\"",
+            "follower",
+            "follower names joint 'L_thumb_joint'",
+        ),
     ] {
         let start = FILE.find(first).unwrap();
         let text = format!("{}{}", &FILE[..start], FILE[start..].replacen(old, new, 1));
@@ -140,7 +163,11 @@ fn couplings_that_cannot_be_are_refused_with_the_line_at_fault() {
     for (old, new, expected) in [
         ("waist_roll_joint = 35", "waist_rol_joint = 35", "effort_limits names joint 'waist_rol_joint'"),
         ("waist_roll_joint = 35", "waist_roll_joint = 0", "effort_limits gives joint 'waist_roll_joint' 0 N m"),
-        ("waist_roll_joint = 35", "L_index_intermediate_joint = 1", "which follows 'L_index_proximal_joint'; remove it"),
+        (
+            "waist_roll_joint = 35",
+            "L_index_intermediate_joint = 1",
+            "which follows 'L_index_proximal_joint'; remove it",
+        ),
         ("followers = 12", "followers = 11", "followers is 11, the rules leave 12"),
     ] {
         let (message, line) = refused(&FILE.replace(old, new));
@@ -163,8 +190,13 @@ fn a_whole_file_can_couple() {
     // The gains of the second set are those of a drive.
     let (message, _) = refused(&with(&released));
     assert!(message.contains("gains.sonic names joint 'left_ankle_roll_joint', which follows"), "{message}");
-    let whole = with(&released.replacen("    \"left_ankle_roll_joint\",\n    \"right_hip_pitch_joint\"", "    \"right_hip_pitch_joint\"", 2));
-    let whole = whole.replacen("    \"right_hip_pitch_joint\"", "    \"left_ankle_roll_joint\", \"right_hip_pitch_joint\"", 1);
+    let whole = with(&released.replacen(
+        "    \"left_ankle_roll_joint\",\n    \"right_hip_pitch_joint\"",
+        "    \"right_hip_pitch_joint\"",
+        2,
+    ));
+    let whole =
+        whole.replacen("    \"right_hip_pitch_joint\"", "    \"left_ankle_roll_joint\", \"right_hip_pitch_joint\"", 1);
     let robot = Robot::from_toml(&whole).unwrap_or_else(|error| panic!("{error}"));
     let [pitch, roll] = ["pitch", "roll"].map(|part| robot.joint_index(&format!("left_ankle_{part}_joint")).unwrap());
     // The roll's limit of 0.2618 rad is reached first above, and that of the pitch below.
@@ -173,5 +205,8 @@ fn a_whole_file_can_couple() {
     assert_eq!(robot.q0()[roll], -0.5 * robot.q0()[pitch] + 0.1);
     let posed = whole.replacen("left_knee_joint = 0.2", "left_knee_joint = 0.2\nleft_ankle_roll_joint = 0.1", 1);
     let (message, _) = refused(&posed);
-    assert!(message.contains("posture names joint 'left_ankle_roll_joint', which follows 'left_ankle_pitch_joint'"), "{message}");
+    assert!(
+        message.contains("posture names joint 'left_ankle_roll_joint', which follows 'left_ankle_pitch_joint'"),
+        "{message}"
+    );
 }

@@ -52,6 +52,43 @@ fn a_robot_on_a_floor_is_a_scene() {
     }
 }
 
+/// Rows have followers where their leaders put them: at a start with noise and a bulb in the hand, in every step whatever an action says for
+/// them, and in a row that was given with them elsewhere.
+#[test]
+fn joints_that_follow_others_do_so_in_every_row() {
+    let scene = scene_of("g1_inspire6", SceneKind::of(Task::S09));
+    #[track_caller]
+    fn check(world: &World) {
+        let (row, joints) = (world.row(), world.scene().robot.joints());
+        for (index, joint) in joints.iter().enumerate() {
+            let Some(follows) = joint.follows else { continue };
+            assert_eq!(row.joint_position[index], follows.angle(row.joint_position[follows.leader]), "{}", joint.name);
+            assert_eq!(row.joint_velocity[index], follows.ratio * row.joint_velocity[follows.leader], "{}", joint.name);
+            assert_eq!(row.joint_effort[index], 0.0, "{}", joint.name);
+        }
+    }
+    let mut world = start(Arc::clone(&scene), Task::S09, 0, &StartOptions::default()).unwrap();
+    check(&world);
+    let follower = scene.robot.joint_index("R_index_intermediate_joint").unwrap();
+    let begun = world.row().clone();
+    let mut targets = begun.joint_target.clone();
+    let ends = [0.0, 1.5].map(|angle| {
+        targets[follower] = angle;
+        world.reset_to(&begun).unwrap();
+        for _ in 0..10 {
+            world.step(&vec![0.0; targets.len()], &targets).unwrap();
+            check(&world);
+        }
+        world.row().joint_position.clone()
+    });
+    assert_eq!(ends[0], ends[1], "a follower's target has no effect");
+    let mut off = begun;
+    off.joint_position[follower] += 0.3;
+    off.joint_velocity[follower] = 2.0;
+    world.reset_to(&off).unwrap();
+    check(&world);
+}
+
 #[test]
 fn worlds_that_take_turns_run_as_alone() {
     let scene = scene_of("g1_inspire", SceneKind::CoupledLadder);

@@ -196,7 +196,22 @@ fn hands_with_coupled_joints_close_as_in_mujoco_within_the_error_of_the_step() {
     let runs = [5e-3, 2.5e-3, 1.25e-3, 0.625e-3].map(|dt| roll(dt));
     let own = runs[..3].iter().map(|run| apart(run, &runs[3])).collect::<Vec<_>>();
     let theirs = runs.iter().map(|run| apart(run, &fixture.fine_rows)).collect::<Vec<_>>();
-    println!("from MuJoCo at 16 us, at 5, 2.5, 1.25 and 0.625 ms: {theirs:.1e?} rad; from our own at 0.625 ms: {own:.1e?}");
+    println!("from MuJoCo at 16 us, at 5, 2.5, 1.25 and 0.625 ms: {theirs:?} rad; from our own at 0.625 ms: {own:?}");
+    println!("MuJoCo at 1 ms with its usual stops is {} rad from itself at 16 us", fixture.soft_error);
+    assert!(theirs[0] < 0.015 && theirs[3] < 1.5e-3, "{theirs:?}");
+    for (at, pair) in theirs.windows(2).enumerate() {
+        assert!(pair[1] < 0.6 * pair[0], "smaller steps are nearer: {theirs:?}");
+        // By the first order of a step, its error is twice what half the step changes.
+        assert!(pair[0] < 2.2 * apart(&runs[at], &runs[at + 1]), "{theirs:?} is more than the step's own error");
+    }
+    // The right fists are at their stops, and every follower is where its leader has it.
+    let last = &runs[0][fixture.fine_rows.len() - 1];
+    let at_stop = fixture.fingers.iter().zip(last).filter(|(at, angle)| {
+        let body = model.bodies().iter().find(|body| body.qpos_start == **at && body.dof_start > 5).unwrap();
+        let Joint::Hinge(hinge) = &body.spec.joint else { panic!("a finger is a hinge") };
+        (hinge.upper - **angle).abs() < 0.01
+    });
+    assert_eq!(at_stop.count(), 12, "the right hand is closed to its stops");
 }
 
 /// The robot over a floor, as exported, stiffness and damping of its ankles scaled.
