@@ -25,7 +25,7 @@ OWN_TESTS = re.compile(r"#\[cfg\(test\)\]\s*(?:#\[[^\]]*\]\s*)*(?:pub(?:\([^)]*\
 
 
 def hands(texts):
-    """Names of the hands in robots' files. A robot made from another one has hands without fingers, which are no one's."""
+    """Names of the hands in robots' files. A robot made from another one has no fingers, or hands of that one's name with something after it."""
     whole = (text for text in texts if not re.search(r"^base = ", text, re.MULTILINE))
     return sorted(name for text in whole for name in re.findall(r'^hand = "(\w+)"$', text, re.MULTILINE))
 

@@ -150,7 +150,9 @@ def closing(path=None):
 
     fine, coarse, soft = roll(1e-3 / 64), roll(1e-3), roll(1e-3, stiff=False)
     apart = [float(np.abs(np.array(run) - fine).max()) for run in (roll(1e-3 / 32), coarse, soft)]
-    print(f"closing: from 16 us, MuJoCo at 31 us {apart[0]:.1e}, at 1 ms {apart[1]:.1e}, with its usual stops {apart[2]:.1e} rad")
+    print(
+        f"closing: from 16 us, MuJoCo at 31 us {apart[0]:.1e}, at 1 ms {apart[1]:.1e}, with its usual stops {apart[2]:.1e} rad"
+    )
     return {
         "bodies": scene.names,
         "fingers": fingers,

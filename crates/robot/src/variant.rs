@@ -1,5 +1,5 @@
-//! A robot made from another one: joints welded, others that follow, drives with another limit. `g1_bare.toml` and
-//! `g1_inspire6.toml` state the rules.
+//! A robot made from another one: joints welded, others that follow, drives with another limit. The files of `robots/` that name a base state
+//! the rules.
 
 use std::collections::BTreeMap;
 
