@@ -178,7 +178,7 @@ fn couplings_that_cannot_be_are_refused_with_the_line_at_fault() {
 /// A whole file states that its followers have no drive, and gives them no angle.
 #[test]
 fn a_whole_file_can_couple() {
-    let couple = "\n[[couple]]\nfollower = \"left_ankle_roll_joint\"\nleader = \"left_ankle_pitch_joint\"\nratio = -0.5\noffset = 0.1\n";
+    let couple = "\n[[couple]]\nfollower = \"left_ankle_roll_joint\"\nleader = \"left_ankle_pitch_joint\"\nratio = -0.5\noffset = -0.075\n";
     let groups = BASE.find("\n[joint_groups]").unwrap();
     let with = |text: &str| text.replacen("\n[joint_groups]", &format!("{couple}\n[joint_groups]"), 1);
     let (message, line) = refused(&with(BASE));
@@ -199,10 +199,11 @@ fn a_whole_file_can_couple() {
         whole.replacen("    \"right_hip_pitch_joint\"", "    \"left_ankle_roll_joint\", \"right_hip_pitch_joint\"", 1);
     let robot = Robot::from_toml(&whole).unwrap_or_else(|error| panic!("{error}"));
     let [pitch, roll] = ["pitch", "roll"].map(|part| robot.joint_index(&format!("left_ankle_{part}_joint")).unwrap());
-    // The roll's limit of 0.2618 rad is reached first above, and that of the pitch below.
+    // The roll's limits of 0.2618 rad are reached before those of the pitch.
     let (low, high) = (robot.joints()[pitch].lower, robot.joints()[pitch].upper);
-    assert!((low - (0.2618 - 0.1) / -0.5).abs() < 1e-12 && high == 0.5236, "{low} to {high}");
-    assert_eq!(robot.q0()[roll], -0.5 * robot.q0()[pitch] + 0.1);
+    let expected = [0.2618, -0.2618].map(|roll| (roll + 0.075) / -0.5);
+    assert!((low - expected[0]).abs() < 1e-12 && (high - expected[1]).abs() < 1e-12, "{low} to {high}");
+    assert_eq!(robot.q0()[roll], -0.5 * robot.q0()[pitch] - 0.075);
     let posed = whole.replacen("left_knee_joint = 0.2", "left_knee_joint = 0.2\nleft_ankle_roll_joint = 0.1", 1);
     let (message, _) = refused(&posed);
     assert!(
