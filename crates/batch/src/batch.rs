@@ -327,7 +327,7 @@ impl Batch {
 
     /// The benchmark's judges of the episodes that the last step ended, by world; worlds whose episode went on, and those of tasks that
     /// the benchmark does not judge, are left out.
-    pub fn judged(&self) -> impl Iterator<Item = (usize, Box<Judges>)> {
+    pub fn judged(&self) -> impl Iterator<Item = (usize, Judges)> {
         self.workers.jobs().filter_map(|job| Some((job.world, job.judges.clone()?)))
     }
 

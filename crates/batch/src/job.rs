@@ -67,7 +67,7 @@ pub(crate) struct Job {
     pub contacts: Vec<Contact>,
     pub outcome: Outcome,
     /// The judges of the episode that the last step ended, if the benchmark's judge it.
-    pub judges: Option<Box<Judges>>,
+    pub judges: Option<Judges>,
     pub error: Option<BatchError>,
     /// The state before a call that may be refused.
     kept: Option<Kept>,

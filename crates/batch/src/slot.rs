@@ -163,7 +163,7 @@ pub(crate) struct Results<'a> {
     /// Contact points of the step, if wanted.
     pub contacts: Option<&'a mut Vec<Contact>>,
     /// The benchmark's judges of an episode that the step ended.
-    pub judges: &'a mut Option<Box<Judges>>,
+    pub judges: &'a mut Option<Judges>,
 }
 
 impl Slot {
@@ -361,7 +361,7 @@ impl Slot {
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
         self.has_ended = outcome != Outcome::Continues;
         if self.has_ended {
-            *judges = self.task.judges().cloned().map(Box::new);
+            *judges = self.task.judges().cloned();
         }
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {
