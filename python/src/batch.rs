@@ -347,9 +347,9 @@ impl Batch {
     /// The verdicts on each episode that the last step ended, with its world.
     fn verdicts<'py>(slf: &Bound<'_, Self>, py: Python<'py>) -> PyResult<Vec<(usize, Bound<'py, PyDict>)>> {
         own!(slf, this);
-        let described = this.worlds.judged().map(|(world, judges)| {
+        let described = this.worlds.verdicts().map(|(world, verdicts)| {
             let dict = PyDict::new(py);
-            describe_verdicts(&dict, &judges)?;
+            describe_verdicts(&dict, &verdicts)?;
             Ok((world, dict))
         });
         described.collect()

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _};
+use fiatlux_batch::{ActionForm, Rulebook, RulebookOptions, Spec, Task as _, Verdicts};
 use fiatlux_mjcf::{MjcfOptions, Names, OptionSet, to_mjcf};
 use fiatlux_play::{Command, Play, PlayError};
 use fiatlux_render::{Lighting, Visuals};
-use fiatlux_rules::{Judges, Protocol};
+use fiatlux_rules::Protocol;
 use fiatlux_sensing::{Sampler, SenseError, SensorSuite, Sensors, Setup, View};
 use fiatlux_world::{Episode as WorldEpisode, PHYSICS_DT, Scene, SceneConfig};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
@@ -206,7 +206,7 @@ impl Episode {
         dict.set_item("task", spec.task.short_id())?;
         dict.set_item("seed", spec.seed)?;
         dict.set_item("episode", spec.episode)?;
-        describe_verdicts(&dict, this.episode().judges())?;
+        describe_verdicts(&dict, &Verdicts::of(this.episode().judges()))?;
         dict.set_item("steps_in_gate", this.steps_in_gate)?;
         dict.set_item("state_digest", this.digest())?;
         Ok(dict)
@@ -310,11 +310,8 @@ impl Episode {
 
 /// Adds the verdicts of an episode's judges: plain names are of the published one, those with `strict_` of the strict one, `None` if
 /// the protocol is published.
-pub(crate) fn describe_verdicts(dict: &Bound<'_, PyDict>, judges: &Judges) -> PyResult<()> {
-    let summary = judges.of(Protocol::Published).summary();
-    let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
-    // An episode that the published judge would not have ended has the end of the judge in force, as in a bag.
-    let end = summary.end.or(judges.in_force().verdict().end);
+pub(crate) fn describe_verdicts(dict: &Bound<'_, PyDict>, verdicts: &Verdicts) -> PyResult<()> {
+    let Verdicts { published: summary, strict, end } = *verdicts;
     dict.set_item("success", summary.success)?;
     dict.set_item("clean", summary.clean())?;
     dict.set_item("broken", summary.broken)?;

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::{Judges, Row};
+use fiatlux_rules::Row;
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{Light, Scene};
 
@@ -14,7 +14,7 @@ use crate::possible::check_row;
 use crate::slot::{ReadyBank, Shared, Slot};
 use crate::snapshot::settings;
 use crate::workers::Workers;
-use crate::{Autoreset, BatchConfig, BatchError, Begin, Buffers, Drawn, Outputs, Snapshot, Spec, Task};
+use crate::{Autoreset, BatchConfig, BatchError, Begin, Buffers, Drawn, Outputs, Snapshot, Spec, Task, Verdicts};
 
 /// Many worlds in step; see the crate's documentation. It keeps its threads, which sleep between calls, until it is dropped.
 pub struct Batch {
@@ -325,10 +325,10 @@ impl Batch {
         self.workers.jobs().map(|job| job.slot.has_ended).collect()
     }
 
-    /// The benchmark's judges of the episodes that the last step ended, by world; worlds whose episode went on, and those of tasks that
+    /// The benchmark's verdicts on the episodes that the last step ended, by world; worlds whose episode went on, and those of tasks that
     /// the benchmark does not judge, are left out.
-    pub fn judged(&self) -> impl Iterator<Item = (usize, Judges)> {
-        self.workers.jobs().filter_map(|job| Some((job.world, job.judges.clone()?)))
+    pub fn verdicts(&self) -> impl Iterator<Item = (usize, Verdicts)> {
+        self.workers.jobs().filter_map(|job| Some((job.world, job.verdicts?)))
     }
 
     /// A copy of a world's row.

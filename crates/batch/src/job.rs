@@ -4,12 +4,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_dynamics::Contact;
-use fiatlux_rules::{Judges, Row};
+use fiatlux_rules::Row;
 use fiatlux_world::World;
 
 use crate::slot::{Original, ReadyBank, Results, Shared, Slot, Stage, Stopped};
 use crate::snapshot::{Snapshot, WorldState};
-use crate::{BatchError, Control, Outcome, Spec};
+use crate::{BatchError, Control, Outcome, Spec, Verdicts};
 
 /// Up to this many banks, every thread can step the worlds of all of them; with more, only those of the banks that it begins with.
 const MAX_SHARED_BANKS: usize = 16;
@@ -66,8 +66,8 @@ pub(crate) struct Job {
     /// Contact points of the last step, if they are watched.
     pub contacts: Vec<Contact>,
     pub outcome: Outcome,
-    /// The judges of the episode that the last step ended, if the benchmark's judge it.
-    pub judges: Option<Judges>,
+    /// The verdicts on the episode that the last step ended, if the benchmark's judge it.
+    pub verdicts: Option<Verdicts>,
     pub error: Option<BatchError>,
     /// The state before a call that may be refused.
     kept: Option<Kept>,
@@ -94,7 +94,7 @@ impl Job {
             reward_terms: numbers(spec.rewards.len()),
             contacts: Vec::new(),
             outcome: Outcome::Continues,
-            judges: None,
+            verdicts: None,
             error: None,
             kept: None,
         }
@@ -207,7 +207,7 @@ impl Worker {
                     final_observation: wants_final.then_some(&mut job.final_observation),
                     reward_terms: &mut job.reward_terms,
                     contacts: shared.watch.contacts.then_some(&mut job.contacts),
-                    judges: &mut job.judges,
+                    verdicts: &mut job.verdicts,
                 };
                 let stepped = job.slot.step(stage, shared, action, &mut self.control, results);
                 stepped.map(|(outcome, reward)| (job.outcome, job.reward) = (outcome, reward))

@@ -62,6 +62,6 @@ pub use job::Begin;
 pub use ranges::{Drawn, Ranges};
 pub use rulebook::{ActionForm, Rulebook, RulebookOptions};
 pub use snapshot::Snapshot;
-pub use task::{Control, Field, Outcome, Spec, Task, TaskClone};
+pub use task::{Control, Field, Outcome, Spec, Task, TaskClone, Verdicts};
 pub use walking::{Walking, WalkingOptions};
 pub use watch::Watch;

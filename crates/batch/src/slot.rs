@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use fiatlux_dynamics::{Contact, PreparedVariation, Site};
-use fiatlux_rules::{Judges, Row, diverged};
+use fiatlux_rules::{Row, diverged};
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{ControlInput, Light, Random, Scene, Stream, World, WorldError};
 
 use crate::disturbance::Disturber;
 use crate::possible::{check_height, check_row};
 use crate::snapshot::WorldState;
-use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Drawn, Outcome, Task, TaskError, Watch};
+use crate::{Autoreset, Bank, BatchError, Control, Disturbances, Drawn, Outcome, Task, TaskError, Verdicts, Watch};
 
 /// A prepared bank, shared by all threads.
 #[derive(Debug)]
@@ -162,8 +162,8 @@ pub(crate) struct Results<'a> {
     pub reward_terms: &'a mut [f32],
     /// Contact points of the step, if wanted.
     pub contacts: Option<&'a mut Vec<Contact>>,
-    /// The benchmark's judges of an episode that the step ended.
-    pub judges: &'a mut Option<Judges>,
+    /// The benchmark's verdicts on an episode that the step ended.
+    pub verdicts: &'a mut Option<Verdicts>,
 }
 
 impl Slot {
@@ -334,8 +334,8 @@ impl Slot {
         control: &mut Control,
         results: Results<'_>,
     ) -> Result<(Outcome, f32), Stopped> {
-        let Results { observation, final_observation, reward_terms, contacts, judges } = results;
-        *judges = None;
+        let Results { observation, final_observation, reward_terms, contacts, verdicts } = results;
+        *verdicts = None;
         if self.has_ended {
             reward_terms.fill(0.0);
             self.begin(stage, shared, None, observation)?;
@@ -361,7 +361,7 @@ impl Slot {
         let reward = reward_terms.iter().map(|term| f64::from(*term)).sum::<f64>() as f32;
         self.has_ended = outcome != Outcome::Continues;
         if self.has_ended {
-            *judges = self.task.judges().cloned();
+            *verdicts = self.task.judges().map(Verdicts::of);
         }
         if self.has_ended && shared.autoreset == Autoreset::SameStep {
             if let Some(final_observation) = final_observation {

@@ -3,11 +3,31 @@
 use std::any::Any;
 use std::collections::BTreeMap;
 
-use fiatlux_rules::{Judges, Row};
+use fiatlux_rules::{End, Judges, Protocol, Row, Summary};
 use fiatlux_sensing::{SensorSuite, View};
 use fiatlux_world::{AppliedWrench, Light, Push, Random, Scene, World};
 
 use crate::TaskError;
+
+/// The verdicts of the benchmark's judges on an episode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdicts {
+    /// Of the published judge.
+    pub published: Summary,
+    /// Of the strict one; `None` for an episode that the published judge ends.
+    pub strict: Option<Summary>,
+    /// As in a bag: where the published judge would not have ended it, the end of the judge in force.
+    pub end: Option<End>,
+}
+
+impl Verdicts {
+    /// Of judges, as they are.
+    pub fn of(judges: &Judges) -> Self {
+        let published = judges.of(Protocol::Published).summary();
+        let strict = (judges.protocol() == Protocol::Strict).then(|| judges.of(Protocol::Strict).summary());
+        Self { published, strict, end: published.end.or(judges.in_force().verdict().end) }
+    }
+}
 
 /// A task for the worlds of a batch: it gives actions a meaning, and defines observations, rewards and ends. Every
 /// world has a copy, which may keep state from step to step; a [`Snapshot`](crate::Snapshot) includes it.

@@ -322,11 +322,14 @@ mod tests {
         targets
     }
 
-    /// Each joint of a finger by its share of the way from straight to bent; its name and its finger.
+    /// Each joint of a finger by its share of the way from straight to bent, or 1 at the end of its range, which one that others follow may
+    /// reach before; its name and its finger.
     fn shares(info: &SessionInfo, targets: &[f64]) -> Vec<(String, usize, f64)> {
         let grips = Grips::new(info).expect("data");
         let share = |joint: &Joint| {
-            let share = joint.angles.share(targets[joint.joint.index]);
+            let target = targets[joint.joint.index];
+            let is_at_end = joint.joint.limits.iter().any(|end| target != 0.0 && (target - end).abs() < 1e-9);
+            let share = if is_at_end { 1.0 } else { joint.angles.share(target) };
             (info.joints[joint.joint.index].name.clone(), joint.finger, share)
         };
         grips.joints.iter().map(share).collect()

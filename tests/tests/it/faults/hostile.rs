@@ -118,8 +118,8 @@ fn hostile_requests_to_open() {
     let set = |name: &str, value: f64| [(name.to_owned(), value)].into();
     let version = Version { major: PROTOCOL.major + 1, minor: 4 };
     let cases: [(OpenRequest, Refused, &str, &[&str]); 11] = [
-        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["4.4", "3.13"]),
-        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["3.13"]),
+        (OpenRequest { protocol: Some(version), ..request("S01") }, Refused::Version, "protocol", &["4.4", "3.14"]),
+        (OpenRequest { protocol: None, ..request("S01") }, Refused::Version, "protocol", &["3.14"]),
         (request("S99"), Refused::Unknown, "task", &["S99", "S01"]),
         (
             OpenRequest { sensors: vec!["smell".into()], ..request("S01") },
