@@ -322,14 +322,13 @@ mod tests {
         targets
     }
 
-    /// Each joint of a finger by its share of the way from straight to bent, or 1 at the end of its range, which one that others follow may
-    /// reach before; its name and its finger.
+    /// Each joint of a finger by its share of the way from straight to bent, as far as its range goes; its name and its finger.
     fn shares(info: &SessionInfo, targets: &[f64]) -> Vec<(String, usize, f64)> {
         let grips = Grips::new(info).expect("data");
         let share = |joint: &Joint| {
-            let target = targets[joint.joint.index];
-            let is_at_end = joint.joint.limits.iter().any(|end| target != 0.0 && (target - end).abs() < 1e-9);
-            let share = if is_at_end { 1.0 } else { joint.angles.share(target) };
+            let [lower, upper] = joint.joint.limits;
+            let [straight, bent] = [joint.angles.straight, joint.angles.bent].map(|angle| angle.clamp(lower, upper));
+            let share = Angles { straight, bent, ..joint.angles }.share(targets[joint.joint.index]);
             (info.joints[joint.joint.index].name.clone(), joint.finger, share)
         };
         grips.joints.iter().map(share).collect()
