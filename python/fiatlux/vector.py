@@ -409,8 +409,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         Actions count as ``float64``, as those of :class:`fiatlux.Env` do. ``info`` has ``reward_terms`` (worlds x terms, named by
         :attr:`reward_terms`), ``success``, and ``final_obs`` if any episode ended. Where a task of the benchmark ended by its judges or by
         time-out, ``info`` also has what :meth:`fiatlux.Env.step` says of the verdict, by the same names (``steps``, ``end``, ``strict_success``
-        and so on): an array each, of which the worlds count that ``info["_end"]`` marks (``_steps`` and so on are the same). ``success`` is
-        of the judge in force. Ctrl-C is raised when the step is done, and the next one can follow.
+        and so on): an array each. Its values count in the worlds that ``info["_end"]`` marks (``_steps`` and so on are the same).
+        ``success`` is of the judge in force. Ctrl-C is raised when the step is done, and the next one can follow.
         """
         self._check_begun()
         array = as_actions(actions, self.action_space.shape or ())

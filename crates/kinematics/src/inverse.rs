@@ -216,8 +216,8 @@ impl InverseKinematics {
         Ok(())
     }
 
-    /// Moves the chosen joints of a state to the goals, and joints that follow others to where these have them. The state's own posture is tried first; velocities do not matter and
-    /// stay.
+    /// Moves the chosen joints of a state to the goals, and joints that follow others to where these have them. The state's own
+    /// posture is tried first; velocities do not matter and stay.
     ///
     /// # Errors
     /// A state or a goal with a number that is not finite, or a state of another model. A goal that cannot be reached is not

@@ -7,6 +7,9 @@
 //! there were and how many of an episode at most. `audit` prints how many changes failed.
 #![allow(clippy::unwrap_used)] // A failure is shown, and ends the example.
 
+#[path = "../src/store/queue/waiting.rs"]
+mod waiting;
+
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -92,25 +95,7 @@ async fn measure_verify(folder: &str, scorers: u64, submissions: u64, episodes: 
     drop(Store::open(folder.as_ref()).await.unwrap());
     let options = SqliteConnectOptions::new().filename(Path::new(folder).join("leaderboard.sqlite"));
     let pool = SqlitePool::connect_with(options).await.unwrap();
-    let count = |name: &str, end: u64| {
-        format!("WITH RECURSIVE {name} (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM {name} WHERE i < {end})")
-    };
-    for statement in [
-        "INSERT INTO accounts (name, created, submissions_a_day, max_bytes) VALUES ('lab', 0, 1, 1)".to_owned(),
-        format!(
-            "{} INSERT INTO submissions (id, account, manifest, state, reason, badge, begun, received, bytes, facts) \
-             SELECT printf('%016x', i), 'lab', '{{}}', 'graded', '', '', 0, i, 0, NULL FROM s",
-            count("s", submissions)
-        ),
-        "INSERT INTO files (submission, place, name, bytes, sha256, stored) \
-         SELECT id, 0, 'a.mcap', 1, printf('%064x', received), 1 FROM submissions"
-            .to_owned(),
-        format!(
-            "{} INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail, queue) \
-             SELECT s.id, 'S01', CAST(n.i AS TEXT), '0', 0, 'waiting', '', '', s.received FROM submissions s, n",
-            count("n", episodes)
-        ),
-    ] {
+    for statement in waiting::statements(submissions, episodes) {
         sqlx::query(AssertSqlSafe(statement)).execute(&pool).await.unwrap();
     }
     let start_time = Instant::now();

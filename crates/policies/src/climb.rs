@@ -53,8 +53,9 @@ const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 const ARM_RATE: f64 = 1.0;
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
-/// Speeds of the plans' times: on the level, where a foot that comes down late tips the robot, up, and down.
+/// Speed of the plan's time for the steps on the level: a foot that comes down late tips the robot.
 const STEPS: f64 = 1.5;
+/// Speeds of the plans' times, up and down.
 const RATES: [f64; 2] = [2.0, 1.6];
 /// The ladder's top point in its frame, m.
 const TOP: [f64; 3] = ladder_numbers::TOP_POINT;
@@ -254,7 +255,6 @@ impl Policy for Climb {
             skipped = plan.seconds() - rest.seconds();
             let taken = robot.take().map(|robot| Player::new(robot, rest, world_from_plan)).transpose();
             player = taken.map_err(PolicyError::of("climb"))?;
-            player.iter_mut().for_each(|player| player.rate = RATES[usize::from(goes_down)]);
         } else if plan.keyframes.first().is_some_and(|start| is_at(start) > LEVEL_M) && looks {
             return Err(unfit("the robot is on the ladder, in no posture of the plan; begin on the level".into()));
         }
@@ -466,7 +466,6 @@ impl Episode {
                         plan.extend(self.plan.keyframes.iter().skip(1).cloned());
                     }
                     player.play(plan);
-                    player.rate = STEPS;
                 }
                 self.climbs = true;
             }
@@ -491,8 +490,9 @@ impl Episode {
             tracker.restart(0.0, NETWORK_RATE);
             self.follower = Some(Follower::new(climber, tracker));
         }
-        if self.climbs && player.time() >= self.stepped {
-            player.rate = RATES[usize::from(self.goes_down)];
+        if self.climbs {
+            let is_stepping = player.time() < self.stepped;
+            player.rate = if is_stepping { STEPS } else { RATES[usize::from(self.goes_down)] };
         }
         (player.pace, player.lean) = (self.pace, world_from_plan.rotation * self.lean);
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();

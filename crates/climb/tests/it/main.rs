@@ -228,10 +228,13 @@ fn picked(plan: &Plan) -> Vec<usize> {
 fn a_way_to_the_first_posture_is_found() {
     let (body, plan) = (body(), fiatlux_climb::ladder().unwrap());
     let first = &plan.keyframes[0];
-    let angles = &body.robot.q0()[..fiatlux_robot::BODY];
+    let mut angles = body.robot.q0()[..fiatlux_robot::BODY].to_vec();
+    let arms = fiatlux_robot::MOVED..fiatlux_robot::BODY;
+    angles[arms.clone()].iter_mut().for_each(|angle| *angle += 0.3);
     let away = Isometry3::translation(-0.1, 0.02, 0.0) * first.pelvis;
-    let still = stand(&body, &away, angles, first).unwrap();
+    let still = stand(&body, &away, &angles, first).unwrap();
     let last = still.keyframes.last().unwrap();
+    assert_eq!(last.angles[arms.clone()], first.angles[arms], "arms come in before a foot is set");
     let way = at_once(approach(&body, &last.pelvis, &last.angles, first, Work::unlimited())).unwrap();
     let end = way.keyframes.last().unwrap();
     assert_eq!((end.pelvis, &end.angles), (first.pelvis, &first.angles));

@@ -64,10 +64,9 @@ impl Verifier for ServerVerifier {
         let done = verify(path, &link.carrier(), self.server.as_deref(), &self.access, &mut progress, stop);
         // Servers of another version may play otherwise, or refuse what was played.
         let is_equal = done.as_ref().is_ok_and(Verification::is_equal);
-        let is_of_server =
-            done.as_ref().is_err_and(|error| error.is_of_server() || matches!(error, VerifyError::Lost { .. }));
+        let is_of_server = |error: &VerifyError| error.is_of_server() || matches!(error, VerifyError::Lost { .. });
         if !is_equal
-            && !is_of_server
+            && !done.as_ref().is_err_and(is_of_server)
             && let Ok(bag) = Bag::open(path)
             && let Some(outcome) = unfit(&bag.header().version, self.version_on(&link).as_deref())
         {
@@ -100,9 +99,7 @@ impl Verifier for ServerVerifier {
                     "the bag on disk is not the one that was uploaded; restore it from a backup".into(),
                 ),
             },
-            Err(error) if error.is_of_server() || matches!(error, VerifyError::Lost { .. }) => {
-                VerifyOutcome::Again(in_full(&error))
-            }
+            Err(error) if is_of_server(&error) => VerifyOutcome::Again(in_full(&error)),
             Err(VerifyError::Client(ClientError::Refused { field, message, .. })) => {
                 VerifyOutcome::NotTaken(format!("{field}: {message}"))
             }

@@ -60,7 +60,7 @@ impl Store {
         Ok(lock(&self.folder, File::try_lock_shared, PATIENCE).await?.map(|file| Joined { _file: file, halves }))
     }
 
-    /// Ends all claims, of which nobody is left to hold any. Pauses after a refusal, minutes long, stay.
+    /// Ends all claims: nobody is left to hold one. Pauses after a refusal, minutes long, stay.
     async fn end_claims(&self) -> Result<(), StoreError> {
         let failed = |error| StoreError::database(CHANGE)(error);
         let mut tx = self.write().await?;

@@ -1,4 +1,4 @@
-//! Old bags without their rows: a tenth of the size or less, of which everything can be made again.
+//! Old bags without their rows, which are simulated again where somebody asks for them.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -3,6 +3,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+#[path = "waiting.rs"]
+mod waiting;
+
 use super::super::lease::LEASE;
 use super::*;
 
@@ -29,26 +32,8 @@ async fn run(store: &Store, statement: &str) {
 
 /// Adds graded submissions 1 to `submissions` with `each` episodes that wait. The last one was received first.
 pub(crate) async fn fill(store: &Store, submissions: u64, each: u64) {
-    let numbers =
-        |end: u64| format!("WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {end})");
-    let received = submissions + 1;
     let mut tx = store.write().await.unwrap();
-    for statement in [
-        "INSERT INTO accounts (name, created, submissions_a_day, max_bytes) VALUES ('lab', 0, 1, 1)".to_owned(),
-        format!(
-            "{} INSERT INTO submissions (id, account, manifest, state, reason, badge, begun, received, bytes) \
-             SELECT printf('%016x', i), 'lab', '{{}}', 'graded', '', '', 0, {received} - i, 0 FROM n",
-            numbers(submissions)
-        ),
-        "INSERT INTO files (submission, place, name, bytes, sha256, stored) \
-         SELECT id, 0, 'a.mcap', 1, printf('%064x', received), 1 FROM submissions"
-            .to_owned(),
-        format!(
-            "{} INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail, queue) \
-             SELECT s.id, 'S01', CAST(n.i AS TEXT), '0', 0, 'waiting', '', '', s.received FROM submissions s, n",
-            numbers(each)
-        ),
-    ] {
+    for statement in waiting::statements(submissions, each) {
         sqlx::query(AssertSqlSafe(statement)).execute(&mut *tx).await.unwrap();
     }
     tx.commit().await.unwrap();
