@@ -19,7 +19,7 @@ from torch import nn
 
 from .._files import regular
 from .lessons import GOALS, Lesson, play, shape_of, state_of
-from .network import WALKS, Network, Shape, export, normalised
+from .network import WALKS, Network, Shape, export, normalised, read
 from .settings import FIRST_ROOM, keep
 
 LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5}
@@ -61,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     train.add_argument("--first-room", type=int, default=FIRST_ROOM, help="first of the rooms [default: 1000]")
     train.add_argument(
-        "--start", type=Path, help="checkpoint of another run to begin with; the teacher then drives in no round"
+        "--start",
+        type=Path,
+        help="checkpoint of another run, or a file that see plays, to begin with; the teacher then drives in no round",
     )
     train.add_argument(
         "--demonstrates", action="store_true", help="the teacher drives in round 0 of a run with --start, too"
@@ -114,7 +116,10 @@ def train_rounds(given: argparse.Namespace) -> None:
     lessons: list[Lesson] = []
     record: dict[str, Any] = {"minutes": 0.0, "demonstrated": 0, "labelled": 0}
     if given.start:
-        student, record = load(given.start, device)
+        try:
+            student, record = load(given.start, device)
+        except ValueError as error:
+            raise SystemExit(f"--start: {error}") from error
         if student.shape != shape:
             raise SystemExit(
                 f"--start: {given.start} is of another shape or other tasks; repeat its --tasks and --ages"
@@ -172,7 +177,10 @@ def lesson_of(
 
 
 def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
-    """The network of a checkpoint, and the record of its training."""
+    """The network of a checkpoint, or of a file that `see` plays, and the record of its training."""
+    if checkpoint.suffix == ".safetensors":
+        network, record = read(regular(checkpoint))
+        return network.to(device).eval(), record
     state = torch.load(regular(checkpoint), map_location=device, weights_only=True)
     network = Network(Shape(**state["shape"])).to(device).eval()
     network.load_state_dict(state["network"])
@@ -241,9 +249,9 @@ def fit(
     kinds = columns["task"][rows[:, 0]] * (len(shape.phases) + 1) + columns["does"][rows[:, 0]]
     often = to(1 / np.sqrt(np.bincount(kinds - kinds.min())[kinds - kinds.min()])) if shape.phases else None
     network = Network(shape).to(device)
-    network.normalise(states[learned_rows[:, 0]], wanted[learned_rows[:, 0], WALKS:])
     if start is not None:
         network.load_state_dict(start.state_dict())
+    network.normalise(states[learned_rows[:, 0]], wanted[learned_rows[:, 0], WALKS:], start is not None)
     moved = WALKS + shape.moves
     wanted = (wanted - network.centre[:moved]) / network.scale[:moved]
     worth = torch.tensor(list(LEARNED.values()), device=device)

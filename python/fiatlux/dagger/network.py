@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
@@ -129,16 +130,27 @@ class Network(nn.Module):
         # An answer is centre + scale x number.
         self.register_buffer("centre", torch.zeros(shape.outputs))
         self.register_buffer("scale", torch.ones(shape.outputs))
-        self.scale[: len(SPEEDS)] = torch.tensor(SPEEDS)
 
-    def normalise(self, states: torch.Tensor, moves: torch.Tensor) -> None:
-        """Takes the scales of the measured part of the state from data, and those of posture and joints."""
+    def normalise(self, states: torch.Tensor, moves: torch.Tensor, keeps_answers: bool = False) -> None:
+        """Takes the scales of the measured part of the state from data, and those of posture and joints; of a network that has been
+        trained, so that its answers stay as they are."""
         numbers = self.shape.measured
-        self.mean[:numbers] = states[:, :numbers].mean(0)
-        self.deviation[:numbers] = states[:, :numbers].std(0).clamp(min=MIN_DEVIATION)
+        mean, deviation, centre, scale = (each.clone() for each in (self.mean, self.deviation, self.centre, self.scale))
+        mean[:numbers] = states[:, :numbers].mean(0)
+        deviation[:numbers] = states[:, :numbers].std(0).clamp(min=MIN_DEVIATION)
+        scale[: len(SPEEDS)] = scale.new_tensor(SPEEDS)
         if self.shape.joints:
-            self.centre[WALKS : WALKS + self.shape.moves] = moves.mean(0)
-            self.scale[WALKS : WALKS + self.shape.moves] = moves.std(0).clamp(min=MIN_MOVE)
+            centre[WALKS : WALKS + self.shape.moves] = moves.mean(0)
+            scale[WALKS : WALKS + self.shape.moves] = moves.std(0).clamp(min=MIN_MOVE)
+        if keeps_answers:
+            first, last, seen = self.head[0], self.last, self.head[0].in_features - self.shape.state
+            with torch.no_grad():
+                weight = first.weight[:, seen:] / self.deviation
+                first.bias += weight @ (mean - self.mean)
+                first.weight[:, seen:] = weight * deviation
+                last.weight *= (self.scale / scale)[:, None]
+                last.bias.copy_((self.centre + self.scale * last.bias - centre) / scale)
+        self.mean, self.deviation, self.centre, self.scale = mean, deviation, centre, scale
 
     def encode(self, pictures: torch.Tensor) -> torch.Tensor:
         """Embeddings of pictures, which are normalised: count x cameras x 3 x height x width becomes count x numbers."""
@@ -204,6 +216,44 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
     part_file = file.with_suffix(".part")
     save_file(tensors, part_file, metadata={"contract": json.dumps(contract)})
     os.replace(part_file, file)
+
+
+def read(file: Path) -> tuple[Network, dict[str, Any]]:
+    """The network of a file that :func:`export` wrote, and the record of its training. What training alone uses begins anew.
+
+    Raises:
+        ValueError: It is no such file.
+    """
+    try:
+        with safe_open(file, "pt") as opened:
+            contract = json.loads((opened.metadata() or {}).get("contract", "{}"))
+            tensors = {name: opened.get_tensor(name).float() for name in opened.keys()}
+    except (SafetensorError, json.JSONDecodeError) as error:
+        raise ValueError(f"{file} is no file of a network: {error}") from error
+    if contract.get("format") != FORMAT:
+        raise ValueError(f"{file} has the format {contract.get('format')!r}; {FORMAT!r} is read")
+    record = contract.pop("training", {})
+    contract.pop("format")
+    shape = Shape(**{name: _fixed(value) for name, value in contract.items()})
+    network = Network(shape)
+    layers = dict(network.state_dict())
+    for number, camera in enumerate(shape.cameras):
+        for index in range(len(shape.convolutions)):
+            for part in ("weight", "bias"):
+                layers[f"eyes.{number}.convolutions.{index}.{part}"] = tensors[f"{camera}.{index}.{part}"]
+        for part in ("weight", "bias"):
+            layers[f"eyes.{number}.embedding.{part}"] = tensors[f"{camera}.embedding.{part}"]
+    names = [*(f"head.{index}" for index in range(len(shape.hidden))), "last"]
+    for index, name in enumerate(names):
+        for part in ("weight", "bias"):
+            layers[f"{name}.{part}"] = tensors[f"head.{index}.{part}"]
+    network.load_state_dict(layers)
+    return network, record
+
+
+def _fixed(value: Any) -> Any:
+    """A list of JSON, and the lists in it, as tuples."""
+    return tuple(map(_fixed, value)) if isinstance(value, list) else value
 
 
 def _answer(

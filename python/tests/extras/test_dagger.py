@@ -273,3 +273,36 @@ def test_hands_choose_their_phase_and_read_it_in_the_next_decision(hands):
     begins = np.flatnonzero(np.array(lesson.since) == 0)
     assert (np.array(lesson.phase)[begins] == -1).all()
     assert (np.array(lesson.does) >= 0).all()
+
+
+@pytest.mark.parametrize("tasks", [("S05", "S09"), ("S06", "S08")])
+def test_a_file_goes_on_as_the_network_that_it_was_written_from(tmp_path, tasks):
+    torch.manual_seed(0)
+    before = Network(lessons.shape_of(tasks, picture=(32, 32))).eval()
+    shape = before.shape
+    before.normalise(torch.randn(50, shape.state) * 3 + 1, torch.randn(50, shape.moves) * 2 - 1)
+    file = tmp_path / "see.safetensors"
+    export(before, file, {"minutes": 1.0})
+    after, record = load(file, "cpu")
+    assert after.shape == shape and record == {"minutes": 1.0}
+    states, seen = torch.randn(5, shape.state), torch.rand(5, len(shape.ages), len(shape.cameras), 3, 32, 32)
+
+    def answer(network):
+        embedded = network.encode(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])
+        return network.answer(network.decide(embedded, states)[0])
+
+    with torch.no_grad():
+        torch.testing.assert_close(answer(after), answer(before), atol=2e-2, rtol=2e-2)
+        was = answer(after)
+        # Other scales change what it is trained in, and nothing of what it says.
+        after.normalise(torch.randn(50, shape.state) - 2, torch.randn(50, shape.moves) * 0.3, keeps_answers=True)
+        torch.testing.assert_close(answer(after), was, atol=1e-4, rtol=1e-3)
+        assert not torch.equal(after.mean, before.mean)
+
+
+def test_a_start_that_is_no_network_is_refused(tmp_path):
+    file = tmp_path / "other.safetensors"
+    safetensors_torch = pytest.importorskip("safetensors.torch")
+    safetensors_torch.save_file({"a": torch.zeros(1)}, file)
+    with pytest.raises(ValueError, match="has the format None; 'fiatlux-see/1' is read"):
+        load(file, "cpu")
