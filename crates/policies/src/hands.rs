@@ -25,7 +25,7 @@ use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
-use self::arm::RightArm;
+use self::arm::{MakesArm, RightArm};
 use self::grab::Grab;
 use self::insert::Insert;
 use self::place::Place;
@@ -144,20 +144,21 @@ impl Policy for Hands {
         let bodies = HandBodies::new(&info.hand_bodies);
         let seen = seen(first, &bodies, false)?;
         let arm = |rest, surroundings| RightArm::new(info, &body.targets, rest, surroundings);
+        let (own, targets) = (info.clone(), body.targets.clone());
+        let later: MakesArm = Box::new(move |around| RightArm::new(&own, &targets, REST, around));
         let mut skill: Box<dyn Expert> = match task {
-            "S03" => Box::new(Remove::new(self.parameters.as_deref(), info)?),
+            "S03" => Box::new(Remove::new(self.parameters.as_deref(), info, later)?),
             "S06" => Box::new(Place::new(self.parameters.as_deref(), info)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), info)?),
-            "S11" => {
-                let (own, targets, socket) = (info.clone(), body.targets.clone(), room::with_bulb_in_socket(&seen));
-                let empty = Box::new(move || RightArm::new(&own, &targets, REST, socket));
-                Box::new(Insert::new(self.parameters.as_deref(), info, empty)?)
-            }
+            "S11" => Box::new(Insert::new(self.parameters.as_deref(), info, later)?),
             _ => return Err(refused()),
         };
         let surroundings = match task {
             "S03" => room::with_bulb_in_socket(&seen),
-            "S11" => room::with_bulb_in_hand(info, first, &seen)?,
+            "S11" => {
+                let hand = room::world_from_hand(info, first, &seen)?;
+                room::with_bulb_in_hand(&seen, hand.inv_mul(&seen.fresh_bulb))
+            }
             _ => Surroundings::default(),
         };
         let mut arm = arm(skill.rest(), surroundings)?;

@@ -45,6 +45,8 @@ const STEPS_Y: f64 = -0.95;
 const TOP_Y: f64 = ladder::TOP_POINT[1];
 const REACH_M: f64 = 0.66;
 const FLAT: f64 = 0.02;
+/// So much nearer to the fixture than its place it does not stand well, m: a robot that turns on it meets the lamp.
+const NEARER_M: f64 = 0.07;
 /// Distance from these places, m, and turn, rad, at which it is there.
 const ARRIVED: [(f64, f64); 2] = [(0.08, 0.15), (0.03, 0.08)];
 /// Where the pelvis may be when it stands low below the platform: x either way, and y, m.
@@ -459,7 +461,8 @@ impl Episode {
     /// The ladder stands where it belongs.
     fn is_placed(&self, ladder: Place) -> bool {
         let socket = [self.socket.position[0], self.socket.position[1]];
-        distance(outside(ladder, [0.0, TOP_Y]), socket) < REACH_M && self.tilt < FLAT
+        let is_far = |(goal, _): Place| distance(ladder.0, socket) > distance(goal, socket) - NEARER_M;
+        distance(outside(ladder, [0.0, TOP_Y]), socket) < REACH_M && self.tilt < FLAT && self.site.is_none_or(is_far)
     }
 
     /// Walks with the ladder; true once it is where it is put down.

@@ -24,7 +24,8 @@ pub struct Played {
     /// Subtasks in the order in which they began for the first time, and when, s.
     pub stages: Vec<(Task, f64)>,
     pub seconds: f64,
-    /// The cause of its end, `not played` where no skill plays what is due, or `stuck`.
+    /// The cause of its end; `broken` or `leapt`, after which there is no strict success; `not played` where no skill plays what is due; or
+    /// `stuck`.
     pub end: String,
 }
 
@@ -48,8 +49,13 @@ pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&World, &str)) -> Resu
         if seconds > MAX_SECONDS {
             return Ok(Played { stages, seconds, end: "stuck".into() });
         }
-        if let Some(end) = game.verdict().end {
+        let verdict = game.verdict();
+        let spoils = [(verdict.broken, "broken"), (verdict.leapt, "leapt")].into_iter().find(|(is_so, _)| *is_so);
+        if let Some(end) = verdict.end {
             return Ok(Played { stages, seconds, end: format!("{:?}", end.cause()).to_lowercase() });
+        }
+        if let Some((_, how)) = spoils {
+            return Ok(Played { stages, seconds, end: how.into() });
         }
         waited = if matches!(played, Some((_, true))) { 0 } else { waited + 1 };
         if waited > WAITS {

@@ -82,6 +82,8 @@ pub(super) struct RightArm {
     pub pairs: [Vec<(ShapeId, ShapeId)>; 3],
     /// Pairs of trunk, head and other arm with what surrounds the robot.
     pub body_pairs: Vec<(ShapeId, ShapeId)>,
+    /// Shapes of the hand and what it holds.
+    of_hand: Vec<ShapeId>,
     /// Height of what the robot stands on, and the middle between its feet, m.
     pub floor: f64,
     pub middle: Vector3<f64>,
@@ -98,6 +100,9 @@ pub(super) struct RightArm {
     /// Budget of its searches.
     pub work: Work,
 }
+
+/// Makes an arm with such surroundings, once. It takes as long as half a control step.
+pub(super) type MakesArm = Box<dyn FnOnce(Surroundings) -> Result<RightArm, PolicyError> + Send>;
 
 impl RightArm {
     /// An arm whose joints rest at these angles, from the shoulder down, where the hand's pose leaves them free, rad, and that can
@@ -136,6 +141,10 @@ impl RightArm {
             ids.joints[ARM.start].body,
             ids.joints[ARM.end - 1].body,
         );
+        let wrist = ids.joints[ARM.end - 1].body;
+        let shapes = model.shapes().iter().enumerate();
+        let of_hand =
+            shapes.filter(|(_, shape)| is_below(&model, shape.body, wrist)).map(|(id, _)| ShapeId(id)).collect();
         let mut inverse = InverseKinematics::new(&model, ids.root, &bodies, false).map_err(PolicyError::of("hands"))?;
         inverse.options.limit_margin = 0.03;
         inverse.options.rest_pull = REST_PULL;
@@ -155,6 +164,7 @@ impl RightArm {
             soles,
             pairs: [all, carrying, apart],
             body_pairs,
+            of_hand,
             floor: 0.0,
             middle: Vector3::zeros(),
             inverse,
@@ -230,6 +240,17 @@ impl RightArm {
     pub fn sensed_hand(&mut self) -> Isometry3<f64> {
         let angles = self.sensed_angles();
         self.place(&angles)
+    }
+
+    /// Height of the hand's lowest point, as sensed, m.
+    pub fn lowest(&mut self) -> f64 {
+        self.sensed_hand();
+        let heights = self.of_hand.iter().map(|shape| {
+            let shape = &self.model.shapes()[shape.0];
+            let pose = self.mechanics.world_from_body(shape.body) * shape.body_from_shape;
+            pose.translation.z - shape.geometry.reach(&(pose.rotation.inverse() * -Vector3::z()))
+        });
+        heights.fold(f64::INFINITY, f64::min)
     }
 
     /// Goes on from the sensed angles: what was commanded last may have had the arm's weight in it.
@@ -479,15 +500,18 @@ pub(super) const STRAIGHT: f64 = 1.57;
 /// Strength with which joints are pulled to their rest angles.
 const REST_PULL: f64 = 0.1;
 
+/// True where a body hangs on another one, or is it.
+fn is_below(model: &Model, mut body: BodyId, above: BodyId) -> bool {
+    while body != above && body != BodyId::WORLD {
+        body = model.bodies()[body.0].spec.parent;
+    }
+    body == above
+}
+
 /// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand, in the order of
 /// [`Apart`]; then those of the world and of neither this arm nor the legs.
 fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 4] {
-    let is_below = |mut body: BodyId, above: BodyId| {
-        while body != above && body != BodyId::WORLD {
-            body = model.bodies()[body.0].spec.parent;
-        }
-        body == above
-    };
+    let is_below = |body: BodyId, above: BodyId| is_below(model, body, above);
     let body = |shape: ShapeId| model.shapes()[shape.0].body;
     let is_bulb = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(BULB_NAME);
     let moves = |shape: ShapeId| is_below(body(shape), shoulder);

@@ -13,14 +13,15 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Apart, RightArm, ToolGoal};
+use super::arm::{Apart, MakesArm, RightArm, ToolGoal};
 use super::lean::Lean;
 use super::parameters::parameters;
 use super::plan::{ArmAngles, SLICE};
 use super::retries::Manner;
+use super::room;
 use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Taking, leans};
+use super::stance::{Judge, REST, Stance, Standing, Taking, leans};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m.
 const STOP: f64 = fixture::STOP_HEIGHT;
@@ -79,6 +80,7 @@ struct Inserting {
     speed: f64,
     ahead: f64,
     press: f64,
+    askew: f64,
     lead: f64,
     stuck: f64,
     circle: f64,
@@ -133,7 +135,7 @@ pub(super) struct Insert {
     /// The search for the way off the bulb, and the postures on it that are left, the last first.
     search: Option<Search<Result<Vec<ArmAngles>, PolicyError>>>,
     way: Vec<ArmAngles>,
-    /// Makes the arm for that: the bulb is then in the socket, not in the hand. It takes as long as half a control step.
+    /// Makes the arm for that: the bulb is then in the socket, not in the hand.
     empty: Option<MakesArm>,
     /// Pose of the bulb in the hand.
     hand_from_plug: Isometry3<f64>,
@@ -149,12 +151,8 @@ pub(super) struct Insert {
     loosens: Option<bool>,
 }
 
-/// Makes an arm, once.
-pub(super) type MakesArm = Box<dyn FnOnce() -> Result<RightArm, PolicyError> + Send>;
-
 impl Insert {
-    /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` makes the arm with nothing in its hand and
-    /// the bulb in the socket.
+    /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` makes the arm with nothing in its hand.
     pub fn new(given: Option<&str>, info: &SessionInfo, empty: MakesArm) -> Result<Self, PolicyError> {
         let params = parameters(given, "insert", info, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
@@ -184,8 +182,8 @@ impl Insert {
     }
 
     /// The bulb is in the socket, and the hand around it open: looks for the way off it.
-    fn backs_off(&mut self, arm: &mut RightArm, plug: &Plug) -> Result<Phase, PolicyError> {
-        self.empties(arm)?;
+    fn backs_off(&mut self, seen: &Seen, arm: &mut RightArm, plug: &Plug) -> Result<Phase, PolicyError> {
+        self.empties(seen, arm)?;
         let from = arm.world_from_hand();
         let mut moves: Vec<_> = self.params.open.back.iter().copied().map(Vector3::from).collect();
         // Out as it came in, too, where the arm struck nothing.
@@ -200,9 +198,9 @@ impl Insert {
     }
 
     /// From now on the bulb is in the socket.
-    fn empties(&mut self, arm: &mut RightArm) -> Result<(), PolicyError> {
+    fn empties(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<(), PolicyError> {
         if let Some(empty) = self.empty.take() {
-            *arm = empty()?.going_on_from(arm);
+            *arm = empty(room::with_bulb_in_socket(seen))?.going_on_from(arm);
         }
         Ok(())
     }
@@ -270,24 +268,6 @@ impl Judge for WaysIn {
             stance.postures.push(angles);
         }
         stance.postures.reverse();
-        Ok(Some(stance).filter(|stance| stance.score() > least))
-    }
-}
-
-/// Ways to a robot that stands with its arm hanging.
-struct Hanging(ArmAngles);
-
-impl Judge for Hanging {
-    async fn judge(
-        &self,
-        arm: &mut RightArm,
-        command: &BodyCommand,
-        _from: &ArmAngles,
-        _tries: usize,
-        least: f64,
-    ) -> Result<Option<Stance>, PolicyError> {
-        let mut stance = Stance::of(command);
-        (stance.postures, stance.world_from_hand) = (vec![self.0], arm.place(&self.0));
         Ok(Some(stance).filter(|stance| stance.score() > least))
     }
 }
@@ -370,7 +350,10 @@ impl Expert for Insert {
                 if plug.gap < self.deepest.0 - 1e-3 {
                     self.deepest = (plug.gap, seen.time);
                 }
-                if plug.gap - self.gap < insert.ahead {
+                // Askew in the mouth it would turn in the hand: it comes out until it is straight.
+                if plug.turn.angle() > insert.askew && !seen.seated[1] {
+                    self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);
+                } else if plug.gap - self.gap < insert.ahead {
                     self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
                 }
                 let aside = self.search(seen, &plug);
@@ -396,7 +379,7 @@ impl Expert for Insert {
             Phase::Open => {
                 let opening = CONTROL_DT / open.time;
                 self.fingers.iter_mut().for_each(|finger| finger.share = (finger.share - opening).max(0.0));
-                (elapsed > open.time + open.hold).then(|| self.backs_off(arm, &plug)).transpose()?
+                (elapsed > open.time + open.hold).then(|| self.backs_off(seen, arm, &plug)).transpose()?
             }
             Phase::Retreat => {
                 if let Some(search) = &mut self.search {
@@ -413,9 +396,9 @@ impl Expert for Insert {
                 (self.search.is_none() && (self.way.is_empty() || is_held_up)).then_some(Phase::Leave)
             }
             Phase::Leave => {
-                let leaving = self.leaving.get_or_insert_with(|| self.taking.back());
+                let leaving = self.leaving.get_or_insert_with(|| self.taking.back(Manner::LEAVING));
                 let hanging = arm.standing();
-                leaving.step(seen, arm, || Hanging(hanging))?.then_some(Phase::Done)
+                leaving.step(seen, arm, || Standing(hanging))?.then_some(Phase::Done)
             }
             Phase::Done => None,
         };
@@ -462,8 +445,8 @@ impl Expert for Insert {
             Phase::Relax
         } else {
             self.fingers.iter_mut().zip(closure).for_each(|(finger, share)| finger.share = share);
-            self.empties(arm)?;
-            if is_near { self.backs_off(arm, &plug)? } else { Phase::Leave }
+            self.empties(seen, arm)?;
+            if is_near { self.backs_off(seen, arm, &plug)? } else { Phase::Leave }
         };
         self.phases = Phases::new(phase, seen.time);
         Ok(Some(command))

@@ -90,6 +90,7 @@ struct Motion {
     rest: [f64; ARMS / 2],
     rate: f64,
     low: f64,
+    hand_low: f64,
     wait: f64,
     open: f64,
 }
@@ -215,12 +216,11 @@ impl Place {
     /// Finds the arm's postures, from the last one up, so that each is near the next one; false where it does not
     /// reach the last one.
     fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut RightArm) -> Result<bool, PolicyError> {
-        let glass = seen.old_bulb * Point3::new(0.0, 0.0, GLASS);
-        let hand_from_glass = (arm.sensed_hand().inverse() * glass).coords;
         let (world_from_stance, _) = self.stance(seen);
         let Some(end) = self.params.way.last().map(|last| last.glass) else { return Ok(false) };
         let off = world_from_stance.inverse() * Point3::from(spot.glass.push(0.0)) - Point3::from(end);
-        self.plan_way(seen, hand_from_glass, off.xy(), arm)
+        // The hand goes where it fits between the walls, also where the bulb has moved in it.
+        self.plan_way(seen, HELD.into(), off.xy(), arm)
     }
 
     /// The same, with the glass at a place in the hand and as far from its way on the level.
@@ -348,7 +348,7 @@ impl Expert for Place {
             }
             Phase::Lower => {
                 self.share = (self.share + on_way).min(1.0);
-                let is_down = self.lowest(&seen.old_bulb) < motion.low;
+                let is_down = self.lowest(&seen.old_bulb) < motion.low || arm.lowest() < motion.hand_low;
                 (is_down || elapsed > params.bend.time + motion.wait).then_some(Phase::Rest)
             }
             Phase::Rest => (elapsed > motion.wait).then_some(Phase::Open),

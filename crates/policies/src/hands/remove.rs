@@ -1,7 +1,8 @@
 //! S03: takes the spent bulb out of the socket, and keeps it.
 //!
 //! The robot leans so that its right arm reaches the glass and can pull, brings the open hand beside it, moves it around the glass,
-//! closes the thumb and the fingers, and pulls along the socket's axis. If the bulb stays, it opens the hand and tries again.
+//! closes the thumb and the fingers, and pulls along the socket's axis. If the bulb stays, it opens the hand and tries again. Then it
+//! stands up.
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::SessionInfo;
@@ -11,14 +12,15 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Apart, RightArm, ToolGoal};
+use super::arm::{Apart, MakesArm, RightArm, ToolGoal};
 use super::lean::Lean;
 use super::parameters::parameters;
 use super::plan::ArmAngles;
 use super::retries::Manner;
+use super::room;
 use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Taking, leans};
+use super::stance::{Judge, REST, Stance, Standing, Taking, leans};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -38,6 +40,7 @@ struct Params {
     grasp: Grasp,
     close: Close,
     pull: Pull,
+    leave: Leaving,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -77,6 +80,15 @@ struct Pull {
     out: f64,
     stays: f64,
     patience: f64,
+    hold: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Leaving {
+    arm: ArmAngles,
+    torque: f64,
+    patience: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,8 +103,12 @@ enum Phase {
     Close,
     /// Pulls along the axis. Ends where the bulb is out; where it stays behind, the hand opens.
     Pull,
-    /// Keeps the bulb where it is.
+    /// Keeps the bulb where it is, by time.
     Hold,
+    /// Stands up with it, on a way that strikes nothing.
+    Leave,
+    /// Keeps it there.
+    Done,
     /// Opens the hand, by time.
     Open,
     /// Takes it back from the glass, and tries again.
@@ -104,6 +120,10 @@ pub(super) struct Remove {
     params: Params,
     phases: Phases<Phase>,
     taking: Taking,
+    /// The way back from the socket.
+    leaving: Option<Taking>,
+    /// Makes the arm for that: the bulb is then in the hand.
+    carrying: Option<MakesArm>,
     glass_from_hand: Isometry3<f64>,
     /// The hand's target is at the end of its way.
     has_arrived: bool,
@@ -112,8 +132,8 @@ pub(super) struct Remove {
 }
 
 impl Remove {
-    /// With parameters of the form of `remove.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
+    /// With parameters of the form of `remove.toml`; without, those for the robot. `carrying` makes the arm that has the bulb in its hand.
+    pub fn new(given: Option<&str>, info: &SessionInfo, carrying: MakesArm) -> Result<Self, PolicyError> {
         let params = parameters(given, "remove", info, |params: &mut Params| vec![&mut params.close.grip])?;
         if params.grasp.tilts.is_empty() {
             let reason = "grasp.tilts is empty; name one at least".into();
@@ -122,6 +142,8 @@ impl Remove {
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), Manner::EMPTY),
+            leaving: None,
+            carrying: Some(carrying),
             glass_from_hand: Isometry3::identity(),
             has_arrived: false,
             fingers: Default::default(),
@@ -294,8 +316,23 @@ impl Expert for Remove {
             }
             Phase::Hold => {
                 arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, pull.lead)?;
-                None
+                if elapsed > pull.hold
+                    && let Some(carrying) = self.carrying.take()
+                {
+                    let hand_from_bulb = arm.sensed_hand().inv_mul(&seen.old_bulb);
+                    *arm = carrying(room::with_bulb_in_hand(seen, hand_from_bulb))?.going_on_from(arm);
+                    Some(Phase::Leave)
+                } else {
+                    None
+                }
             }
+            Phase::Leave => {
+                let leaving = self.leaving.get_or_insert_with(|| self.taking.back(Manner::CARRYING_BACK));
+                self.fingers.iter_mut().for_each(|finger| finger.torque = Some(params.leave.torque));
+                let is_up = leaving.step(seen, arm, || Standing(params.leave.arm))?;
+                (is_up || elapsed > params.leave.patience).then_some(Phase::Done)
+            }
+            Phase::Done => None,
             Phase::Open => {
                 self.fingers.iter_mut().for_each(|finger| {
                     *finger = Finger { share: finger.share - closing, torque: None };
@@ -317,7 +354,7 @@ impl Expert for Remove {
         if self.phases.enter(next, seen.time) {
             self.has_arrived = false;
         }
-        Ok(self.taking.command())
+        Ok(self.leaving.as_ref().unwrap_or(&self.taking).command())
     }
 
     fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
@@ -366,10 +403,14 @@ impl Expert for Remove {
 
 impl Skill for Remove {
     fn is_over(&self) -> bool {
-        self.phases.now() == Phase::Hold
+        self.phases.now() == Phase::Done
     }
 
     fn phase(&self) -> String {
-        if self.phases.now() == Phase::Take { self.taking.stage() } else { self.phases.name() }
+        match (self.phases.now(), &self.leaving) {
+            (Phase::Take, _) => self.taking.stage(),
+            (Phase::Leave, Some(leaving)) => format!("Leave{}", leaving.stage()),
+            _ => self.phases.name(),
+        }
     }
 }

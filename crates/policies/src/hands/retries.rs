@@ -57,6 +57,8 @@ impl Manner {
     };
     /// Of an empty hand that comes back from the work.
     pub const LEAVING: Self = Self { touched: Touched::LooksAgain, squeezes: true, ..Self::EMPTY };
+    /// The same with a bulb in it, which it feels at all times.
+    pub const CARRYING_BACK: Self = Self { apart: Apart::Carrying, touched: Touched::GoesOn, ..Self::LEAVING };
     /// Of a hand with the bulb, which feels it at all times. By way of where nothing is in the arm's way, S11 succeeds in fewer rooms.
     pub const CARRYING: Self = Self {
         apart: Apart::Carrying,

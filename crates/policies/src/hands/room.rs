@@ -77,19 +77,19 @@ pub(super) fn with_bulb_in_socket(seen: &Seen) -> Surroundings {
     around
 }
 
-/// Surroundings of a robot on the platform that has the fresh bulb in its hand.
-pub(super) fn with_bulb_in_hand(
+/// Surroundings of a robot on the platform that has a bulb in its hand.
+pub(super) fn with_bulb_in_hand(seen: &Seen, hand_from_bulb: Isometry3<f64>) -> Surroundings {
+    let mut around = platform(seen);
+    around.in_hand.extend(bulb_shapes().into_iter().map(at(hand_from_bulb)));
+    around
+}
+
+/// Pose of the hand in an observation.
+pub(super) fn world_from_hand(
     info: &SessionInfo,
     first: &Observation,
     seen: &Seen,
-) -> Result<Surroundings, PolicyError> {
-    let mut around = platform(seen);
-    let hand_from_bulb = world_from_hand(info, first, seen)?.inv_mul(&seen.fresh_bulb);
-    around.in_hand.extend(bulb_shapes().into_iter().map(at(hand_from_bulb)));
-    Ok(around)
-}
-
-fn world_from_hand(info: &SessionInfo, first: &Observation, seen: &Seen) -> Result<Isometry3<f64>, PolicyError> {
+) -> Result<Isometry3<f64>, PolicyError> {
     let names = info.joints.iter().map(|joint| joint.name.as_str());
     let robot = Robot::of_session(&info.robot, names).map_err(PolicyError::of("hands"))?;
     let turned = first.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default();

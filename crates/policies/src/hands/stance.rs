@@ -55,6 +55,24 @@ pub(super) trait Judge: Send + Sync + 'static {
     ) -> impl Future<Output = Result<Option<Stance>, PolicyError>> + Send;
 }
 
+/// Judges a robot that stands upright with its arm in a posture.
+pub(super) struct Standing(pub ArmAngles);
+
+impl Judge for Standing {
+    async fn judge(
+        &self,
+        arm: &mut RightArm,
+        command: &BodyCommand,
+        _from: &ArmAngles,
+        _tries: usize,
+        least: f64,
+    ) -> Result<Option<Stance>, PolicyError> {
+        let mut stance = Stance::of(command);
+        (stance.postures, stance.world_from_hand) = (vec![self.0], arm.place(&self.0));
+        Ok(Some(stance).filter(|stance| stance.score() > least))
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
     /// Brings the arm to where nothing is in its way while the robot leans.
@@ -313,10 +331,10 @@ impl Taking {
         }
     }
 
-    /// Back to where the robot stood at first, with an empty hand.
-    pub fn back(&self) -> Self {
+    /// Back to where the robot stood at first.
+    pub fn back(&self, manner: Manner) -> Self {
         let (before, upright) = (self.command(), self.upright);
-        Self { leans: true, before, upright, ..Self::new(self.lean.only(&upright), Manner::LEAVING) }
+        Self { leans: true, before, upright, ..Self::new(self.lean.only(&upright), manner) }
     }
 
     /// The robot stays as it leans, and has not chosen a stance.
