@@ -39,6 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 lines.push_back(state(world, stage));
                 lines.drain(..lines.len().saturating_sub(LINES));
             }
+            true
         })?;
         if played.end != "success" {
             lines.iter().for_each(|line| println!("{seed} {line}"));

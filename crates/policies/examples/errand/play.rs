@@ -29,8 +29,8 @@ pub struct Played {
     pub end: String,
 }
 
-/// Plays the first episode of a room from a subtask's start, by the rules of the errand.
-pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&World, &str)) -> Result<Played, Box<dyn Error>> {
+/// Plays the first episode of a room from a subtask's start, by the rules of the errand, for as long as who watches wants to go on.
+pub fn play(start: Task, seed: u64, mut goes_on: impl FnMut(&World, &str) -> bool) -> Result<Played, Box<dyn Error>> {
     let mut game = Game::start(Start { task: Task::Replace, ..Start::of(start, seed)? })?;
     let mut seen = game.observe()?;
     let mut expert = Expert::new()?;
@@ -45,7 +45,10 @@ pub fn play(start: Task, seed: u64, mut watch: impl FnMut(&World, &str)) -> Resu
             stages.push((task, seconds));
         }
         let phase = expert.phase().unwrap_or_default();
-        watch(game.world(), &format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string())));
+        let stage = format!("{} {phase}", played.map_or_else(String::new, |(task, _)| task.to_string()));
+        if !goes_on(game.world(), &stage) {
+            return Ok(Played { stages, seconds, end: "left".into() });
+        }
         if seconds > MAX_SECONDS {
             return Ok(Played { stages, seconds, end: "stuck".into() });
         }

@@ -79,6 +79,7 @@ struct Waypoint {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Grasp {
+    hand_from_glass: [f64; 3],
     turn: f64,
     roll: f64,
     torque: f64,
@@ -130,8 +131,6 @@ enum Phase {
 const BENT: f64 = 0.08;
 const LIES: f64 = 0.08;
 const HOLDS: f64 = 0.4;
-/// The glass's place in the hand, m, as of `hand_from_glass` of `grab.toml`.
-const HELD: [f64; 3] = [-0.0596, -0.1225, -0.0339];
 
 /// Where the robot stands and where the glass is wanted, on the floor.
 #[derive(Debug, Clone, Copy)]
@@ -220,7 +219,7 @@ impl Place {
         let Some(end) = self.params.way.last().map(|last| last.glass) else { return Ok(false) };
         let off = world_from_stance.inverse() * Point3::from(spot.glass.push(0.0)) - Point3::from(end);
         // The hand goes where it fits between the walls, also where the bulb has moved in it.
-        self.plan_way(seen, HELD.into(), off.xy(), arm)
+        self.plan_way(seen, self.params.grasp.hand_from_glass.into(), off.xy(), arm)
     }
 
     /// The same, with the glass at a place in the hand and as far from its way on the level.
@@ -422,10 +421,10 @@ impl Expert for Place {
                 (false, _) => Phase::Rise,
             }
         } else if self.share > 0.0 {
-            let held = arm.sensed_hand() * Point3::from(HELD);
+            let held = arm.sensed_hand() * Point3::from(self.params.grasp.hand_from_glass);
             let here = stance.inverse() * held;
             let off = here.coords.xy() - self.between(|way| way.glass).xy();
-            self.plan_way(seen, HELD.into(), off, arm)?;
+            self.plan_way(seen, self.params.grasp.hand_from_glass.into(), off, arm)?;
             if closed > BENT { Phase::Open } else { Phase::StandUp }
         } else {
             Phase::TakeDown
