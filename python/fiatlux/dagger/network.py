@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -182,15 +182,11 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
     shape = network.shape
     layers = {name: tensor.double().cpu() for name, tensor in network.state_dict().items()}
     tensors: dict[str, torch.Tensor] = {}
-    for number, camera in enumerate(shape.cameras):
-        for index in range(len(shape.convolutions)):
-            unseen = 0.0 if shape.blind and index == 0 else 1.0
-            tensors[f"{camera}.{index}.weight"] = unseen * layers[f"eyes.{number}.convolutions.{index}.weight"]
-            tensors[f"{camera}.{index}.bias"] = layers[f"eyes.{number}.convolutions.{index}.bias"]
-        for part in ("weight", "bias"):
-            tensors[f"{camera}.embedding.{part}"] = layers[f"eyes.{number}.embedding.{part}"]
-    head = [[layers[f"head.{index}.weight"], layers[f"head.{index}.bias"]] for index in range(len(shape.hidden))]
-    head.append([layers["last.weight"], layers["last.bias"]])
+    for own, name in _eyes(shape):
+        unseen = 0.0 if shape.blind and name.endswith(".0") else 1.0
+        tensors[f"{name}.weight"] = unseen * layers[f"{own}.weight"]
+        tensors[f"{name}.bias"] = layers[f"{own}.bias"]
+    head = [[layers[f"{own}.weight"], layers[f"{own}.bias"]] for own, _ in _head(shape)]
     # The scales of the state go into the first layer, those of the answer into the last one.
     weight, bias = head[0]
     seen = weight.shape[1] - shape.state
@@ -199,8 +195,8 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
     (weight, bias), centre = head[-1], layers["centre"].clone()
     centre[WALKS - 1] -= stands_from
     head[-1] = [weight * layers["scale"][:, None], bias * layers["scale"] + centre]
-    for index, (weight, bias) in enumerate(head):
-        tensors[f"head.{index}.weight"], tensors[f"head.{index}.bias"] = weight, bias
+    for (_, name), (weight, bias) in zip(_head(shape), head):
+        tensors[f"{name}.weight"], tensors[f"{name}.bias"] = weight, bias
     tensors = {name: tensor.half().contiguous() for name, tensor in tensors.items()}
     if not all(tensor.isfinite().all() for tensor in tensors.values()):
         raise ValueError(
@@ -222,33 +218,44 @@ def read(file: Path) -> tuple[Network, dict[str, Any]]:
     """The network of a file that :func:`export` wrote, and the record of its training. What training alone uses begins anew.
 
     Raises:
-        ValueError: It is no such file.
+        ValueError: The file was not written so.
     """
     try:
         with safe_open(file, "pt") as opened:
             contract = json.loads((opened.metadata() or {}).get("contract", "{}"))
             tensors = {name: opened.get_tensor(name).float() for name in opened.keys()}
     except (SafetensorError, json.JSONDecodeError) as error:
-        raise ValueError(f"{file} is no file of a network: {error}") from error
-    if contract.get("format") != FORMAT:
-        raise ValueError(f"{file} has the format {contract.get('format')!r}; {FORMAT!r} is read")
+        raise ValueError(f"{file} is not the file of a network: {error}") from error
+    made = contract.pop("format", None) if isinstance(contract, dict) else None
+    if made != FORMAT:
+        raise ValueError(f"{file} has the format {made!r}; {FORMAT!r} is read")
     record = contract.pop("training", {})
-    contract.pop("format")
-    shape = Shape(**{name: _fixed(value) for name, value in contract.items()})
-    network = Network(shape)
-    layers = dict(network.state_dict())
+    try:
+        network = Network(Shape(**{name: _fixed(value) for name, value in contract.items()}))
+        layers = dict(network.state_dict())
+        for own, name in (*_eyes(network.shape), *_head(network.shape)):
+            for part in ("weight", "bias"):
+                layers[f"{own}.{part}"] = tensors[f"{name}.{part}"]
+        network.load_state_dict(layers)
+    except (TypeError, KeyError, RuntimeError) as error:
+        raise ValueError(f"{file} does not fit its own contract: {error}") from error
+    return network, record
+
+
+def _eyes(shape: Shape) -> Iterator[tuple[str, str]]:
+    """Names of an encoder's layers in the network, and in the file."""
     for number, camera in enumerate(shape.cameras):
         for index in range(len(shape.convolutions)):
-            for part in ("weight", "bias"):
-                layers[f"eyes.{number}.convolutions.{index}.{part}"] = tensors[f"{camera}.{index}.{part}"]
-        for part in ("weight", "bias"):
-            layers[f"eyes.{number}.embedding.{part}"] = tensors[f"{camera}.embedding.{part}"]
-    names = [*(f"head.{index}" for index in range(len(shape.hidden))), "last"]
-    for index, name in enumerate(names):
-        for part in ("weight", "bias"):
-            layers[f"{name}.{part}"] = tensors[f"head.{index}.{part}"]
-    network.load_state_dict(layers)
-    return network, record
+            yield f"eyes.{number}.convolutions.{index}", f"{camera}.{index}"
+        yield f"eyes.{number}.embedding", f"{camera}.embedding"
+
+
+def _head(shape: Shape) -> Iterator[tuple[str, str]]:
+    """The same of the layers behind the encoders."""
+    layers = len(shape.hidden)
+    for index in range(layers):
+        yield f"head.{index}", f"head.{index}"
+    yield "last", f"head.{layers}"
 
 
 def _fixed(value: Any) -> Any:

@@ -306,3 +306,16 @@ def test_a_start_that_is_no_network_is_refused(tmp_path):
     safetensors_torch.save_file({"a": torch.zeros(1)}, file)
     with pytest.raises(ValueError, match="has the format None; 'fiatlux-see/1' is read"):
         load(file, "cpu")
+
+
+def test_a_start_that_lacks_a_layer_is_refused(tmp_path):
+    from safetensors import safe_open
+    from safetensors.torch import save_file
+
+    whole, part = tmp_path / "see.safetensors", tmp_path / "part.safetensors"
+    export(Network(Shape(("S05",), picture=(32, 32))), whole, {})
+    with safe_open(whole, "pt") as opened:
+        tensors = {name: opened.get_tensor(name) for name in opened.keys() if name != "head.1.bias"}
+        save_file(tensors, part, metadata=opened.metadata())
+    with pytest.raises(ValueError, match="does not fit its own contract: 'head.1.bias'"):
+        load(part, "cpu")

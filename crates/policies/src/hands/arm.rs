@@ -244,6 +244,7 @@ impl RightArm {
 
     /// Height of the hand's lowest point, as sensed, m.
     pub fn lowest(&mut self) -> f64 {
+        // Puts the model there.
         self.sensed_hand();
         let heights = self.of_hand.iter().map(|shape| {
             let shape = &self.model.shapes()[shape.0];

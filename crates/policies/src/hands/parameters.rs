@@ -153,6 +153,25 @@ mod tests {
         }
     }
 
+    /// A bulb is carried on as the starts have it in the hand, and each hand carries it where it took it.
+    #[test]
+    fn numbers_of_other_files_are_theirs() {
+        let scene: Table = include_str!("../../../world/scene.toml").parse().expect("TOML");
+        let carry = &scene["start"]["carry"];
+        let joints =
+            ["shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw"];
+        let arm = joints.map(|joint| {
+            let name = format!("right_{joint}_joint");
+            let own = carry["platform_arm"].get(&name).or_else(|| carry["arm"].get(&name));
+            own.cloned().unwrap_or(Value::from(0.0))
+        });
+        assert_eq!(of("remove")["leave"]["arm"].as_array().expect("an arm"), &arm);
+        for hand in ["", ".g1_dex3", ".g1_inspire6"] {
+            let glass = |skill: &str| of(&format!("{skill}{hand}"))["grasp"]["hand_from_glass"].clone();
+            assert_eq!(glass("place"), glass("grab"));
+        }
+    }
+
     #[test]
     fn a_hands_file_has_a_base_and_repeats_nothing_of_it() {
         let mut number = 0;
