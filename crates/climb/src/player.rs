@@ -22,6 +22,8 @@ const FOOT_WAITS: [f64; 2] = [0.01, 0.03];
 const AHEAD: f64 = 0.1;
 /// A foot that may bear less than this part of the weight bears nothing.
 const MIN_SHARE: f64 = 0.02;
+/// A foot that bears at least this part of the weight rests.
+const RESTS: f64 = 0.3;
 /// Control step, s.
 const DT: f64 = fiatlux_rules::CONTROL_DT;
 
@@ -47,6 +49,8 @@ pub struct Player {
     filter: JointFilter,
     state: State,
     pelvis: Option<Isometry3<f64>>,
+    /// Velocity of the pelvis, m/s, and its turning, rad/s, in the world, where they are known better than by two poses.
+    pub moves: Option<[Vector3<f64>; 2]>,
     targets: Vec<f64>,
 }
 
@@ -74,6 +78,7 @@ impl Player {
             filter,
             state,
             pelvis: None,
+            moves: None,
             targets,
         })
     }
@@ -129,6 +134,22 @@ impl Player {
         self.plan.at(self.time)
     }
 
+    /// Which feet the plan has flat on the ground under a good part of the weight, left first: those do not move.
+    pub fn rests(&self) -> [bool; 2] {
+        let rests = |now: Keyframe| {
+            [0, 1].map(|side| {
+                let [rear, front] = now.ranges[side];
+                now.bears[side] >= RESTS && front - rear >= LINE
+            })
+        };
+        self.wanted().map_or([false; 2], rests)
+    }
+
+    /// Accelerations that the last targets go with, in the order of the model's `qvel`.
+    pub fn acceleration(&self) -> &[f64] {
+        self.controller.acceleration()
+    }
+
     /// The state as the player takes it to be.
     pub fn state(&self) -> &State {
         &self.state
@@ -138,8 +159,10 @@ impl Player {
         let ids = &self.body.ids;
         let last = self.pelvis.replace(*pelvis).unwrap_or(*pelvis);
         self.state.set_pose(&self.body.model, ids.root, pelvis);
-        let velocity = (pelvis.translation.vector - last.translation.vector) / DT;
-        let turn = (pelvis.rotation * last.rotation.inverse()).scaled_axis() / DT;
+        let [velocity, turn] = self.moves.unwrap_or_else(|| {
+            let turn = (pelvis.rotation * last.rotation.inverse()).scaled_axis() / DT;
+            [(pelvis.translation.vector - last.translation.vector) / DT, turn]
+        });
         self.state.qvel[ids.root_dof..][..3].copy_from_slice(velocity.as_slice());
         self.state.qvel[ids.root_dof + 3..][..3].copy_from_slice(turn.as_slice());
         self.filter.step(angles, self.controller.acceleration(), &mut self.state);

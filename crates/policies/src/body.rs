@@ -50,6 +50,15 @@ pub(super) fn pose(policy: &'static str, pose: Option<&Pose>) -> Result<Isometry
     Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation))
 }
 
+/// The message of a pose.
+pub(super) fn message(pose: &Isometry3<f64>) -> Pose {
+    let rotation = pose.rotation.quaternion();
+    Pose {
+        position: pose.translation.vector.iter().copied().collect(),
+        quaternion: vec![rotation.w, rotation.i, rotation.j, rotation.k],
+    }
+}
+
 /// Converts observations for controllers.
 pub(super) struct Senses {
     /// Name of the policy, for its errors.

@@ -119,6 +119,7 @@ struct Episode {
     /// As of [`ClimbCommand`]; the lean is in the plan's frame.
     pace: f64,
     lean: Vector3<f64>,
+    moves: Option<[Vector3<f64>; 2]>,
 }
 
 impl Climb {
@@ -147,6 +148,24 @@ impl Climb {
         if let Some(episode) = &mut self.episode {
             (episode.pace, episode.lean) = (pace, lean);
         }
+    }
+
+    /// How fast the pelvis moves, m/s, and turns, rad/s, in the ladder's frame, as is known better than by two poses.
+    pub(crate) fn set_moves(&mut self, moves: [Vector3<f64>; 2]) {
+        if let Some(episode) = &mut self.episode {
+            episode.moves = Some(moves);
+        }
+    }
+
+    /// Accelerations that the player expects, in the order of its model's `qvel`; `None` while it walks.
+    pub(crate) fn acceleration(&self) -> Option<&[f64]> {
+        self.episode.as_ref()?.player.as_ref().map(Player::acceleration)
+    }
+
+    /// Which feet rest by the plan, left first: none while it walks.
+    pub(crate) fn rests(&self) -> [bool; 2] {
+        let player = self.episode.as_ref().and_then(|episode| episode.player.as_ref());
+        player.map_or([false; 2], Player::rests)
     }
 
     /// Time in the plan and of the whole plan, s; `None` before the climb begins.
@@ -277,6 +296,7 @@ impl Policy for Climb {
             follower: None,
             pace: 1.0,
             lean: Vector3::zeros(),
+            moves: None,
         });
         Ok(())
     }
@@ -494,6 +514,7 @@ impl Episode {
             let is_stepping = player.time() < self.stepped;
             player.rate = if is_stepping { STEPS } else { RATES[usize::from(self.goes_down)] };
         }
+        player.moves = self.moves;
         (player.pace, player.lean) = (self.pace, world_from_plan.rotation * self.lean);
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
         self.hold.write(&self.walker.targets, angles, &mut targets);

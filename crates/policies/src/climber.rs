@@ -3,13 +3,14 @@
 use std::f64::consts::FRAC_PI_2;
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_proto::v3::{Observation, Pose, Privileged, SessionInfo, TaskInfo};
+use fiatlux_proto::v3::{Observation, Privileged, SessionInfo, TaskInfo};
 use fiatlux_rules::Task;
 use fiatlux_skills::heading;
 use fiatlux_skills::phases::Skill;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::Climb;
+use crate::body::message;
 
 /// A command to a [`Climber`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,13 +124,5 @@ impl Climber {
     /// Name of what it does now, and the part of the climb that is done, from 0 to 1; `None` before it begins.
     pub fn progress(&self) -> (String, Option<f64>) {
         (self.climb.phase(), self.climb.part_done())
-    }
-}
-
-fn message(pose: &Isometry3<f64>) -> Pose {
-    let rotation = pose.rotation.quaternion();
-    Pose {
-        position: pose.translation.vector.iter().copied().collect(),
-        quaternion: vec![rotation.w, rotation.i, rotation.j, rotation.k],
     }
 }

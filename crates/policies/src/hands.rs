@@ -25,6 +25,7 @@ use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
+pub(crate) use self::arm::hand_link;
 use self::arm::{MakesArm, RightArm};
 use self::grab::Grab;
 use self::insert::Insert;

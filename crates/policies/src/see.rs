@@ -1,6 +1,13 @@
-//! The policy `see`: walks, and works with its hands, by what the cameras see, with a network that learned it from the expert.
+//! The policy `see` acts by what the robot senses itself. It walks, and works with its hands, with networks that learned from the expert
+//! what to do where the cameras see this; and on the ladder it reckons where it is, and does there what the expert does.
 
+mod bulb;
+mod finds;
 mod network;
+mod on_ladder;
+mod posture;
+mod reckoning;
+mod shape;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +20,9 @@ use fiatlux_proto::v3::{Chunk, Image, Observation, Proprioception, Sensor, Sessi
 use fiatlux_rules::Task;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 
+use self::finds::Found;
 use self::network::{CAMERAS, Contract, Network, POSTURE, WALKS};
+use self::on_ladder::OnLadder;
 use crate::body;
 use crate::entry::Entry;
 use crate::gait::{self, Gait};
@@ -21,17 +30,23 @@ use crate::gait::{self, Gait};
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
     name: "see[:FILE]",
-    does: "walks to the crate (S05), the fresh bulb (S07) or the ladder (S09), puts the spent bulb into the crate (S06) and takes the \
-           fresh one (S08) by what its cameras see; see:FILE acts with a network that python -m fiatlux.dagger trained",
+    does: "does all tasks but S01 by what the robot senses itself: cameras, LiDAR, hands and body; see:FILE acts with a network that \
+           python -m fiatlux.dagger trained",
     make: |file| Ok(Box::new(See::new(file)?)),
 };
 
 /// The networks that come with this version, and what each plays; `weights/README.md` is their card.
-const SHIPPED: [(&[u8], &[Task]); 3] = [
+const SHIPPED: [(&[u8], &[Task]); 4] = [
     (include_bytes!("../weights/walks.safetensors"), &[Task::S05, Task::S07]),
     (include_bytes!("../weights/ladder.safetensors"), &[Task::S09]),
     (include_bytes!("../weights/hands.safetensors"), &[Task::S06, Task::S08]),
+    (
+        include_bytes!("../weights/platform.safetensors"),
+        &[Task::S02, Task::S03, Task::S04, Task::S10, Task::S11, Task::S12],
+    ),
 ];
+/// Scans of the LiDAR for tasks on the ladder, Hz: at 10 Hz one climb of three fell.
+const SCANS_HZ: f64 = 25.0;
 /// Ranges of the commanded velocity: ahead and to the left, m/s, and about the vertical, rad/s.
 const RANGES: [[f64; 2]; 3] = [[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]];
 /// A force on a body of a hand that counts as the largest, N.
@@ -47,7 +62,15 @@ pub struct See {
     playing: usize,
     tasks: &'static [Task],
     body: Arc<fiatlux_wbc::Network>,
-    episode: Option<Episode>,
+    episode: Option<Playing>,
+}
+
+/// The player of an episode.
+enum Playing {
+    /// A network says what to do.
+    Acts(Box<Episode>),
+    /// A network says where the robot is.
+    OnLadder(Box<OnLadder>),
 }
 
 /// A network, and the tasks that it plays.
@@ -148,7 +171,9 @@ impl Policy for See {
         let rate_hz = HZ / self.contract().every as f64;
         let camera = |name: &String| Sensor { rate_hz, ..Sensor::from(name.as_str()) };
         let cameras = self.contract().cameras.iter().map(camera);
-        gait::SENSORS.into_iter().map(Sensor::from).chain(cameras).collect()
+        let climbs = self.networks.iter().any(|player| player.network.contract().finds_place());
+        let lidar = climbs.then(|| Sensor { rate_hz: SCANS_HZ, ..Sensor::from("lidar") });
+        gait::SENSORS.into_iter().map(Sensor::from).chain(cameras).chain(lidar).collect()
     }
 
     fn image_size(&self) -> Option<[u32; 2]> {
@@ -157,13 +182,9 @@ impl Policy for See {
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
-        let plays = |player: &Player| player.tasks.iter().any(|known| known.short_id() == task);
-        let playing = self.networks.iter().position(plays);
-        let place = |index: usize| {
-            let known = &self.networks[index].network.contract().tasks;
-            Some((index, known.iter().position(|known| known == task)?))
-        };
-        let Some((playing, task)) = playing.and_then(place) else {
+        let known = self.tasks.iter().copied().find(|known| known.short_id() == task);
+        let plays = |task: Task| self.networks.iter().position(|player| player.tasks.contains(&task));
+        let Some((playing, known)) = known.and_then(|known| Some((plays(known)?, known))) else {
             let known: Vec<&str> = self.tasks.iter().map(|task| task.short_id()).collect();
             let reason = format!("it learned {}, but this is {task}; use another policy", known.join(", "));
             return Err(PolicyError::Unfit { policy: "see", reason });
@@ -181,26 +202,40 @@ impl Policy for See {
             let reason = "it learned on a robot with other joints; use a network of this robot".into();
             return Err(PolicyError::Unfit { policy: "see", reason });
         }
+        if contract.finds_place() {
+            self.episode = Some(Playing::OnLadder(Box::new(OnLadder::new(known, info, first)?)));
+            return Ok(());
+        }
         let gait = if contract.has_hands() { Gait::with_hands } else { Gait::new };
-        self.episode = Some(Episode {
+        self.episode = Some(Playing::Acts(Box::new(Episode {
             gait: gait("see", Arc::clone(&self.body), info, first)?,
-            task,
+            task: contract.tasks.iter().position(|known| known == task).unwrap_or_default(),
             place: Place::default(),
             last: None,
             memory: VecDeque::new(),
             command: BodyCommand::default(),
             phase: None,
             since: first.step,
-        });
+        })));
         Ok(())
     }
 
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
-        let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("see"))?;
+        let playing = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("see"))?;
         let network = &mut self.networks[self.playing].network;
         let sensed = sensed(network.contract(), observation)?;
-        episode.reckon(observation.step, &sensed);
         let pictures = pictures(network.contract(), observation)?;
+        let episode = match playing {
+            Playing::Acts(episode) => episode,
+            Playing::OnLadder(on_ladder) => {
+                let find = || {
+                    let seen = embedding(network, &pictures?);
+                    Found::of(network.decide(&[&seen], &sensed))
+                };
+                return on_ladder.act(observation, find);
+            }
+        };
+        episode.reckon(observation.step, &sensed);
         if let Some(pictures) = &pictures {
             episode.look(network, observation.step, pictures);
         }
@@ -211,7 +246,10 @@ impl Policy for See {
     }
 
     fn source(&mut self) -> Option<Chunk> {
-        self.episode.as_mut()?.gait.record()
+        match self.episode.as_mut()? {
+            Playing::Acts(episode) => episode.gait.record(),
+            Playing::OnLadder(on_ladder) => on_ladder.source(),
+        }
     }
 }
 
@@ -231,6 +269,7 @@ fn sensed(contract: &Contract, observation: &Observation) -> Result<Vec<f32>, Po
         if body.joint_position.len() != contract.joints.len() {
             return Err(missing("proprioception"));
         }
+        let forces = if contract.touched == 0 { &[] } else { forces };
         if forces.len() != contract.touched {
             return Err(missing("hand_contact"));
         }
@@ -238,6 +277,12 @@ fn sensed(contract: &Contract, observation: &Observation) -> Result<Vec<f32>, Po
         numbers.extend(body.joint_position.iter().copied().chain(forces.iter().map(norm)));
     }
     Ok(numbers)
+}
+
+/// The numbers that encoders make of a picture of each camera.
+fn embedding(network: &mut Network, pictures: &[&[u8]]) -> Vec<f32> {
+    let seen = pictures.iter().enumerate();
+    seen.flat_map(|(camera, rgb)| network.encode(camera, rgb)).collect()
 }
 
 /// Pictures of all cameras; `None` at a step that lacks one.
@@ -267,8 +312,7 @@ impl Episode {
 
     /// Keeps what the cameras see.
     fn look(&mut self, network: &mut Network, step: u64, pictures: &[&[u8]]) {
-        let seen = pictures.iter().enumerate();
-        let embedding = seen.flat_map(|(camera, rgb)| network.encode(camera, rgb)).collect();
+        let embedding = embedding(network, pictures);
         self.memory.push_back(Frame { step, place: self.place, embedding });
         let oldest = network.contract().ages.last().copied().unwrap_or_default();
         while self.memory.get(1).is_some_and(|frame| frame.step + oldest <= step) {

@@ -3,13 +3,11 @@
 import argparse
 import json
 import math
-import os
 import platform
 import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,8 @@ from torch import nn
 
 from .._files import regular
 from .lessons import GOALS, Lesson, play, shape_of, state_of
-from .network import WALKS, Network, Shape, export, normalised, read
+from .finds import LOOKS_IN, find
+from .network import WALKS, Network, Shape, export, normalised, read, varied
 from .settings import FIRST_ROOM, keep
 
 LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5}
@@ -34,6 +33,8 @@ EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
   python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --updates 2000 --rounds 2
   python -m fiatlux.dagger export runs/walks/round-3.pt walks.safetensors
+  python -m fiatlux.dagger find --out runs/platform
+  python -m fiatlux.dagger export runs/platform/found.pt platform.safetensors
   fiatlux evaluate --policy see:walks.safetensors --tasks S05,S07,S09 --seeds fresh:48
 
 In round 0 the teacher drives; in each one that follows, the student of the round before. Then a student is trained on all lessons so
@@ -87,6 +88,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
     train.add_argument("--hardware", default=platform.machine(), help="for the record")
     train.set_defaults(run=train_rounds)
+    finds = commands.add_parser("find", help="looks on while the expert plays, and learns where the robot is on the ladder")
+    finds.add_argument(
+        "--tasks", nargs="+", default=LOOKS_IN, choices=LOOKS_IN, help="tasks that it looks on in [default: all four]"
+    )
+    finds.add_argument("--out", type=Path, required=True, help="folder of the run; looks that are there are kept")
+    finds.add_argument(
+        "--worlds", type=int, nargs="+", default=[256], help="worlds, one number or one a task [default: 256]"
+    )
+    finds.add_argument("--first-room", type=int, default=FIRST_ROOM, help="first of the rooms [default: 1000]")
+    finds.add_argument("--steps", type=int, default=1300, help="control steps in each world [default: 1300]")
+    finds.add_argument("--updates", type=int, default=16000, help="steps of training [default: 16000]")
+    finds.add_argument("--batch", type=int, default=512, help="looks in a step of training [default: 512]")
+    finds.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
+    finds.add_argument("--picture", type=int, nargs=2, default=(128, 128), metavar=("WIDTH", "HEIGHT"))
+    finds.add_argument("--threads", type=int, help="threads of the worlds [default: one a core]")
+    finds.add_argument("--seed", type=int, default=1)
+    finds.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
+    finds.add_argument("--hardware", default=platform.machine(), help="for the record")
+    finds.set_defaults(run=find)
     write = commands.add_parser("export", help="writes the file that the policy see plays")
     write.add_argument("checkpoint", type=Path)
     write.add_argument("file", type=Path)
@@ -139,10 +159,7 @@ def train_rounds(given: argparse.Namespace) -> None:
         began = time.monotonic()
         student = fit(shape, lessons, given, device, student, number)
         record["minutes"] += (time.monotonic() - began) / 60
-        # Whole or not there: a run that is ended here goes on before it.
-        part_file = checkpoint.with_suffix(".part")
-        torch.save({"shape": asdict(shape), "network": student.state_dict(), "record": record}, part_file)
-        os.replace(part_file, checkpoint)
+        student.keep(checkpoint, record)
 
 
 def lesson_of(
@@ -193,20 +210,6 @@ def export_file(given: argparse.Namespace) -> None:
     export(network, given.file, record, given.stands_from)
     print(f"{given.file}: {given.file.stat().st_size} bytes")
     print(f"play it: fiatlux evaluate --policy see:{given.file} --tasks {','.join(network.shape.tasks)}")
-
-
-def varied(pictures: torch.Tensor, generator: torch.Generator, shifted: int) -> torch.Tensor:
-    """Normalised pictures with another contrast, brightness and tint for each decision, all shifted alike by some pixels; count x ages x
-    cameras x 3 x height x width."""
-
-    def drawn(most: float, *shape: int) -> torch.Tensor:
-        number = torch.rand((len(pictures), 1, 1, *shape, 1, 1), device=pictures.device, generator=generator)
-        return most * (2 * number - 1)
-
-    if shifted:
-        down, right = torch.randint(-shifted, shifted + 1, (2,), device=pictures.device, generator=generator).tolist()
-        pictures = torch.roll(pictures, (down, right), dims=(-2, -1))
-    return pictures * (1 + drawn(0.2, 1)) + drawn(0.4, 1) + drawn(0.2, 3)
 
 
 def fit(

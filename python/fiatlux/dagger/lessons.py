@@ -355,7 +355,7 @@ def play(
     drives = student_drives()
     for _ in range(steps):
         label = experts.label()
-        pelvis = _columns(seen, SENSED)
+        pelvis = columns_of(seen, SENSED)
         turning, ahead, left = pelvis[:, 2], pelvis[:, 6], pelvis[:, 7]
         moving = (count > 0) * CONTROL_DT
         cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
@@ -369,7 +369,7 @@ def play(
         unlearned = behind if has_hands else count < SETTLES
         if has_hands:
             moves = np.nan_to_num(np.concatenate([command[:, 3:], label.joint_target[:, LEGS_AND_WAIST:]], axis=1))
-            body = np.concatenate([body, _columns(seen, ("joint_position",)), touch(seen)], axis=1).astype(np.float32)
+            body = np.concatenate([body, columns_of(seen, ("joint_position",)), touch(seen)], axis=1).astype(np.float32)
         at = np.flatnonzero(count % every == 0)
         if len(at):
             pictures = notebook.look(at, [seen[camera] for camera in cameras], place)
@@ -415,7 +415,7 @@ def play(
             disturbed, noise = disturbs(velocity, led & (count > SETTLES))
             wanted[led], posture[led] = disturbed[led], command[led, 3:] if has_hands else UPRIGHT
             others[led] = (taught + noise)[led]
-        sensed = np.concatenate([pelvis, _columns(seen, ("joint_position", "joint_velocity"))], axis=1)
+        sensed = np.concatenate([pelvis, columns_of(seen, ("joint_position", "joint_velocity"))], axis=1)
         seen, _, terminated, truncated, info = env.step(bodies.targets(sensed, wanted, count, others, posture))
         over = terminated | truncated
         count += 1
@@ -480,7 +480,8 @@ def touch(seen: Any) -> Array:
     return np.minimum(np.linalg.norm(forces, axis=2), MAX_TOUCH_N)
 
 
-def _columns(seen: Any, names: Sequence[str]) -> Array:
+def columns_of(seen: Any, names: Sequence[str]) -> Array:
+    """These arrays of an observation, side by side: worlds x numbers."""
     return np.concatenate([np.reshape(seen[name], (len(seen[name]), -1)) for name in names], axis=1).astype(np.float64)
 
 

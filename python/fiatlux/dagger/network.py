@@ -63,6 +63,9 @@ class Shape:
     """Of a network that keeps in mind what it does: the expert's phases. It chooses one in each decision, and reads in the next one which
     that was, and for how long."""
 
+    finds: tuple[str, ...] = ()
+    """Of a network that says where things are in place of what to do: names of the numbers that come out."""
+
     @property
     def sensed(self) -> int:
         """Numbers of the body that it reads."""
@@ -71,6 +74,8 @@ class Shape:
     @property
     def state(self) -> int:
         """Numbers that the head reads beside embeddings."""
+        if self.finds:
+            return self.measured
         return self.measured + (len(self.phases) + len(CLOCKS) if self.phases else 0) + len(self.tasks)
 
     @property
@@ -86,6 +91,8 @@ class Shape:
     @property
     def outputs(self) -> int:
         """Numbers that come out."""
+        if self.finds:
+            return len(self.finds)
         return WALKS + self.moves + len(self.phases)
 
 
@@ -167,6 +174,12 @@ class Network(nn.Module):
             numbers = nn.functional.dropout(nn.functional.elu(layer(numbers)), dropped, self.training)
         return self.last(numbers), self.goal(numbers)
 
+    def keep(self, checkpoint: Path, record: dict[str, Any]) -> None:
+        """Writes a checkpoint, whole or not at all: a run that is ended here goes on before it."""
+        part_file = checkpoint.with_suffix(".part")
+        torch.save({"shape": asdict(self.shape), "network": self.state_dict(), "record": record}, part_file)
+        os.replace(part_file, checkpoint)
+
     def answer(self, output: torch.Tensor) -> torch.Tensor:
         """Numbers of :meth:`decide` in m/s, rad/s, m and rad."""
         return self.centre + self.scale * output
@@ -175,6 +188,20 @@ class Network(nn.Module):
 def normalised(pictures: torch.Tensor) -> torch.Tensor:
     """Pictures of bytes, ... x height x width x 3, as the network reads them, ... x 3 x height x width."""
     return ((pictures.float() - CENTRE) / SPREAD).movedim(-1, -3)
+
+
+def varied(pictures: torch.Tensor, generator: torch.Generator, shifted: int) -> torch.Tensor:
+    """Normalised pictures with another contrast, brightness and tint for each decision, all shifted alike by some pixels; count x ages x
+    cameras x 3 x height x width."""
+
+    def drawn(most: float, *shape: int) -> torch.Tensor:
+        number = torch.rand((len(pictures), 1, 1, *shape, 1, 1), device=pictures.device, generator=generator)
+        return most * (2 * number - 1)
+
+    if shifted:
+        down, right = torch.randint(-shifted, shifted + 1, (2,), device=pictures.device, generator=generator).tolist()
+        pictures = torch.roll(pictures, (down, right), dims=(-2, -1))
+    return pictures * (1 + drawn(0.2, 1)) + drawn(0.4, 1) + drawn(0.2, 3)
 
 
 def export(network: Network, file: Path, training: dict[str, Any], stands_from: float = 0.0) -> None:

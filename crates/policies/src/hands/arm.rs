@@ -18,7 +18,7 @@ use super::shape::{BULB_NAME, SOCKET_NAME, Surroundings};
 /// The frame of a hand whose robot has no grasp of its own. Its x axis comes out of the back of the hand, the fingers point along -y.
 const HAND: &str = "right_hand_base_link";
 /// The link in whose frame grasps are given.
-pub(super) fn hand_link(robot: &Robot) -> Option<usize> {
+pub(crate) fn hand_link(robot: &Robot) -> Option<usize> {
     robot.bulb_grasp().map(|grasp| grasp.link).or_else(|| robot.link_index(HAND))
 }
 

@@ -10,6 +10,8 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use super::finds::FINDS;
+
 /// Name and version of the contract's layout.
 const FORMAT: &str = "fiatlux-see/1";
 /// Under which name a file carries the contract.
@@ -89,6 +91,9 @@ pub(super) struct Contract {
     /// decision it reads which that was, and for how long.
     #[serde(default)]
     pub phases: Vec<String>,
+    /// Of a network that says where things are in place of what to do: names of the numbers that come out.
+    #[serde(default)]
+    pub finds: Vec<String>,
 }
 
 impl Contract {
@@ -150,6 +155,13 @@ impl Contract {
         if self.phases.len() > MAX_PARTS {
             return refuse("phases", &self.phases.len(), "at most 128");
         }
+        if self.finds_place() && (self.finds != FINDS || !self.phases.is_empty() || self.ages.len() > 1) {
+            return refuse(
+                "finds",
+                &self.finds,
+                "none, or those of python -m fiatlux.dagger find, beside no phases and one age",
+            );
+        }
         Ok(())
     }
 
@@ -176,6 +188,9 @@ impl Contract {
     fn state(&self) -> usize {
         let clocks = if self.phases.is_empty() { 0 } else { CLOCKS.len() };
         let moved = MOVED * (self.ages.len() - 1);
+        if self.finds_place() {
+            return PELVIS + self.joints.len() + self.touched;
+        }
         PELVIS + self.joints.len() + self.touched + moved + self.phases.len() + clocks + self.tasks.len()
     }
 
@@ -191,8 +206,16 @@ impl Contract {
         !self.joints.is_empty()
     }
 
+    /// True if it says where the robot is in place of what to do.
+    pub fn finds_place(&self) -> bool {
+        !self.finds.is_empty()
+    }
+
     /// Numbers that come out.
     fn outputs(&self) -> usize {
+        if self.finds_place() {
+            return self.finds.len();
+        }
         let hands = if self.has_hands() { POSTURE + self.joints.len() - fiatlux_wbc::MOVED } else { 0 };
         WALKS + hands + self.phases.len()
     }

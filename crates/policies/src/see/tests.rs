@@ -6,6 +6,7 @@ use fiatlux_client::Policy;
 use fiatlux_rules::Task;
 
 use super::See;
+use super::finds::{FINDS, Found};
 use super::network::{Network, SeeError, WALKS};
 
 const SIDE: usize = 16;
@@ -215,10 +216,13 @@ fn a_file_that_does_not_fit_is_refused_by_name() {
 /// Guards the shipped files: they are read, give the numbers of their export, have learned what they play, and look alike: sensors are
 /// asked for before the task is known.
 #[test]
-fn the_shipped_networks_play_five_tasks() {
+fn the_shipped_networks_play_all_tasks_but_the_first() {
     let see = See::new("").expect("the shipped networks");
     assert_eq!(see.name(), "see");
-    assert_eq!(see.tasks(), [Task::S05, Task::S06, Task::S07, Task::S08, Task::S09]);
+    let subtasks = Task::ALL.into_iter().filter(|task| task.short_id().starts_with('S'));
+    assert_eq!(see.tasks(), subtasks.skip(1).collect::<Vec<_>>());
+    let lidar = see.sensors().into_iter().find(|sensor| sensor.name == "lidar");
+    assert_eq!(lidar.map(|sensor| sensor.rate_hz), Some(25.0));
     for player in &see.networks {
         let contract = player.network.contract();
         assert!(player.tasks.iter().all(|task| contract.tasks().contains(task)), "{:?}", player.tasks);
@@ -226,6 +230,32 @@ fn the_shipped_networks_play_five_tasks() {
         let looks = (&contract.cameras, contract.picture, contract.every);
         assert_eq!(looks, (&first.cameras, first.picture, first.every), "{:?}", player.tasks);
     }
+}
+
+/// A network that finds is read by its names, takes no task, and plays what its contract says.
+#[test]
+fn a_network_that_finds_says_where_the_robot_is() {
+    let [joints, _] = PARTS;
+    let made = Made::of(10 + joints, FINDS.len());
+    let mut contract = with_hands();
+    contract["touched"] = json!(0);
+    contract["finds"] = json!(FINDS);
+    let file = |contract: &Value| Network::from_bytes(&made.file(contract, &[]));
+    let refused = |contract: &Value| file(contract).map(|_| ()).expect_err("it does not fit").to_string();
+    assert!(refused(&contract).contains("the contract's finds is"), "two ages");
+    contract["ages"] = json!([0]);
+    contract["phases"] = json!(["Open"]);
+    assert!(refused(&contract).contains("the contract's finds is"), "phases");
+    contract["phases"] = json!([]);
+    for other in [&FINDS[1..], &["x"; FINDS.len()], &["wall", "x", "y"]] {
+        contract["finds"] = json!(other);
+        assert!(refused(&contract).contains("the contract's finds is"), "{other:?}");
+    }
+    let [x, y, heading] = [0.1, -0.2, 0.3];
+    let found = Found::of(&[x, y, heading, 0.0, -1.0, 1.0, 2.0]).expect("seven numbers");
+    assert_eq!(found.place, [x, y, heading].map(f64::from));
+    assert!((found.spread[1] - (-1.0_f64).exp()).abs() < 1e-12 && found.wall == 2.0);
+    assert!(Found::of(&[0.0; 6]).is_none() && Found::of(&[]).is_none());
 }
 
 #[test]
