@@ -83,3 +83,29 @@ fn it_refuses_to_climb_a_ladder_that_it_does_not_see() {
         assert!(error.to_string().contains("the LiDAR does not see the ladder"), "{error}");
     }
 }
+
+#[test]
+fn numbers_that_are_not_finite_and_lists_of_other_lengths_are_refused() {
+    let (mut see, mut game) = (See::new("").unwrap(), Game::new(Task::S12, 1100));
+    let seen = game.observe();
+    type Spoil = fn(&mut Observation);
+    let spoilt: [(&str, Spoil); 5] = [
+        ("not finite", |seen| body(seen).base_linear_velocity[1] = f32::NAN),
+        ("not finite", |seen| body(seen).base_angular_velocity[0] = f32::INFINITY),
+        ("not finite", |seen| body(seen).joint_position[3] = f32::NAN),
+        ("proprioception", |seen| body(seen).joint_position.truncate(5)),
+        ("proprioception", |seen| body(seen).base_linear_velocity.clear()),
+    ];
+    for (message, spoil) in spoilt {
+        see.reset(&game.info, &seen).unwrap();
+        see.act(&seen).unwrap();
+        let mut bad = seen.clone();
+        spoil(&mut bad);
+        let error = see.act(&bad).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
+}
+
+fn body(seen: &mut Observation) -> &mut fiatlux_proto::v3::Proprioception {
+    seen.proprioception.as_mut().unwrap()
+}

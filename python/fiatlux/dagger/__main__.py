@@ -16,8 +16,8 @@ import torch
 from torch import nn
 
 from .._files import regular
-from .lessons import GOALS, Lesson, play, shape_of, state_of
 from .finds import LOOKS_IN, find
+from .lessons import GOALS, Lesson, play, shape_of, state_of
 from .network import WALKS, Network, Shape, export, normalised, read, varied
 from .settings import FIRST_ROOM, keep
 
@@ -88,7 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
     train.add_argument("--hardware", default=platform.machine(), help="for the record")
     train.set_defaults(run=train_rounds)
-    finds = commands.add_parser("find", help="looks on while the expert plays, and learns where the robot is on the ladder")
+    finds = commands.add_parser(
+        "find", help="looks on while the expert plays, and learns where the robot is on the ladder"
+    )
     finds.add_argument(
         "--tasks", nargs="+", default=LOOKS_IN, choices=LOOKS_IN, help="tasks that it looks on in [default: all four]"
     )
@@ -106,22 +108,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finds.add_argument("--seed", type=int, default=1)
     finds.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
     finds.add_argument("--hardware", default=platform.machine(), help="for the record")
-    finds.set_defaults(run=find)
+    finds.set_defaults(run=find, rounds=0)
     write = commands.add_parser("export", help="writes the file that the policy see plays")
     write.add_argument("checkpoint", type=Path)
     write.add_argument("file", type=Path)
     write.add_argument("--stands-from", type=float, default=0.0, help="the number from which it stands [default: 0]")
     write.set_defaults(run=export_file)
     given = parser.parse_args(arguments)
-    if given.run is train_rounds:
+    if command := {train_rounds: train, find: finds}.get(given.run):
         try:
             keep(given)
         except ValueError as error:
-            train.error(str(error))
+            command.error(str(error))
     try:
         return int(given.run(given) or 0)
     except KeyboardInterrupt:
-        print("stopped; the same command goes on after the last round that was finished", file=sys.stderr)
+        print("stopped; the same command goes on after what was finished", file=sys.stderr)
         return 3
 
 

@@ -110,9 +110,7 @@ def looks_of(index: int, shape: Shape, given: argparse.Namespace) -> Looks:
     return Looks.load(folder)
 
 
-def look(
-    task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int
-) -> Looks:
+def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int) -> Looks:
     """What the cameras see in a world for each room while the expert plays."""
     worlds, every = len(rooms), shape.every
     env = VectorEnv(

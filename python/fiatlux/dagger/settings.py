@@ -39,7 +39,7 @@ def keep(given: argparse.Namespace) -> None:
     settings = json.loads(json.dumps(settings, default=str))
     file = given.out / FILE
     if not file.exists():
-        if any(given.out.glob("lessons-*")):
+        if any(given.out.glob("lessons-*")) or any(given.out.glob("looks-*")):
             raise ValueError(f"{given.out} has lessons but no {FILE}; name another folder with --out")
         given.out.mkdir(parents=True, exist_ok=True)
         part_file = file.with_suffix(".part")

@@ -15,6 +15,7 @@ pytest.importorskip("safetensors")
 
 from fiatlux.dagger import lessons  # noqa: E402
 from fiatlux.dagger.__main__ import load, main  # noqa: E402
+from fiatlux.dagger.finds import FINDS, Looks  # noqa: E402
 from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, Phases, play  # noqa: E402
 from fiatlux.dagger.network import WALKS, Network, Shape, export  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
@@ -319,3 +320,47 @@ def test_a_start_that_lacks_a_layer_is_refused(tmp_path):
         save_file(tensors, part, metadata=opened.metadata())
     with pytest.raises(ValueError, match="does not fit its own contract: 'head.1.bias'"):
         load(part, "cpu")
+
+
+FIND = ["find", "--tasks", "S12", "S11", *SMALL]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dagger") / "found"
+    assert main([*FIND, "--out", str(folder)]) == 0
+    return folder
+
+
+def test_it_learns_where_the_robot_is_from_looks_that_it_keeps(found, tmp_path, capsys):
+    looks = Looks.load(found / "looks-S12")
+    # Worlds begin on the platform, and their pictures are as many as the bodies that took them.
+    assert len(looks.place) == len(looks.pictures) == len(looks.body) == 2 * 60 // 5
+    assert np.abs(looks.place).max(axis=0) == pytest.approx([0.05, 0.05, 0.1], abs=0.1)
+    assert set(looks.room) == {1000, 1001} and set(np.unique(looks.wall)) <= {0.0, 1.0}
+    before = {path: path.stat().st_mtime_ns for path in found.rglob("*.npy")}
+    assert main([*FIND, "--out", str(found)]) == 0
+    assert {path: path.stat().st_mtime_ns for path in found.rglob("*.npy")} == before
+    assert "kept out" in capsys.readouterr().out
+    network, record = load(found / "found.pt", "cpu")
+    assert record["looks"] == 2 * len(looks.place) and set(record["errors"]) == {"x", "y", "heading", "wall"}
+    assert network.shape.finds == FINDS and network.shape.state == network.shape.measured
+    assert main(["export", str(found / "found.pt"), str(tmp_path / "found.safetensors")]) == 0
+    again, _ = load(tmp_path / "found.safetensors", "cpu")
+    assert again.shape == network.shape
+
+
+@pytest.mark.parametrize(
+    "other, message",
+    [
+        (["--worlds", "3"], r"--worlds \[2\], not \[3\]"),
+        (["--worlds", "1", "2", "3"], "--worlds has 3 numbers for 2 tasks"),
+        (["--seed", "2"], "--seed 1, not 2"),
+        (["--first-room", "64"], "--first-room 64 is for judging"),
+        (["--tasks", "S05"], "invalid choice: 'S05'"),
+    ],
+)
+def test_looks_of_other_settings_are_not_taken_for_its_own(found, capsys, other, message):
+    with pytest.raises(SystemExit) as ended:
+        main([*FIND, "--out", str(found), *other])
+    assert ended.value.code == 2 and re.search(message, capsys.readouterr().err)

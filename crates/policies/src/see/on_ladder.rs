@@ -36,24 +36,24 @@ const SURE: f64 = 4.0;
 
 /// A policy for exact poses, and the bulb that it works at.
 enum Plays {
-    Climb(Climb),
-    TakesOut(Hands, Old),
-    PutsIn(Hands, Fresh),
+    Climb(Box<Climb>),
+    TakesOut(Box<Hands>, Old),
+    PutsIn(Box<Hands>, Fresh),
 }
 
 impl Plays {
     fn new(task: Task) -> Result<Self, PolicyError> {
         Ok(match task {
-            Task::S03 => Self::TakesOut(Hands::new()?, Old::default()),
-            Task::S11 => Self::PutsIn(Hands::new()?, Fresh::new()),
-            _ => Self::Climb(Climb::new()?),
+            Task::S03 => Self::TakesOut(Box::new(Hands::new()?), Old::default()),
+            Task::S11 => Self::PutsIn(Box::new(Hands::new()?), Fresh::new()),
+            _ => Self::Climb(Box::new(Climb::new()?)),
         })
     }
 
     fn policy(&mut self) -> &mut dyn Policy {
         match self {
-            Self::Climb(climb) => climb,
-            Self::TakesOut(hands, _) | Self::PutsIn(hands, _) => hands,
+            Self::Climb(climb) => climb.as_mut(),
+            Self::TakesOut(hands, _) | Self::PutsIn(hands, _) => hands.as_mut(),
         }
     }
 }
@@ -133,6 +133,10 @@ impl OnLadder {
             _ => (Goes::Stands, [true; 2]),
         };
         self.reckoning.step(sensed, &angles, goes, rests, scan);
+        if !self.reckoning.is_finite() {
+            let reason = "the robot senses a number that is not finite".into();
+            return Err(PolicyError::Unfit { policy: "see", reason });
+        }
         let is_up = self.reckoning.ladder_from_pelvis().translation.z > PICTURES_M;
         if is_up && let Some(found) = find() {
             self.look(&found);
@@ -202,12 +206,13 @@ impl OnLadder {
             ..Privileged::default()
         };
         Observation {
+            episode: observation.episode,
+            step: observation.step,
             privileged: Some(privileged),
             proprioception,
-            lidar: Vec::new(),
-            camera: None,
-            chest_camera: None,
-            ..observation.clone()
+            hand_contact_force: observation.hand_contact_force.clone(),
+            last_action: observation.last_action.clone(),
+            ..Observation::default()
         }
     }
 }

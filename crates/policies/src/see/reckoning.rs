@@ -2,7 +2,7 @@
 //!
 //! A Kalman filter of the pelvis and both feet. Velocity and turning of the pelvis are sensed with noise; a foot that rests stays where it
 //! is, and the joints say how the pelvis stands to it; the LiDAR's points lie on ladder and floor; and pictures say where the robot is on
-//! the platform, from which the LiDAR sees little of the ladder. Noise is as `docs/notes` has it for the standard observation.
+//! the platform, from which the LiDAR sees the floor alone. Noise is that of the standard observation (`docs/observations.md`).
 
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
@@ -155,6 +155,14 @@ impl Reckoning {
     /// The pelvis in the ladder's frame.
     pub fn ladder_from_pelvis(&self) -> &Isometry3<f64> {
         &self.poses[0]
+    }
+
+    /// False once a number was sensed that is not finite.
+    pub fn is_finite(&self) -> bool {
+        let [velocity, turning] = self.moves;
+        let pelvis = &self.poses[0];
+        let all = velocity.iter().chain(&turning).chain(&pelvis.translation.vector).chain(&pelvis.rotation.coords);
+        all.into_iter().all(|number| number.is_finite())
     }
 
     /// A part of the robot in the ladder's frame, with its joints at these angles, rad.
