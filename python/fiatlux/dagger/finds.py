@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..expert import Experts
 from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
-from .lessons import SENSED, SETTLES, STARTS, Array, columns_of
+from .lessons import SENSED, SETTLES, STARTS, Array, Columns, columns_of
 from .network import MIN_DEVIATION, Network, Shape, normalised, varied
 
 TASKS = ("S02", "S03", "S04", "S10", "S11", "S12")
@@ -42,7 +41,7 @@ WIDTHS = (0.05, 0.05, 0.1)
 
 
 @dataclass
-class Looks:
+class Looks(Columns):
     """Pictures, and what they show."""
 
     pictures: Array
@@ -54,17 +53,6 @@ class Looks:
     wall: Array
     """1 where the socket is at a wall, 0 where it is at the ceiling."""
     room: Array
-
-    def save(self, folder: Path) -> None:
-        """Writes each array into a file of its own."""
-        folder.mkdir(parents=True, exist_ok=True)
-        for field in fields(self):
-            np.save(folder / f"{field.name}.npy", getattr(self, field.name))
-
-    @classmethod
-    def load(cls, folder: Path) -> "Looks":
-        """Reads what :meth:`save` wrote."""
-        return cls(**{field.name: np.load(folder / f"{field.name}.npy", mmap_mode="r") for field in fields(cls)})
 
 
 def find(given: argparse.Namespace) -> None:

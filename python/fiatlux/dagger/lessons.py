@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import torch
@@ -64,8 +64,27 @@ STUMBLES = 0.02, (15, 75)
 Array = NDArray[Any]
 
 
+Kind = TypeVar("Kind", bound="Columns")
+
+
+class Columns:
+    """Arrays of a dataclass, each in a file of its own."""
+
+    def save(self, folder: Path) -> None:
+        """Writes each array into a file of its own."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for field in fields(cast(Any, self)):
+            np.save(folder / f"{field.name}.npy", getattr(self, field.name))
+
+    @classmethod
+    def load(cls: type[Kind], folder: Path) -> Kind:
+        """Reads what :meth:`save` wrote."""
+        names = [field.name for field in fields(cast(Any, cls))]
+        return cls(**{name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in names})
+
+
 @dataclass
-class Lesson:
+class Lesson(Columns):
     """Pictures and decisions of many episodes."""
 
     pictures: Array
@@ -95,17 +114,6 @@ class Lesson:
     """Where the goal is, ahead and to the left, m."""
     settles: Array
     """Those that are not learned."""
-
-    def save(self, folder: Path) -> None:
-        """Writes each array into a file of its own."""
-        folder.mkdir(parents=True, exist_ok=True)
-        for field in fields(self):
-            np.save(folder / f"{field.name}.npy", getattr(self, field.name))
-
-    @classmethod
-    def load(cls, folder: Path) -> "Lesson":
-        """Reads what :meth:`save` wrote."""
-        return cls(**{field.name: np.load(folder / f"{field.name}.npy", mmap_mode="r") for field in fields(cls)})
 
 
 class Notebook:
