@@ -276,6 +276,12 @@ fn sensed(contract: &Contract, observation: &Observation) -> Result<Vec<f32>, Po
         let norm = |force: &[f32; 3]| force.iter().map(|part| part * part).sum::<f32>().sqrt().min(MAX_TOUCH_N);
         numbers.extend(body.joint_position.iter().copied().chain(forces.iter().map(norm)));
     }
+    // Forces are clamped above, and a network need not read joints and forces.
+    let rest = [&body.joint_position, &observation.last_action, &observation.hand_contact_force];
+    if !numbers.iter().chain(rest.into_iter().flatten()).all(|number| number.is_finite()) {
+        let reason = "the robot senses a number that is not finite".into();
+        return Err(PolicyError::Unfit { policy: "see", reason });
+    }
     Ok(numbers)
 }
 

@@ -1,20 +1,21 @@
 //! Where the bulb is that the robot works at: in the hand, or in the socket.
 
 use fiatlux_room::bulb::SEAT_Z;
+use fiatlux_room::fixture::MOUTH_HEIGHT;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Force by which a hand feels a bulb, N, and for how many control steps it feels none before it has lost it.
 const TOUCHED_N: f64 = 0.1;
 const LOOSE: u32 = 25;
-/// A bulb this far out of the socket is no longer held there, m.
+/// The socket no longer holds a bulb that has come out by this much, m.
 const OUT_M: f64 = 0.02;
 /// A plug is seated that is so near to its seat, m, and has not come nearer by a step, m, for so many control steps.
 const SEATED_M: f64 = 0.010;
 const NEARER_M: f64 = 1e-3;
 const STOPS: u64 = 40;
-/// A plug is in the socket's mouth, which is at 0.034 m, from here on, m; and the share by which it is taken to be on the axis in a control
-/// step there.
+/// A plug nearer to its seat than this, m, is inside the socket's mouth, and the share by which it is moved onto the axis in a control step.
 const INSIDE_M: f64 = 0.027;
+const _: () = assert!(SEATED_M < INSIDE_M && INSIDE_M < MOUTH_HEIGHT);
 const GUIDED: f64 = 0.1;
 
 /// A bulb, and whether the socket holds it.
@@ -50,7 +51,7 @@ pub(super) struct Fresh {
     is_seated: bool,
     /// Least distance of the plug from the seat, m, and the control step of it.
     deepest: (f64, u64),
-    /// The socket from where it is taken to be, across its axis, m.
+    /// By how much it is taken to be elsewhere than the hand has it, across the socket's axis, m: found where the socket guides it.
     off: Vector3<f64>,
 }
 

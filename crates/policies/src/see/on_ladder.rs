@@ -137,17 +137,15 @@ impl OnLadder {
             _ => (Goes::Stands, [true; 2]),
         };
         self.reckoning.step(sensed, &angles, goes, rests, scan);
-        if !self.reckoning.is_finite() {
-            let reason = "the robot senses a number that is not finite".into();
-            return Err(PolicyError::Unfit { policy: "see", reason });
-        }
         let is_up = self.reckoning.ladder_from_pelvis().translation.z > PICTURES_M;
         if is_up && let Some(found) = find() {
             self.look(&found);
         }
-        let target = |(q0, action): (&f64, &f32)| q0 + self.info.action_scale * f64::from(*action);
-        let targets: Vec<f64> = self.q0.iter().zip(&observation.last_action).map(target).collect();
-        self.posture.step(&angles, &targets);
+        if !matches!(self.plays, Plays::Climb(_)) {
+            let target = |(q0, action): (&f64, &f32)| q0 + self.info.action_scale * f64::from(*action);
+            let targets: Vec<f64> = self.q0.iter().zip(&observation.last_action).map(target).collect();
+            self.posture.step(&angles, &targets);
+        }
         let seen = self.seen(observation);
         let steps = observation.step.saturating_sub(*self.began.get_or_insert(observation.step));
         if steps == 0 || steps == STANDS && matches!(self.plays, Plays::PutsIn(..)) {
@@ -180,16 +178,16 @@ impl OnLadder {
     /// noise where the hand works. Of both bulbs it works at one alone.
     fn seen(&mut self, observation: &Observation) -> Observation {
         let socket = socket(self.wall > 0.0);
-        let hand = self.reckoning.ladder_from(&self.hand, self.posture.angles());
+        let mut hand = || self.reckoning.ladder_from(&self.hand, self.posture.angles());
         let (bulb, is_fresh) = match &mut self.plays {
             Plays::Climb(_) => (Bulb { pose: socket, is_seated: true }, false),
             Plays::TakesOut(hands, old) => {
                 let [_, touch] = self.bodies.touch(&observation.hand_contact_force);
-                (old.step(pulls(&hands.phase()), touch.largest(), &hand, &socket), false)
+                (old.step(pulls(&hands.phase()), touch.largest(), &hand(), &socket), false)
             }
             Plays::PutsIn(hands, fresh) => {
                 let inserts = hands.phase() == "Insert";
-                (fresh.step(observation.step, inserts, &hand, &socket), true)
+                (fresh.step(observation.step, inserts, &hand(), &socket), true)
             }
         };
         let mut proprioception = observation.proprioception.clone();

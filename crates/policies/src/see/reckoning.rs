@@ -21,7 +21,7 @@ use super::shape::Shape;
 const ROWS: usize = 32;
 const COLUMNS: usize = 180;
 const ELEVATION: f64 = 25.0 * PI / 180.0;
-/// A range from here on is no hit, m.
+/// Ranges below this are hits, m.
 const RANGE: f64 = 9.9;
 /// One hit of so many is read.
 const EVERY: usize = 2;
@@ -155,14 +155,6 @@ impl Reckoning {
     /// The pelvis in the ladder's frame.
     pub fn ladder_from_pelvis(&self) -> &Isometry3<f64> {
         &self.poses[0]
-    }
-
-    /// False once a number was sensed that is not finite.
-    pub fn is_finite(&self) -> bool {
-        let [velocity, turning] = self.moves;
-        let pelvis = &self.poses[0];
-        let all = velocity.iter().chain(&turning).chain(&pelvis.translation.vector).chain(&pelvis.rotation.coords);
-        all.into_iter().all(|number| number.is_finite())
     }
 
     /// A part of the robot in the ladder's frame, with its joints at these angles, rad.
