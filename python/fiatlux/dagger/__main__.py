@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import platform
 import sys
 import time
@@ -18,7 +17,7 @@ from torch import nn
 from .._files import regular
 from .finds import LOOKS_IN, find
 from .lessons import GOALS, Lesson, play, shape_of, state_of
-from .network import WALKS, Network, Shape, export, normalised, read, varied
+from .network import WALKS, Network, Shape, export, learning_rate, normalised, on_device, read, varied
 from .settings import FIRST_ROOM, keep
 
 LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5}
@@ -209,7 +208,10 @@ def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
 def export_file(given: argparse.Namespace) -> None:
     """Writes the file of a checkpoint."""
     network, record = load(given.checkpoint, "cpu")
-    export(network, given.file, record, given.stands_from)
+    try:
+        export(network, given.file, record, given.stands_from)
+    except ValueError as error:
+        raise SystemExit(str(error)) from error
     print(f"{given.file}: {given.file.stat().st_size} bytes")
     print(f"play it: fiatlux evaluate --policy see:{given.file} --tasks {','.join(network.shape.tasks)}")
 
@@ -241,11 +243,7 @@ def fit(
     steps = np.arange(shape.every if shape.joints else 1)
     rows = learned[begins[:, None] + np.minimum(steps, counts[:, None] - 1)]
     to = lambda array, kind=torch.float32: torch.from_numpy(np.ascontiguousarray(array)).to(device, kind)  # noqa: E731
-    pictures = torch.empty((looks[-1], *lessons[0].pictures.shape[1:]), dtype=torch.uint8, device=device)
-    for first, lesson in zip(looks, lessons):
-        for part in range(0, len(lesson.pictures), 4096):
-            some = torch.from_numpy(np.array(lesson.pictures[part : part + 4096]))
-            pictures[first + part : first + part + len(some)] = some.to(device)
+    pictures = on_device(lessons, device)
     ages, states, learned_rows = to(np.stack(olds, 1), torch.int64), to(state), to(rows, torch.int64)
     wanted = torch.cat((to(columns["velocity"]), to(columns["stands"])[:, None], to(columns["moves"])), dim=1)
     far, farthest = GOALS_NEAR if shape.joints else GOALS_FAR
@@ -267,7 +265,7 @@ def fit(
     every, curve = max(1, min(500, given.updates // 20)), (given.out / f"curve-{number}.csv").open("w", buffering=1)
     print("step", *LEARNED, sep=",", file=curve)
     for step in range(1, given.updates + 1):
-        rate = given.rate * min(1, step / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * step / given.updates)))
+        rate = learning_rate(given.rate, step, given.updates)
         for group in optimizer.param_groups:
             group["lr"] = rate
         if often is None:

@@ -18,7 +18,7 @@ from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
 from .lessons import SENSED, SETTLES, STARTS, Array, Columns, columns_of
-from .network import MIN_DEVIATION, Network, Shape, normalised, varied
+from .network import MIN_DEVIATION, Network, Shape, learning_rate, normalised, on_device, varied
 
 TASKS = ("S02", "S03", "S04", "S10", "S11", "S12")
 """Those that are played with what is found: the robot gets onto the ladder, or is there."""
@@ -161,13 +161,7 @@ def fit(
     training: root mean squares, m and rad, and the share of looks in which it is wrong about the wall."""
     torch.manual_seed(given.seed)
     generator = torch.Generator(device).manual_seed(given.seed)
-    count, first = sum(len(each.wall) for each in looks), 0
-    pictures = torch.empty((count, *looks[0].pictures.shape[1:]), dtype=torch.uint8, device=device)
-    for each in looks:
-        for part in range(0, len(each.pictures), 4096):
-            some = torch.from_numpy(np.array(each.pictures[part : part + 4096]))
-            pictures[first : first + len(some)] = some.to(device)
-            first += len(some)
+    pictures = on_device(looks, device)
     body, place, wall, room = (
         torch.from_numpy(np.concatenate([getattr(each, name) for each in looks])).to(device)
         for name in ("body", "place", "wall", "room")
@@ -185,7 +179,7 @@ def fit(
     totals = torch.zeros(numbers + 1, device=device)
     print(f"{len(learned)} looks to learn, {len(kept_out)} kept out, {device}", flush=True)
     for step in range(1, given.updates + 1):
-        rate = given.rate * min(1, step / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * step / given.updates)))
+        rate = learning_rate(given.rate, step, given.updates)
         for group in optimizer.param_groups:
             group["lr"] = rate
         at = learned[torch.randint(len(learned), (given.batch,), device=device, generator=generator)]

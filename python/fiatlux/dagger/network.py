@@ -1,12 +1,14 @@
 """The network of the policy ``see``, and its file."""
 
 import json
+import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -204,9 +206,28 @@ def varied(pictures: torch.Tensor, generator: torch.Generator, shifted: int) -> 
     return pictures * (1 + drawn(0.2, 1)) + drawn(0.4, 1) + drawn(0.2, 3)
 
 
+def learning_rate(highest: float, step: int, steps: int) -> float:
+    """The learning rate of a step of training: it rises in the first 200, then falls along a cosine to a fiftieth."""
+    return highest * min(1, step / 200) * (0.02 + 0.49 * (1 + math.cos(math.pi * step / steps)))
+
+
+def on_device(lessons: Sequence[Any], device: str) -> torch.Tensor:
+    """The pictures of lessons, one after the other, in the memory of a device."""
+    count, first = sum(len(lesson.pictures) for lesson in lessons), 0
+    pictures = torch.empty((count, *lessons[0].pictures.shape[1:]), dtype=torch.uint8, device=device)
+    for lesson in lessons:
+        for part in range(0, len(lesson.pictures), 4096):
+            some = torch.from_numpy(np.array(lesson.pictures[part : part + 4096]))
+            pictures[first : first + len(some)] = some.to(device)
+            first += len(some)
+    return pictures
+
+
 def export(network: Network, file: Path, training: dict[str, Any], stands_from: float = 0.0) -> None:
     """Writes the file of a network, in half precision; ``stands_from`` is the number from which it stands, which is 0 in the file."""
     shape = network.shape
+    if stands_from and shape.finds:
+        raise ValueError("--stands-from: a network that finds a place does not say whether to stand")
     layers = {name: tensor.double().cpu() for name, tensor in network.state_dict().items()}
     tensors: dict[str, torch.Tensor] = {}
     for own, name in _eyes(shape):

@@ -348,6 +348,8 @@ def test_it_learns_where_the_robot_is_from_looks_that_it_keeps(found, tmp_path, 
     assert main(["export", str(found / "found.pt"), str(tmp_path / "found.safetensors")]) == 0
     again, _ = load(tmp_path / "found.safetensors", "cpu")
     assert again.shape == network.shape
+    with pytest.raises(SystemExit, match="--stands-from: a network that finds a place"):
+        main(["export", str(found / "found.pt"), str(tmp_path / "other.safetensors"), "--stands-from", "1"])
 
 
 @pytest.mark.parametrize(
