@@ -14,10 +14,9 @@ from torch import nn
 
 from .. import poses
 from ..expert import Experts
-from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
-from .lessons import SENSED, SETTLES, STARTS, Array, Columns, columns_of
+from .lessons import SENSED, SETTLES, Array, Columns, columns_of, lesson_worlds
 from .network import MIN_DEVIATION, Network, Shape, learning_rate, normalised, on_device, varied
 
 TASKS = ("S02", "S03", "S04", "S10", "S11", "S12")
@@ -101,20 +100,7 @@ def looks_of(index: int, shape: Shape, given: argparse.Namespace) -> Looks:
 def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int) -> Looks:
     """What the cameras see in a world for each room while the expert plays."""
     worlds, every = len(rooms), shape.every
-    env = VectorEnv(
-        task,
-        worlds,
-        seeds=rooms,
-        episodes=STARTS,
-        num_threads=threads,
-        seed=seed,
-        sensors=[*SENSORS, *(f"{camera}@{round(1 / (every * CONTROL_DT))}" for camera in shape.cameras)],
-        image_size=shape.picture,
-        action_form="joint_target",
-        protocol="strict",
-        copy=False,
-        final_obs=False,
-    )
+    env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
     experts = Experts(env, num_threads=env.num_threads)
     count, q0, rows = np.zeros(worlds, np.int64), Kinematics().q0, 0
     most = worlds * (steps // every + steps // SETTLES + 1)

@@ -290,6 +290,27 @@ def shape_of(tasks: Sequence[str], **settings: Any) -> Shape:
     )
 
 
+def lesson_worlds(
+    task: str, rooms: Sequence[int], shape: Shape, sensors: Sequence[str], *, threads: int | None, seed: int
+) -> VectorEnv:
+    """A world in each room, with these sensors and the cameras of a network of this shape, under the strict judge."""
+    rate = round(1 / (shape.every * CONTROL_DT))
+    return VectorEnv(
+        task,
+        len(rooms),
+        seeds=rooms,
+        episodes=STARTS,
+        num_threads=threads,
+        seed=seed,
+        sensors=[*sensors, *(f"{camera}@{rate}" for camera in shape.cameras)],
+        image_size=shape.picture,
+        action_form="joint_target",
+        protocol="strict",
+        copy=False,
+        final_obs=False,
+    )
+
+
 @dataclass
 class Played:
     """A lesson, and how its episodes ended."""
@@ -320,20 +341,7 @@ def play(
     on that is drawn from the whole; and of those with hands it begins some.
     """
     worlds, cameras, every = len(rooms), shape.cameras, shape.every
-    env = VectorEnv(
-        task,
-        worlds,
-        seeds=rooms,
-        episodes=STARTS,
-        num_threads=threads,
-        seed=seed,
-        sensors=[*SENSORS, *(f"{camera}@{round(1 / (every * CONTROL_DT))}" for camera in cameras)],
-        image_size=shape.picture,
-        action_form="joint_target",
-        protocol="strict",
-        copy=False,
-        final_obs=False,
-    )
+    env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
     random, number, has_hands = np.random.default_rng([seed, worlds]), shape.tasks.index(task), bool(shape.joints)
     bodies = Bodies(worlds, env.num_threads, has_hands)
     experts = Experts(env, num_threads=env.num_threads, parameters=TEACHERS.get(task))

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import subprocess
+from pathlib import Path
 
 import fiatlux
 import numpy as np
@@ -366,3 +367,10 @@ def test_looks_of_other_settings_are_not_taken_for_its_own(found, capsys, other,
     with pytest.raises(SystemExit) as ended:
         main([*FIND, "--out", str(found), *other])
     assert ended.value.code == 2 and re.search(message, capsys.readouterr().err)
+
+
+def test_the_shipped_network_finds_what_is_learned_here():
+    """The policy reads the shipped file by names of its own, and refuses others."""
+    shipped = Path(__file__).parents[3] / "crates/policies/weights/platform.safetensors"
+    network, record = load(shipped, "cpu")
+    assert network.shape.finds == FINDS and record["errors"]["y"] < 0.002
