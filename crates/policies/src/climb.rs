@@ -150,7 +150,7 @@ impl Climb {
         }
     }
 
-    /// How fast the pelvis moves, m/s, and turns, rad/s, in the ladder's frame, as is known better than by two poses.
+    /// Speed of the pelvis, m/s, and its rate of turn, rad/s, in the ladder's frame, as is known better than by two poses.
     pub(crate) fn set_moves(&mut self, moves: [Vector3<f64>; 2]) {
         if let Some(episode) = &mut self.episode {
             episode.moves = Some(moves);

@@ -36,7 +36,7 @@ LOGARITHMS = -9.0, 2.0
 KEPT_OUT = 16
 """One room of so many is kept out of training."""
 WIDTHS = (0.05, 0.05, 0.1)
-"""What counts as 1: m, and rad for the heading."""
+"""Counts as 1: m, and rad for the heading."""
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Looks(Columns):
     pictures: Array
     """Bytes: looks x cameras x height x width x 3."""
     body: Array
-    """What the body sensed."""
+    """The body's own senses."""
     place: Array
     """The place that is to be found, looks x 3."""
     wall: Array
@@ -98,7 +98,7 @@ def looks_of(index: int, shape: Shape, given: argparse.Namespace) -> Looks:
 
 
 def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int) -> Looks:
-    """What the cameras see in a world for each room while the expert plays."""
+    """Pictures of the cameras in a world for each room while the expert plays."""
     worlds, every = len(rooms), shape.every
     env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
     experts = Experts(env, num_threads=env.num_threads)
@@ -135,7 +135,7 @@ def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: 
 
 
 def at_wall(seen: Any) -> Array:
-    """Whether the socket is at a wall."""
+    """True where the socket is at a wall."""
     axis = poses.rotate(poses.of(seen, "socket")[:, 3:], np.array([0.0, 0.0, 1.0]))
     return (np.abs(axis[:, 2]) < 0.5).astype(np.float32)
 

@@ -25,7 +25,7 @@ use crate::hands::{Hands, hand_link};
 /// Height of the pelvis from which a task begins on the platform, m, and from which pictures say where the robot is.
 const UP_M: f64 = 1.6;
 const PICTURES_M: f64 = 1.55;
-/// How far from the middle of the platform it may begin: standard deviations, m and rad.
+/// Standard deviations of where on the platform it begins, from the middle, m and rad.
 const SPREAD: [f64; 2] = [0.02, 0.05];
 /// The least that pictures err by: x and y, m, and heading, rad.
 const ERRS: [f64; 3] = [0.008, 0.006, 0.02];
