@@ -55,7 +55,7 @@ const LADDER: Way =
 const AHEAD: Arm = Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO };
 /// The wrist is turned as a bulb in the hand starts, upright.
 const LADDER_BULB: Way = Way { arms: Some([AHEAD, Arm { wrist_roll: -1.57, ..AHEAD }]), ..LADDER };
-const FOLDED: Arm = Arm { pitch: 0.9, roll: 0.3, elbow: -0.9, ..Arm::ZERO };
+const FOLDED: Arm = Arm { pitch: 1.0, roll: 0.3, elbow: -1.0, ..Arm::ZERO };
 const DRAWN_BACK: Arm = Arm { pitch: 1.1, roll: 0.35, elbow: -0.4, ..Arm::ZERO };
 const DESCENT: Way = Way {
     face: 1.0,

@@ -39,7 +39,8 @@ const LEAVES: u64 = 250;
 /// Half extents of the ladder on the floor, x and y of its own frame, m: to the middle of its rails, 0.29 and 0.48, and 0.12
 /// more for the bulb that the robot carries ahead of it. So it comes to the rails straight and not past a corner.
 const LADDER_HALF: [f64; 2] = [0.41, 0.60];
-/// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere.
+/// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere. Where it goes on
+/// to climb, it stands at the steps, on -y.
 const AT_RAILS: f64 = 0.25;
 /// Speed at which it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
@@ -196,7 +197,10 @@ impl EpisodeState {
         let stop = self.goal.stop_m();
         let (map, goal, any_side, works) = (&self.map, self.goal, self.any_side, self.works);
         let is_good_side = |at: Point| match goal {
-            Goal::Ladder => any_side || libm::cos(turn(turned, thing, at)).abs() <= AT_RAILS,
+            Goal::Ladder => {
+                let side = turn(turned, thing, at);
+                any_side || libm::cos(side).abs() <= AT_RAILS && (!works || libm::sin(side) < 0.0)
+            }
             _ => !works || any_side || has_room_to_reach(map, thing, at),
         };
         // A search for a path asks this of tens of thousands of places: their distance first, which most of them fail.

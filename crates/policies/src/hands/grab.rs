@@ -39,6 +39,9 @@ const UPRIGHT: f64 = 0.9;
 /// The same at which it lies, or will. Between the two it may be on its way, or tilted in the hand.
 const LIES: f64 = 0.5;
 
+/// So many loose grips are tried again.
+const MAX_LOOSE: u32 = 3;
+
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Params {
@@ -108,6 +111,7 @@ struct Close {
     excess: f64,
     time: f64,
     hold: f64,
+    firm: f64,
     verify: f64,
     risen: f64,
     open: Angles,
@@ -148,7 +152,8 @@ enum Phase {
     PreGrasp,
     /// Moves it around the glass. Ends likewise; or the hand retreats.
     Approach,
-    /// Closes the thumb and then the fingers, by time. A finger that feels the bulb presses no harder than it must.
+    /// Closes the thumb and then the fingers, by time. A finger that feels the bulb presses no harder than it must. Where the thumb presses
+    /// less than it could, it meets the glass askew: the hand opens.
     Close,
     /// Lifts. Ends where the bulb has risen with the hand, or has not.
     Lift,
@@ -182,6 +187,8 @@ pub(super) struct Grab {
     /// Where the robot looked first, rad, and keeps looking.
     heading: f64,
     fingers: [Finger; FINGERS.len()],
+    /// Number of grips that were too loose to lift with.
+    loose: u32,
     /// The hand around a bulb that stands, and around one that lies.
     grip: Grip,
     lying_grip: Grip,
@@ -217,6 +224,7 @@ impl Grab {
             from_above: None,
             heading: 0.0,
             fingers: Default::default(),
+            loose: 0,
             grip: grip(&params.close.grip),
             lying_grip: params.lying.as_ref().map(|lying| grip(&lying.grip)).unwrap_or_default(),
             search: None,
@@ -479,7 +487,12 @@ impl Expert for Grab {
                 let goal = self.goal;
                 arm.move_to(false, &goal, motion.approach_speed)?;
                 self.bulb_height = self.glass(seen).z;
+                let is_loose = self.from_above.is_none() && seen.touch.fingers[0] < close.firm;
                 (elapsed > close.time + thumb_delay.max(finger_delay) + close.hold).then(|| {
+                    if is_loose && self.loose < MAX_LOOSE {
+                        self.loose += 1;
+                        return Phase::Open;
+                    }
                     self.goal.translation.vector.z += motion.lift;
                     Phase::Lift
                 })

@@ -10,6 +10,7 @@ use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
 use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal};
+use super::retries::Manner;
 
 /// Angles of the arm from the shoulder down, rad.
 pub(super) type ArmAngles = [f64; ARMS / 2];
@@ -176,11 +177,28 @@ impl RightArm {
 
     /// A way between two postures on which the gaps stay above `margin`, m, or near its ends above theirs; as corners, the ends
     /// included. None is found where the search ends before.
-    pub async fn way(&mut self, from: &ArmAngles, to: &ArmAngles, margin: f64, apart: Apart) -> Option<Vec<ArmAngles>> {
+    pub async fn way(
+        &mut self,
+        from: &ArmAngles,
+        to: &ArmAngles,
+        margin: f64,
+        manner: Manner,
+    ) -> Option<Vec<ArmAngles>> {
+        let Manner { apart, keeps_margin, .. } = manner;
         let ends = [(*from, self.gap(from, apart).await - 1e-3), (*to, self.gap(to, apart).await - 1e-3)];
-        // What the hand holds begins close to what is around.
-        let usual = if apart == Apart::Carrying { margin.min(ends[0].1).min(ends[1].1) } else { margin };
-        let margin = &Margin { usual, ends };
+        if keeps_margin && let Some(way) = self.way_within(&Margin { usual: margin, ends }, apart).await {
+            return Some(way);
+        }
+        if keeps_margin && apart != Apart::Carrying {
+            return None;
+        }
+        // What the hand holds may begin or end too close to what is around.
+        let usual = margin.min(ends[0].1).min(ends[1].1);
+        self.way_within(&Margin { usual, ends }, apart).await
+    }
+
+    async fn way_within(&mut self, margin: &Margin, apart: Apart) -> Option<Vec<ArmAngles>> {
+        let [from, to] = &margin.ends.map(|(angles, _)| angles);
         if self.is_clear(from, to, margin, apart).await {
             return Some(vec![*from, *to]);
         }

@@ -22,6 +22,9 @@ const LOST: f64 = 0.012;
 pub(super) struct Manner {
     /// Shapes from which its ways keep the arm apart.
     pub apart: Apart,
+    /// Its ways keep the usual gap even where one of their ends is nearer to something. With a bulb in the hand this can be a long way,
+    /// on which it slips.
+    pub keeps_margin: bool,
     /// Where the lean is changed, the arm first goes to where nothing is in its way.
     pub clears_for_change: bool,
     /// On its way to the first posture the hand feels the bulb.
@@ -49,6 +52,7 @@ impl Manner {
     /// Of an empty hand.
     pub const EMPTY: Self = Self {
         apart: Apart::All,
+        keeps_margin: true,
         clears_for_change: true,
         touched: Touched::GoesBack,
         squeezes: false,
@@ -62,6 +66,7 @@ impl Manner {
     /// Of a hand with the bulb, which feels it at all times. By way of where nothing is in the arm's way, S11 succeeds in fewer rooms.
     pub const CARRYING: Self = Self {
         apart: Apart::Carrying,
+        keeps_margin: false,
         clears_for_change: false,
         touched: Touched::GoesOn,
         squeezes: false,

@@ -191,7 +191,7 @@ impl<J: Judge> Thinker<J> {
         }
         arm.assume(&stance.command, &from);
         for share in MARGINS {
-            let way = arm.way(&from, &stance.postures[0], share * self.lean.margin, self.manner.apart).await;
+            let way = arm.way(&from, &stance.postures[0], share * self.lean.margin, self.manner).await;
             if way.is_some() {
                 return Ok(Found::Way(stance, way));
             }
@@ -257,7 +257,7 @@ impl<J: Judge> Thinker<J> {
             false => (haven.unwrap_or(from), &MARGINS[..1]),
         };
         for share in margins {
-            if let Some(mut way) = arm.way(&from, &to, share * self.lean.margin, self.manner.apart).await {
+            if let Some(mut way) = arm.way(&from, &to, share * self.lean.margin, self.manner).await {
                 way.reverse();
                 return way;
             }

@@ -7,7 +7,7 @@ use fiatlux_skills::path::{Map, Point, rectangle, wrapped};
 
 /// Distances of the ladder's centre from the fixture, m: below the ceiling, and from a wall, which the rear feet must not touch. It is put
 /// down a few centimetres short of there.
-const STANDOFF: (f64, f64) = (0.48, 0.61);
+const STANDOFF: (f64, f64) = (0.48, 0.58);
 /// Headings that are compared below the ceiling.
 const HEADINGS: u32 = 36;
 /// Room that the ladder's centre should have, and the places before its steps and behind its legs, y of its frame and m.
