@@ -1,6 +1,7 @@
 //! The server as a process.
 
 use std::io::Write as _;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,6 +14,7 @@ use fiatlux_link::{LinkArgs, Role};
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
 
+use crate::metrics::Metrics;
 use crate::robot::{self, RobotArgs};
 
 /// Largest scene file, bytes.
@@ -73,6 +75,9 @@ pub struct DaemonArgs {
     /// File of those who may open sessions, one line ID SECRET LIMIT for each [default: everybody may]
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
+    /// Address of /metrics, for Prometheus: sessions, records and bags. Whoever reaches it may read them [default: nowhere]
+    #[arg(long, value_name = "HOST:PORT", conflicts_with = "unitree")]
+    metrics: Option<SocketAddr>,
     #[command(flatten)]
     link: LinkArgs,
     #[command(flatten)]
@@ -121,6 +126,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         return robot::run(&args.robot, options);
     }
 
+    let metrics = args.metrics.map(Metrics::bind).transpose()?;
     // Set up before the server can be found, so that an early interrupt is not lost.
     let stop = fiatlux_cli::stop_on_signal()?;
     let mut link = args.link;
@@ -132,6 +138,9 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     }
     let session = link.open_unless(Role::Server, &stop)?;
     let server = Server::start(session.carrier(), options)?;
+    if let Some(metrics) = metrics {
+        metrics.serve(server.counts())?;
+    }
     let mut stdout = std::io::stdout();
     writeln!(stdout, "{} as {}", link.place(Role::Server)?, server.name())?;
     stdout.flush()?;

@@ -1,6 +1,7 @@
 //! The programs `sim-server` and `recorder`, as functions.
 
 mod daemon;
+mod metrics;
 pub mod recorder;
 mod robot;
 

@@ -4,7 +4,8 @@
 #[path = "../examples/errand/play.rs"]
 mod play;
 
-use fiatlux_rules::Task;
+use fiatlux_rules::{Task, errand};
+use fiatlux_world::{ShapeOwner, World};
 
 /// From the crate to the bench and back to the ladder, each once, without a start state in between.
 #[test]
@@ -34,4 +35,60 @@ fn it_stands_up_with_the_bulb() {
     });
     assert_eq!(played.unwrap().end, "left");
     assert!(height > fiatlux_room::ladder::PLATFORM_HEIGHT + 0.7, "{height} m");
+}
+
+/// The bulb comes to the ladder at its steps: from behind, the way around it led between wall and ladder.
+#[test]
+fn the_bulb_comes_to_the_steps() {
+    let mut y = f64::NAN;
+    let played = play::play(Task::S09, 8193, |world, stage| {
+        y = by_the_ladder(world).y;
+        !stage.starts_with("S10")
+    });
+    assert_eq!(played.unwrap().end, "left");
+    assert!(y < 0.0, "{y} m");
+}
+
+/// A thumb that meets the glass askew presses less: the hand opens and closes again before it lifts.
+#[test]
+fn a_loose_grip_is_tried_again() {
+    let mut phases = Vec::new();
+    let played = play::play(Task::S08, 8522, |_, stage| {
+        if phases.last().is_none_or(|last| last != stage) {
+            phases.push(stage.to_owned());
+        }
+        !stage.starts_with("S09")
+    });
+    assert_eq!(played.unwrap().end, "left");
+    let times = |phase: &str| phases.iter().filter(|known| *known == phase).count();
+    assert_eq!(["S08 Close", "S08 Open", "S08 Lift"].map(times), [2, 1, 1], "{phases:?}");
+}
+
+/// The arm that comes back from the socket with the bulb passes over the guard rail. In this room, where the robot placed the ladder itself,
+/// its elbow hooked under it.
+#[test]
+fn the_elbow_stays_clear_of_the_guard_rail() {
+    let mut touched = Vec::new();
+    let played = play::play(Task::S01, 8107, |world, stage| {
+        let scene = world.scene();
+        let is_elbow =
+            |owner| matches!(owner, ShapeOwner::Robot(link) if scene.robot.links()[link].name == "right_elbow_link");
+        let owners = world
+            .dynamics()
+            .contacts()
+            .iter()
+            .map(|contact| [contact.shape_a, contact.shape_b].map(|shape| scene.owner(shape)));
+        if stage.starts_with("S03 Leave") && owners.into_iter().flatten().any(is_elbow) {
+            touched.push(stage.to_owned());
+        }
+        !stage.starts_with("S04")
+    });
+    assert_eq!(played.unwrap().end, "left");
+    assert!(touched.is_empty(), "{touched:?}");
+}
+
+/// Place of the pelvis in the ladder's frame.
+fn by_the_ladder(world: &World) -> nalgebra::Vector3<f64> {
+    let row = world.row();
+    (row.things[errand::LADDER].pose.inverse() * row.robot.pose).translation.vector
 }

@@ -6,6 +6,7 @@
 //! in a session stays in it.
 
 mod actor;
+mod counts;
 mod credentials;
 mod gate;
 mod host;
@@ -29,6 +30,7 @@ mod state;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+pub use counts::Counts;
 pub use runs::RecordError;
 pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
 pub use simulate::simulate_thin_bags;

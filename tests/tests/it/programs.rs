@@ -1,7 +1,8 @@
 //! Duties of every program: its name, a word on what it waits for, an end on the first signal, IPv6, and
 //! errors of one sentence.
 
-use std::net::TcpListener;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, free_port, wait_until};
@@ -119,4 +120,43 @@ fn a_refusal_is_one_sentence() {
     let log = client.log();
     assert!(log.contains("answers, but opens no session"), "{log}");
     assert_eq!(log.lines().count(), 1, "{log}");
+}
+
+/// A server says on an address of its own what it has done since its start, in the form of Prometheus.
+#[test]
+fn a_server_has_metrics() {
+    let scratch = Scratch::new("metrics");
+    let [endpoint, metrics] =
+        [("tcp/", free_port()), ("", free_port())].map(|(kind, port)| format!("{kind}127.0.0.1:{port}"));
+    let bags = text(&scratch, "bags");
+    let serve = ["-l", &endpoint, "--record", &bags, "--capacity", "3", "--metrics", &metrics];
+    let mut server = Running::start("sim-server", &serve, &scratch);
+    server.wait_for("as local");
+    let page = |path: &str| {
+        let mut stream = TcpStream::connect(&metrics).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: lab\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    };
+    let figure = |name: &str| -> u64 {
+        let page = page("/metrics");
+        let line = page.lines().find_map(|line| line.strip_prefix(&format!("fiatlux_server_{name} "))).map(str::parse);
+        line.unwrap_or_else(|| panic!("no {name} in {page}")).unwrap()
+    };
+    assert_eq!(["sessions_capacity", "sessions_open", "sessions_total", "records_total"].map(figure), [3, 0, 0, 0]);
+    assert!(page("/").starts_with("HTTP/1.1 404 "));
+    let play = ["run", "-e", &endpoint, "--policy", "zero", "--task", "S07", "--seed", "1", "--recorded"];
+    let mut client = Running::start("policy-client", &play, &scratch);
+    assert!(client.finish(PATIENCE).0.success(), "{}", client.log());
+    wait_until("the bag counts", PATIENCE, || figure("bags_total{end=\"whole\"}") == 1);
+    wait_until("the session is over", PATIENCE, || figure("sessions_open") == 0);
+    assert_eq!(["sessions_total", "bags_total{end=\"cut\"}", "refused_messages_total"].map(figure), [1, 0, 0]);
+    // `zero` falls within a few seconds.
+    assert!((20..1000).contains(&figure("records_total")), "{}", figure("records_total"));
+    let mut second = Running::start("sim-server", &["--name", "other", "--metrics", &metrics], &scratch);
+    assert_eq!(second.finish(PATIENCE).0.code(), Some(1));
+    assert!(second.log().contains("the address cannot be used; choose another port"), "{}", second.log());
+    server.signal("TERM");
+    assert!(server.finish(END).0.success());
 }

@@ -142,6 +142,7 @@ impl ServerState {
         (actor.attempt, actor.rows, actor.is_replay) = (attempt, rows, is_replay);
         let actor = Arc::new(actor);
         self.sessions.add(&actor);
+        self.tally.sessions.fetch_add(1, Ordering::Relaxed);
         // The first check of a session sets its timer.
         let ends = !self.sessions.places.has(id);
         self.send(

@@ -17,6 +17,7 @@ use fiatlux_world::{SceneConfig, SceneError};
 use thiserror::Error;
 
 use super::actor::{Actor, Side};
+use super::counts::{Counts, Tally};
 use super::credentials::Credentials;
 use super::info;
 use super::links::Links;
@@ -210,6 +211,7 @@ impl Server {
             opens: Opens::default(),
             links: Links::default(),
             refused: AtomicU64::new(0),
+            tally: Tally::default(),
             closing: AtomicBool::new(false),
             start: Instant::now(),
         });
@@ -236,6 +238,12 @@ impl Server {
 
     pub fn open_sessions(&self) -> usize {
         self.shared.sessions.places.count()
+    }
+
+    /// The server's figures, whenever they are asked for; `None` once it is gone.
+    pub fn counts(&self) -> impl Fn() -> Option<Counts> + Send + Sync + 'static {
+        let shared = Arc::downgrade(&self.shared);
+        move || shared.upgrade().map(|shared| shared.counts())
     }
 
     /// Number of messages since the start that did not come from a session's client, or came a second time.

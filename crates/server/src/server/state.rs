@@ -14,6 +14,7 @@ use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
 use super::actor::{Actor, ReplyTo, Side, Wire, WireState};
+use super::counts::Tally;
 use super::credentials::Credentials;
 use super::gate::Gate;
 use super::links::{Links, RunJob};
@@ -54,6 +55,7 @@ pub(super) struct ServerState {
     pub links: Links,
     /// Number of messages to sessions that were refused because they did not come from the client.
     pub refused: AtomicU64,
+    pub tally: Tally,
     pub closing: AtomicBool,
     pub start: Instant,
 }
@@ -272,6 +274,9 @@ impl ServerState {
 
     fn remove(&self, actor: &Actor) {
         let was_open = self.sessions.remove(actor);
+        if was_open {
+            self.tally.records.fetch_add(actor.next_seq.load(Ordering::Relaxed), Ordering::Relaxed);
+        }
         let wire = lock(&actor.wire).close();
         if let Some(attempt) = &actor.attempt {
             attempt.settle();
@@ -300,6 +305,8 @@ impl ServerState {
             BagEnd::Whole(_) => tracing::info!(bag = %path, "finished a bag"),
             BagEnd::Cut(reason) => tracing::error!(bag = %path, reason, "a bag is cut"),
         }
+        let count = if matches!(report.end, BagEnd::Whole(_)) { &self.tally.bags } else { &self.tally.cut_bags };
+        count.fetch_add(1, Ordering::Relaxed);
         let (Some(runs), Some(ticket)) = (&self.runs, &report.header.run) else { return };
         let session = &report.header.session;
         let Some(attempt) = runs.attempt_of(ticket, session) else {
