@@ -8,9 +8,10 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use fiatlux_access::is_server_or_group;
 use fiatlux_cli::whole;
 use fiatlux_client::AccessArgs;
-use fiatlux_leaderboard::{Jobs, Joined, ServerVerifier, Service, ServiceOptions, Store, Verifier};
+use fiatlux_leaderboard::{Jobs, Joined, ServerGroup, ServerVerifier, Service, ServiceOptions, Store, Verifiers};
 use fiatlux_link::LinkArgs;
 
 /// Period of its checks for a stop.
@@ -34,8 +35,9 @@ pub struct WorkArgs {
 /// The servers that verify.
 #[derive(Debug, Args)]
 pub struct VerifierArgs {
-    /// Name of a server that verifies; may be repeated if several are behind one router
-    #[arg(long, value_name = "NAME")]
+    /// Name of a server that verifies, or of a group: 'lab-*' stands for all whose names begin with lab-, as they come and go. May be
+    /// repeated if several are behind one router
+    #[arg(long, value_name = "NAME", value_parser = server_or_group)]
     server: Vec<String>,
     /// Episodes to verify at the same time on each server
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>(1..=256))]
@@ -54,8 +56,8 @@ impl VerifierArgs {
         Duration::from_secs(self.refusal_pause)
     }
 
-    /// One verifier for each pair of an endpoint and a server name.
-    pub fn verifiers(&self) -> Result<Vec<Arc<dyn Verifier>>> {
+    /// One verifier for each pair of an endpoint and a server's name, one group for each of an endpoint and a group's name.
+    pub fn verifiers(&self) -> Result<Verifiers> {
         let access = Arc::new(self.access.read()?);
         let LinkArgs { connect, config, .. } = &self.link;
         let mut links: Vec<LinkArgs> =
@@ -63,13 +65,25 @@ impl VerifierArgs {
         if links.is_empty() && config.is_some() {
             links.push(self.link.clone());
         }
-        let names: Vec<Option<String>> =
-            if self.server.is_empty() { vec![None] } else { self.server.iter().cloned().map(Some).collect() };
-        let verifier = |link: &LinkArgs, name: &Option<String>| -> Arc<dyn Verifier> {
-            Arc::new(ServerVerifier::new(link.clone(), name.clone(), &access))
+        let names: Vec<Option<&str>> = if self.server.is_empty() {
+            vec![None]
+        } else {
+            self.server.iter().map(|name| Some(name.as_str())).collect()
         };
-        Ok(links.iter().flat_map(|link| names.iter().map(|name| verifier(link, name))).collect())
+        let mut verifiers = Verifiers::default();
+        for (link, name) in links.iter().flat_map(|link| names.iter().map(move |name| (link.clone(), *name))) {
+            match name.and_then(|name| name.strip_suffix('*')) {
+                Some(start) => verifiers.groups.push(Arc::new(ServerGroup::new(link, start.into(), &access))),
+                None => verifiers.servers.push(Arc::new(ServerVerifier::new(link, name.map(Into::into), &access))),
+            }
+        }
+        Ok(verifiers)
     }
+}
+
+fn server_or_group(text: &str) -> Result<String, String> {
+    let remedy = "a name has 1 to 64 letters, digits, - or _; NAME-* stands for all whose names begin with NAME-";
+    is_server_or_group(text).then(|| text.to_owned()).ok_or_else(|| remedy.into())
 }
 
 /// Verifies until a signal asks it to stop.

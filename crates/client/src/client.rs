@@ -27,8 +27,8 @@ use fiatlux_session::{ClientSession, Machine, SessionFailure};
 
 use crate::{Policy, PolicyError, RoundTrips};
 pub use access::{Access, AccessArgs};
-pub(crate) use discover::{DISCOVERY_S, live_servers};
-pub use discover::{describe_servers, find_server};
+pub(crate) use discover::DISCOVERY_S;
+pub use discover::{describe_servers, find_server, live_servers};
 pub use error::ClientError;
 use mailbox::Mailbox;
 use query::{Content, GreetingReply, Sealing};

@@ -13,7 +13,7 @@ mod session_args;
 mod shard;
 mod stats;
 
-pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server};
+pub use client::{Access, AccessArgs, Client, ClientError, describe_servers, find_server, live_servers};
 pub use fiatlux_session::{Command, SessionFailure};
 pub use lists::{SeedList, TaskList, fresh_seeds, is_fresh, parse_seed, parse_seeds, parse_tasks};
 pub use policy::{Policy, PolicyError, check_tasks, request_of};

@@ -81,7 +81,7 @@ async fn scorer(folder: &str, ms: u64) {
     let _joined = store.join().await.unwrap().unwrap();
     let sleeper = Arc::new(Sleeper { time: Duration::from_millis(ms), count: AtomicU64::new(0) });
     let service = Arc::new(Service::new(store, ServiceOptions::default()));
-    let jobs = Jobs::verify(&service, vec![Arc::<Sleeper>::clone(&sleeper)], 1).unwrap();
+    let jobs = Jobs::verify(&service, vec![Arc::<Sleeper>::clone(&sleeper) as Arc<dyn Verifier>], 1).unwrap();
     tokio::task::spawn_blocking(|| {
         std::io::stdin().read_to_end(&mut Vec::new()).unwrap();
         jobs.stop();

@@ -24,9 +24,9 @@ use tokio::task::JoinHandle;
 
 use crate::store::{Duty, Term, now_ms};
 use crate::{Service, StoreError, SubmissionId};
-pub use server::ServerVerifier;
+pub use server::{ServerGroup, ServerVerifier};
 use verify::Workers;
-pub use verify::{Verifier, VerifyOutcome};
+pub use verify::{Verifier, VerifierGroup, Verifiers, VerifyOutcome};
 
 /// Time between two looks for work of the grader without a notification.
 const LOOK: Duration = Duration::from_secs(2);
@@ -47,20 +47,20 @@ pub struct Jobs {
 impl Jobs {
     /// Starts to grade, and to verify `parallel` episodes at a time by each of the verifiers. Without one, episodes wait for a service
     /// that has some. Must be called on the Tokio runtime of the service.
-    pub fn start(service: &Arc<Service>, verifiers: Vec<Arc<dyn Verifier>>, parallel: usize) -> std::io::Result<Self> {
+    pub fn start(service: &Arc<Service>, verifiers: impl Into<Verifiers>, parallel: usize) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let grader = tokio::spawn(grade_all(Arc::clone(service), Arc::clone(&stop)));
         let drawer = tokio::spawn(draw_all(Arc::clone(service), Arc::clone(&stop)));
         let sweeper = tokio::spawn(sweep(Arc::clone(service)));
         let runs = tokio::spawn(runs::follow(Arc::clone(service)));
-        let workers = Workers::start(service, verifiers, parallel, &stop)?;
+        let workers = Workers::start(service, verifiers.into(), parallel, &stop)?;
         Ok(Self { stop, tasks: vec![grader, drawer, sweeper, runs], workers })
     }
 
     /// Starts to verify, as [`Jobs::start`] does, and nothing else.
-    pub fn verify(service: &Arc<Service>, verifiers: Vec<Arc<dyn Verifier>>, parallel: usize) -> std::io::Result<Self> {
+    pub fn verify(service: &Arc<Service>, verifiers: impl Into<Verifiers>, parallel: usize) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
-        let workers = Workers::start(service, verifiers, parallel, &stop)?;
+        let workers = Workers::start(service, verifiers.into(), parallel, &stop)?;
         Ok(Self { stop, tasks: Vec::new(), workers })
     }
 

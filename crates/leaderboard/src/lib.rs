@@ -34,7 +34,7 @@ pub use accounts::{AccountError, MAX_DAYS, Quota};
 pub use client::{Submit, SubmitError, SubmitProgress, Submitted, Upload};
 pub use error::StoreError;
 pub use forwarded::{Proxies, ProxyError};
-pub use jobs::{Jobs, ServerVerifier, Verifier, VerifyOutcome};
+pub use jobs::{Jobs, ServerGroup, ServerVerifier, Verifier, VerifierGroup, Verifiers, VerifyOutcome};
 pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};

@@ -11,7 +11,7 @@ use std::process::Command;
 
 use fiatlux_access::Identity;
 use fiatlux_tests::forge::JournalParts;
-use fiatlux_tests::programs::{PATIENCE, Running, endpoint, program};
+use fiatlux_tests::programs::{PATIENCE, Running, endpoint, program, wait_until};
 use lab::{Board, played_run};
 use serde_json::Value;
 
@@ -71,6 +71,27 @@ fn runs_get_the_badges_that_they_earn() {
     std::fs::write(&journal, text.replacen("\"hosted_seeds\":0", "\"hosted_seeds\":1", 1)).unwrap();
     let (code, fifth) = board.submit(&forged, &[]);
     assert_eq!((code, fifth["state"].as_str()), (1, Some("refused")), "{fifth}");
+}
+
+/// Guards a group of servers: one that joins it verifies what waits, without a restart of the board.
+#[test]
+fn a_server_that_joins_a_group_verifies() {
+    let lab = lab::Lab::start("board-group");
+    let run = played_run(&lab, "one", &["--seeds", "0..0", "--tasks", "S07"]);
+    let board = Board::start(&lab, &["--server", "test-*"]);
+    let (code, entry) = board.submit_without_waiting(&run);
+    assert_eq!(code, 0, "{entry}");
+    let at = format!("/api/v1/submissions/{}", entry["id"].as_str().unwrap());
+    let state = || board.get(&at)["state"].as_str().unwrap_or_default().to_owned();
+    wait_until("it is graded", PATIENCE, || state() == "graded");
+    let link = endpoint(lab.port());
+    let mut joins = Running::start("sim-server", &["--name", "test-2", "-e", &link], lab.folder());
+    joins.wait_for("as test-2");
+    wait_until("it is verified", PATIENCE, || state() == "verified");
+    let mut wrong =
+        Running::start("scorer", &["work", "--folder", "board", "-e", &link, "--server", "*"], lab.folder());
+    assert_eq!(wrong.finish(PATIENCE).0.code(), Some(2));
+    assert!(wrong.log().contains("NAME-* stands for all whose names begin with NAME-"), "{}", wrong.log());
 }
 
 /// Guards that signed bags with another journal than the server's are not hosted: one that ends early, lacks an episode, or is

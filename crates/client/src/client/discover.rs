@@ -79,7 +79,10 @@ pub fn describe_servers(link: &Carrier) -> Result<Vec<ServerInfo>, ClientError> 
 }
 
 /// Names of the servers whose liveliness tokens exist now.
-pub(crate) fn live_servers(link: &Carrier) -> Result<BTreeSet<String>, ClientError> {
+///
+/// # Errors
+/// The link fails.
+pub fn live_servers(link: &Carrier) -> Result<BTreeSet<String>, ClientError> {
     look(link, &any_alive())
 }
 

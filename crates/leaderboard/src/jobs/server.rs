@@ -7,14 +7,14 @@ use std::sync::atomic::AtomicBool;
 
 use fiatlux_bag::Bag;
 use fiatlux_cli::in_full;
-use fiatlux_client::{Access, ClientError, describe_servers};
+use fiatlux_client::{Access, ClientError, describe_servers, live_servers};
 use fiatlux_grading::Difference;
 use fiatlux_link::{Link, LinkArgs, Role};
 use fiatlux_rules::{BENCHMARK_VERSION, pins};
 use fiatlux_verify::{Verification, VerifyError, verify};
 use sha2::{Digest as _, Sha256};
 
-use super::{Verifier, VerifyOutcome};
+use super::{Verifier, VerifierGroup, VerifyOutcome};
 use crate::store::{Digest, Verdict};
 
 /// A sim-server that simulates episodes again to verify them.
@@ -42,6 +42,31 @@ impl ServerVerifier {
         let wanted = self.server.as_deref();
         let info = servers.into_iter().find(|info| wanted.is_none_or(|wanted| info.server == wanted));
         info.map(|info| info.version)
+    }
+}
+
+/// The sim-servers on a link whose names begin alike.
+#[derive(Debug)]
+pub struct ServerGroup {
+    link: LinkArgs,
+    start: String,
+    access: Arc<Access>,
+}
+
+impl ServerGroup {
+    /// Of names that begin so.
+    pub fn new(link: LinkArgs, start: String, access: &Arc<Access>) -> Self {
+        Self { link, start, access: Arc::clone(access) }
+    }
+}
+
+impl VerifierGroup for ServerGroup {
+    fn present(&self) -> Option<Vec<Arc<dyn Verifier>>> {
+        let found = live_servers(&self.link.open(Role::Client).ok()?.carrier()).ok()?;
+        let members = found.into_iter().filter(|name| name.starts_with(&self.start));
+        let verifier =
+            |name| -> Arc<dyn Verifier> { Arc::new(ServerVerifier::new(self.link.clone(), Some(name), &self.access)) };
+        Some(members.map(verifier).collect())
     }
 }
 

@@ -1,5 +1,6 @@
 //! Workers that claim episodes and have them verified.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,6 +15,9 @@ use crate::{Service, StoreError};
 
 /// Time between two looks for work of an idle worker.
 const LOOK: Duration = Duration::from_millis(250);
+/// Time between two looks for the servers of a group, and how often in a row one is not there until it is gone: a token may come late.
+const MEMBERS: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 3_000 });
+const MISSED: u32 = 2;
 /// Minimum and maximum pause of a worker whose server does not answer.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 /// Pause of an episode after a verification that failed without a verdict.
@@ -36,6 +40,31 @@ pub trait Verifier: std::fmt::Debug + Send + Sync {
     fn verify(&self, bag: &Path, sha256: &str, steps: &mut u64, stop: &AtomicBool) -> VerifyOutcome;
 }
 
+/// Servers that come and go.
+pub trait VerifierGroup: std::fmt::Debug + Send + Sync {
+    /// One for each server that is there now; `None` if nobody can tell, as without a link.
+    fn present(&self) -> Option<Vec<Arc<dyn Verifier>>>;
+}
+
+/// All that verify.
+#[derive(Debug, Default)]
+pub struct Verifiers {
+    pub servers: Vec<Arc<dyn Verifier>>,
+    pub groups: Vec<Arc<dyn VerifierGroup>>,
+}
+
+impl Verifiers {
+    pub fn is_empty(&self) -> bool {
+        self.servers.is_empty() && self.groups.is_empty()
+    }
+}
+
+impl From<Vec<Arc<dyn Verifier>>> for Verifiers {
+    fn from(servers: Vec<Arc<dyn Verifier>>) -> Self {
+        Self { servers, groups: Vec::new() }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum VerifyOutcome {
     Decided(Verdict, String),
@@ -51,7 +80,7 @@ pub enum VerifyOutcome {
     Stopped,
 }
 
-/// The worker threads, `parallel` for each verifier.
+/// The worker threads, `parallel` for each verifier, and those that follow groups.
 #[derive(Debug)]
 pub(super) struct Workers(Vec<JoinHandle<()>>);
 
@@ -60,29 +89,101 @@ struct Worker {
     runtime: Handle,
     verifier: Arc<dyn Verifier>,
     stop: Arc<AtomicBool>,
+    /// Its server is gone.
+    is_gone: Arc<AtomicBool>,
     /// The version of the server, and when it was asked for it.
     version: Option<(Instant, String)>,
+}
+
+/// Starts workers.
+#[derive(Clone)]
+struct Starter {
+    service: Arc<Service>,
+    runtime: Handle,
+    parallel: usize,
+    stop: Arc<AtomicBool>,
+}
+
+impl Starter {
+    /// The workers of a verifier, until it is gone.
+    fn start(
+        &self,
+        verifier: &Arc<dyn Verifier>,
+        is_gone: &Arc<AtomicBool>,
+        threads: &mut Vec<JoinHandle<()>>,
+    ) -> std::io::Result<()> {
+        for _ in 0..self.parallel {
+            let worker = Worker {
+                service: Arc::clone(&self.service),
+                runtime: self.runtime.clone(),
+                verifier: Arc::clone(verifier),
+                stop: Arc::clone(&self.stop),
+                is_gone: Arc::clone(is_gone),
+                version: None,
+            };
+            threads.push(std::thread::Builder::new().name("verify".into()).spawn(move || worker.run())?);
+        }
+        Ok(())
+    }
+
+    /// Has workers for each server of a group while it is there.
+    fn follow(self, group: &dyn VerifierGroup) {
+        let mut members: BTreeMap<String, (Arc<AtomicBool>, u32)> = BTreeMap::new();
+        let mut threads = Vec::new();
+        while !self.stop.load(Ordering::Relaxed) {
+            if let Some(present) = group.present() {
+                members.retain(|name, (is_gone, missed)| {
+                    let is_there = present.iter().any(|verifier| verifier.name() == name);
+                    *missed = if is_there { 0 } else { *missed + 1 };
+                    if *missed >= MISSED {
+                        tracing::info!(server = name, "it is gone; others verify");
+                        is_gone.store(true, Ordering::Relaxed);
+                    }
+                    *missed < MISSED
+                });
+                for verifier in present {
+                    if members.contains_key(verifier.name()) {
+                        continue;
+                    }
+                    tracing::info!(server = verifier.name(), "it verifies from now on");
+                    let (is_gone, _) = members.entry(verifier.name().to_owned()).or_default();
+                    if let Err(error) = self.start(&verifier, is_gone, &mut threads) {
+                        tracing::error!(error = in_full(&error), "cannot start a thread");
+                    }
+                }
+            }
+            threads.retain(|thread| !thread.is_finished());
+            sleep(&self.stop, MEMBERS);
+        }
+        Workers(threads).join();
+    }
+}
+
+/// Sleeps, or until something is set.
+fn sleep(stop: &AtomicBool, time: Duration) {
+    let start = Instant::now();
+    while !stop.load(Ordering::Relaxed) && start.elapsed() < time {
+        std::thread::sleep(time.min(Duration::from_millis(50)));
+    }
 }
 
 impl Workers {
     pub fn start(
         service: &Arc<Service>,
-        verifiers: Vec<Arc<dyn Verifier>>,
+        verifiers: Verifiers,
         parallel: usize,
         stop: &Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
+        let starter =
+            Starter { service: Arc::clone(service), runtime: Handle::current(), parallel, stop: Arc::clone(stop) };
         let mut threads = Vec::new();
-        for verifier in verifiers {
-            for _ in 0..parallel {
-                let worker = Worker {
-                    service: Arc::clone(service),
-                    runtime: Handle::current(),
-                    verifier: Arc::clone(&verifier),
-                    stop: Arc::clone(stop),
-                    version: None,
-                };
-                threads.push(std::thread::Builder::new().name("verify".into()).spawn(move || worker.run())?);
-            }
+        for verifier in verifiers.servers {
+            starter.start(&verifier, &Arc::default(), &mut threads)?;
+        }
+        for group in verifiers.groups {
+            let starter = starter.clone();
+            let follow = move || starter.follow(group.as_ref());
+            threads.push(std::thread::Builder::new().name("servers".into()).spawn(follow)?);
         }
         Ok(Self(threads))
     }
@@ -99,16 +200,16 @@ impl Workers {
 impl Worker {
     fn run(mut self) {
         let mut pause = PAUSES.0;
-        while !self.stop.load(Ordering::Relaxed) {
+        while !self.stop.load(Ordering::Relaxed) && !self.is_gone.load(Ordering::Relaxed) {
             let job = match self.claim() {
                 Ok(Some(job)) => job,
                 Ok(None) => {
-                    self.sleep(LOOK);
+                    sleep(&self.stop, LOOK);
                     continue;
                 }
                 Err(error) => {
                     tracing::error!(error = in_full(&error), "cannot read the next job from the store");
-                    self.sleep(PAUSES.1);
+                    sleep(&self.stop, PAUSES.1);
                     continue;
                 }
             };
@@ -121,10 +222,10 @@ impl Worker {
             }
             if let Err(error) = self.take_in(&job, outcome) {
                 tracing::error!(error = in_full(&error), "cannot store the outcome of a verification; it is repeated");
-                self.sleep(PAUSES.0);
+                sleep(&self.stop, PAUSES.0);
             }
             if is_idle {
-                self.sleep(pause);
+                sleep(&self.stop, pause);
                 pause = (pause * 2).min(PAUSES.1);
             } else {
                 pause = PAUSES.0;
@@ -141,13 +242,6 @@ impl Worker {
         }
         let version = self.version.as_ref().map_or("", |(_, version)| version);
         self.runtime.block_on(store.claim(version, self.service.options.lease))
-    }
-
-    fn sleep(&self, time: Duration) {
-        let start = Instant::now();
-        while !self.stop.load(Ordering::Relaxed) && start.elapsed() < time {
-            std::thread::sleep(time.min(Duration::from_millis(50)));
-        }
     }
 
     fn again(&self, job: &EpisodeJob) -> VerifyOutcome {
@@ -260,7 +354,7 @@ mod tests {
             runtime.block_on(async {
                 let store = Store::open(&folder.0).await.unwrap();
                 let service = Arc::new(Service::new(store, ServiceOptions { lease, ..ServiceOptions::default() }));
-                Jobs::verify(&service, vec![Arc::<Sleeper>::clone(&sleeper)], 1).unwrap()
+                Jobs::verify(&service, vec![Arc::<Sleeper>::clone(&sleeper) as Arc<dyn Verifier>], 1).unwrap()
             })
         });
         let jobs: Vec<Jobs> = jobs.collect();
@@ -278,6 +372,73 @@ mod tests {
     #[test]
     fn a_long_verification_keeps_its_claim() {
         assert_eq!(work("long", (3, 1, 1), Duration::from_millis(1_200), Duration::from_secs(3)), 1);
+    }
+
+    /// Servers that come and go, as a test says, and how often each was asked.
+    #[derive(Debug, Default)]
+    struct Room {
+        present: Mutex<Option<Vec<&'static str>>>,
+        asked: Arc<Mutex<BTreeMap<&'static str, u64>>>,
+    }
+
+    /// Gives each episode back.
+    #[derive(Debug)]
+    struct Asked(&'static str, Arc<Mutex<BTreeMap<&'static str, u64>>>);
+
+    impl Verifier for Asked {
+        fn name(&self) -> &str {
+            self.0
+        }
+
+        fn version(&self) -> Option<String> {
+            None
+        }
+
+        fn verify(&self, _: &Path, _: &str, _: &mut u64, _: &AtomicBool) -> VerifyOutcome {
+            *self.1.lock().unwrap().entry(self.0).or_default() += 1;
+            std::thread::sleep(Duration::from_millis(5));
+            VerifyOutcome::Stopped
+        }
+    }
+
+    impl VerifierGroup for Room {
+        fn present(&self) -> Option<Vec<Arc<dyn Verifier>>> {
+            let present = self.present.lock().unwrap().clone()?;
+            let asked = |name| -> Arc<dyn Verifier> { Arc::new(Asked(name, Arc::clone(&self.asked))) };
+            Some(present.into_iter().map(asked).collect())
+        }
+    }
+
+    impl Room {
+        /// Has these servers, and returns those that are asked from a while later on.
+        fn asks(&self, present: Option<Vec<&'static str>>) -> Vec<&'static str> {
+            *self.present.lock().unwrap() = present;
+            std::thread::sleep(MEMBERS * (MISSED + 1) + LOOK);
+            self.asked.lock().unwrap().clear();
+            std::thread::sleep(LOOK * 4);
+            self.asked.lock().unwrap().keys().copied().collect()
+        }
+    }
+
+    /// Guards a group: a server that comes is asked without a restart, one that goes no more, and a link that fails changes nothing.
+    #[test]
+    fn servers_of_a_group_come_and_go() {
+        let folder = Folder::new("group");
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let store = runtime.block_on(Store::open(&folder.0)).unwrap();
+        runtime.block_on(fill(&store, 1, 8));
+        let service = Arc::new(Service::new(store, ServiceOptions::default()));
+        let room = Arc::new(Room::default());
+        let groups: Vec<Arc<dyn VerifierGroup>> = vec![Arc::<Room>::clone(&room)];
+        let jobs = runtime
+            .block_on(async { Jobs::verify(&service, Verifiers { groups, ..Verifiers::default() }, 1).unwrap() });
+        assert_eq!(room.asks(Some(vec!["lab-1"])), ["lab-1"]);
+        assert_eq!(room.asks(Some(vec!["lab-1", "lab-2"])), ["lab-1", "lab-2"]);
+        assert_eq!(room.asks(Some(vec!["lab-2"])), ["lab-2"]);
+        assert_eq!(room.asks(None), ["lab-2"]);
+        assert!(room.asks(Some(Vec::new())).is_empty());
+        assert_eq!(room.asks(Some(vec!["lab-1"])), ["lab-1"]);
+        jobs.stop();
     }
 
     /// Guards that scorers on one store share the work.
