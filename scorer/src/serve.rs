@@ -28,7 +28,8 @@ use crate::work::{VerifierArgs, joined, stopped};
 #[command(after_help = "Examples:
   scorer serve --folder board                                     pages and API on http://127.0.0.1:8080/
   scorer serve --folder board -e tcp/127.0.0.1:7447               and verify on a server on this machine
-  scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers --runs runs")]
+  scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers --runs runs
+  scorer serve --folder board -e tcp/10.0.0.9:7447 --server 'lab-*'   and on all servers behind this router whose names begin so")]
 pub struct ServeArgs {
     /// Folder of the service, created if it does not exist
     #[arg(long, value_name = "DIR")]

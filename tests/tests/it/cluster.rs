@@ -75,6 +75,24 @@ fn the_files_for_slurm_and_kubernetes_play_what_one_process_does() {
     assert!(merged(&folder("kubernetes")) == expected, "the results of Kubernetes' pods are others");
 }
 
+/// Guards the programs' own words in the fleet's objects: every flag and value is one that they read.
+#[test]
+fn the_commands_of_a_fleet_are_read() {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let objects = std::fs::read_to_string(repository.join("deploy/kubernetes/fleet.yaml")).unwrap();
+    let commands = objects.split("command: ").skip(1).map(|rest| &rest[..=rest.find(']').unwrap()]);
+    let commands: Vec<Vec<String>> = commands.map(|words| serde_json::from_str(words).unwrap()).collect();
+    let programs: Vec<&str> = commands.iter().map(|words| words[0].as_str()).collect();
+    assert_eq!(programs, ["fiatlux", "sim-server", "scorer"]);
+    for words in commands {
+        // Kubernetes puts the pod's name there.
+        let args = words[1..].iter().map(|word| if word == "$(POD)" { "lab-0" } else { word });
+        // Help comes once what stands before it was read.
+        let output = Command::new(program(&words[0])).args(args).arg("--help").output().unwrap();
+        assert!(output.status.success() && !output.stdout.is_empty(), "{words:?}: {}", said(&output));
+    }
+}
+
 /// Guards shards against a kill: the same command goes on, and the result is that of one process.
 #[test]
 fn shards_that_are_killed_go_on() {
