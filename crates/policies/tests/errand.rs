@@ -69,7 +69,7 @@ fn a_loose_grip_is_tried_again() {
 #[test]
 fn the_elbow_stays_clear_of_the_guard_rail() {
     let mut touched = Vec::new();
-    let played = play::play(Task::S01, 8107, |world, stage| {
+    let played = play::play(Task::S01, 8604, |world, stage| {
         let scene = world.scene();
         let is_elbow =
             |owner| matches!(owner, ShapeOwner::Robot(link) if scene.robot.links()[link].name == "right_elbow_link");
