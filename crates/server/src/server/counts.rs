@@ -1,8 +1,6 @@
 //! Figures of a running server, for those who operate it.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
-use super::state::ServerState;
+use std::sync::atomic::AtomicU64;
 
 /// Counters since the server's start. Those of a step are not among them: a session numbers its records anyway.
 #[derive(Debug, Default)]
@@ -29,20 +27,4 @@ pub struct Counts {
     /// Bags that its own recorder finished, and that it had to cut.
     pub bags: u64,
     pub cut_bags: u64,
-}
-
-impl ServerState {
-    pub fn counts(&self) -> Counts {
-        let total = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        let open = self.sessions.all();
-        Counts {
-            open_sessions: self.sessions.places.count(),
-            capacity: self.sessions.capacity,
-            sessions: total(&self.tally.sessions),
-            records: total(&self.tally.records) + open.iter().map(|actor| total(&actor.next_seq)).sum::<u64>(),
-            refused_messages: total(&self.refused),
-            bags: total(&self.tally.bags),
-            cut_bags: total(&self.tally.cut_bags),
-        }
-    }
 }

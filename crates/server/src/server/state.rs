@@ -14,7 +14,7 @@ use fiatlux_session::Machine;
 use fiatlux_session::server::{Input, Output, Timeouts};
 
 use super::actor::{Actor, ReplyTo, Side, Wire, WireState};
-use super::counts::Tally;
+use super::counts::{Counts, Tally};
 use super::credentials::Credentials;
 use super::gate::Gate;
 use super::links::{Links, RunJob};
@@ -83,6 +83,21 @@ impl Queues {
 impl ServerState {
     pub fn now(&self) -> Duration {
         self.start.elapsed()
+    }
+
+    /// The server's figures now.
+    pub fn counts(&self) -> Counts {
+        let total = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let open = self.sessions.all();
+        Counts {
+            open_sessions: self.sessions.places.count(),
+            capacity: self.sessions.capacity,
+            sessions: total(&self.tally.sessions),
+            records: total(&self.tally.records) + open.iter().map(|actor| total(&actor.next_seq)).sum::<u64>(),
+            refused_messages: total(&self.refused),
+            bags: total(&self.tally.bags),
+            cut_bags: total(&self.tally.cut_bags),
+        }
     }
 
     /// Gives a session an input, and schedules the session.
