@@ -35,12 +35,27 @@ pub fn ladder() -> Result<Plan, PlanError> {
     Plan::read(LADDER)
 }
 
+/// Arms as the way down begins, between guard rail and lamp.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Arms {
+    /// Clear of both, also where the ladder stands a few centimetres too near.
+    #[default]
+    DrawnBack,
+    /// Before the chest, where the cameras see them: so they are in the pictures that `see` has learned from.
+    Folded,
+}
+
 /// The plan from the platform of the step ladder to the floor before it, facing the ladder.
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.
-pub fn descent() -> Result<Plan, PlanError> {
-    Ok(Plan::read(include_str!("descent.txt"))?.reversed())
+pub fn descent(arms: Arms) -> Result<Plan, PlanError> {
+    let mut plan = Plan::read(include_str!("descent.txt"))?;
+    if arms == Arms::Folded {
+        plan.keyframes.pop();
+        plan.keyframes.extend(Plan::read(include_str!("folded.txt"))?.keyframes);
+    }
+    Ok(plan.reversed())
 }
 
 /// The same as [`ladder`], with the right hand as it holds a bulb.
@@ -78,8 +93,8 @@ const SHOULDER_PITCH: (usize, f64) = (22, 0.07);
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.
-pub fn descent_with_bulb() -> Result<Plan, PlanError> {
-    let mut plan = with_bulb(descent()?);
+pub fn descent_with_bulb(arms: Arms) -> Result<Plan, PlanError> {
+    let mut plan = with_bulb(descent(arms)?);
     plan.keyframes.iter_mut().for_each(|key| key.angles[SHOULDER_PITCH.0] += SHOULDER_PITCH.1);
     Ok(plan)
 }

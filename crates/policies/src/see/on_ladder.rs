@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_climb::Body;
+use fiatlux_climb::{Arms, Body};
 use fiatlux_dynamics::Site;
 use fiatlux_proto::v3::{Chunk, Observation, Privileged, Proprioception, SessionInfo};
 use fiatlux_robot::Robot;
@@ -49,7 +49,7 @@ impl Plays {
         Ok(match task {
             Task::S03 => Self::TakesOut(Box::new(Hands::new()?), Old::default()),
             Task::S11 => Self::PutsIn(Box::new(Hands::new()?), Fresh::new()),
-            _ => Self::Climb(Box::new(Climb::new()?)),
+            _ => Self::Climb(Box::new(Climb::new()?.with_arms(Arms::Folded))),
         })
     }
 
