@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fiatlux_access::is_server_or_group;
+use fiatlux_access::{SERVER_OR_GROUP, is_server_or_group};
 use fiatlux_cli::whole;
 use fiatlux_client::AccessArgs;
 use fiatlux_leaderboard::{Jobs, Joined, ServerGroup, ServerVerifier, Service, ServiceOptions, Store, Verifiers};
@@ -82,8 +82,7 @@ impl VerifierArgs {
 }
 
 fn server_or_group(text: &str) -> Result<String, String> {
-    let remedy = "a name has 1 to 64 letters, digits, - or _; NAME-* stands for all whose names begin with NAME-";
-    is_server_or_group(text).then(|| text.to_owned()).ok_or_else(|| remedy.into())
+    is_server_or_group(text).then(|| text.to_owned()).ok_or_else(|| SERVER_OR_GROUP.into())
 }
 
 /// Verifies until a signal asks it to stop.

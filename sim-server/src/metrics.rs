@@ -2,13 +2,13 @@
 
 use std::fmt::Write as _;
 use std::net::{SocketAddr, TcpListener};
-use std::sync::Arc;
 
 use anyhow::Context;
 use axum::Router;
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use axum::routing::get;
+use fiatlux_cli::{PROMETHEUS_TEXT, metric_head};
 use fiatlux_server::Counts;
 
 /// An address for `/metrics`, and for nothing else.
@@ -25,15 +25,12 @@ impl Metrics {
     }
 
     /// Answers on a thread of its own for as long as the process runs.
-    pub fn serve(self, counts: impl Fn() -> Option<Counts> + Send + Sync + 'static) -> anyhow::Result<()> {
-        let counts = Arc::new(counts);
+    pub fn serve(self, counts: impl Fn() -> Option<Counts> + Clone + Send + Sync + 'static) -> anyhow::Result<()> {
         let page = move || {
             let counts = counts();
             async move {
                 match counts {
-                    Some(counts) => {
-                        ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text(&counts)).into_response()
-                    }
+                    Some(counts) => ([(header::CONTENT_TYPE, PROMETHEUS_TEXT)], text(&counts)).into_response(),
                     None => StatusCode::SERVICE_UNAVAILABLE.into_response(),
                 }
             }
@@ -55,32 +52,32 @@ fn text(counts: &Counts) -> String {
     let mut out = String::new();
     let one = |value: u64| vec![("", value)];
     let figures = [
-        ("sessions_open", "gauge", "Sessions that are open now.", one(counts.open_sessions as u64)),
-        ("sessions_capacity", "gauge", "Sessions that can be open at once.", one(counts.capacity as u64)),
-        ("sessions_total", "counter", "Sessions that were opened.", one(counts.sessions)),
+        ("server_sessions_open", "gauge", "Sessions that are open now.", one(counts.open_sessions as u64)),
+        ("server_sessions_capacity", "gauge", "Sessions that can be open at once.", one(counts.capacity as u64)),
+        ("server_sessions_total", "counter", "Sessions that were opened.", one(counts.sessions)),
         (
-            "records_total",
+            "server_records_total",
             "counter",
             "Records of sessions, one for each control step and few others.",
             one(counts.records),
         ),
         (
-            "refused_messages_total",
+            "server_refused_messages_total",
             "counter",
             "Messages that did not come from a session's client, or came twice.",
             one(counts.refused_messages),
         ),
         (
-            "bags_total",
+            "server_bags_total",
             "counter",
             "Bags that the server's own recorder finished or had to cut.",
             vec![("{end=\"whole\"}", counts.bags), ("{end=\"cut\"}", counts.cut_bags)],
         ),
     ];
     for (name, kind, help, values) in figures {
-        let _ = write!(out, "# HELP fiatlux_server_{name} {help}\n# TYPE fiatlux_server_{name} {kind}\n");
+        metric_head(&mut out, name, kind, help);
         for (label, value) in values {
-            let _ = writeln!(out, "fiatlux_server_{name}{label} {value}");
+            let _ = writeln!(out, "fiatlux_{name}{label} {value}");
         }
     }
     out

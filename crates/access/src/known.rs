@@ -57,6 +57,10 @@ impl FromIterator<(String, PublicKey)> for KnownServers {
     }
 }
 
+/// The remedy for a name that [`is_server_or_group`] refuses.
+pub const SERVER_OR_GROUP: &str =
+    "a name has 1 to 64 letters, digits, - or _; NAME-* stands for all whose names begin with NAME-";
+
 /// True for a server's name, and for one of a group, `NAME-*`.
 #[must_use]
 pub fn is_server_or_group(name: &str) -> bool {
@@ -68,8 +72,7 @@ fn server(line: &str) -> Result<(&str, PublicKey), FormatError> {
     let name = words.next().unwrap_or_default();
     if !is_server_or_group(name) {
         let problem = format!("'{}' cannot be a server's name", name.escape_debug());
-        let remedy = "a name has 1 to 64 letters, digits, - or _; NAME-* stands for all whose names begin with NAME-";
-        return Err(FormatError::new("NAME", problem, remedy));
+        return Err(FormatError::new("NAME", problem, SERVER_OR_GROUP));
     }
     let key = words.next().ok_or_else(|| FormatError::new("public key", "it is missing", REMEDY))?.parse()?;
     match words.next() {

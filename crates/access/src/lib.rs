@@ -44,7 +44,7 @@ pub use handshake::{
 };
 pub use identity::{Identity, PublicKey, SIGNATURE_BYTES};
 pub use journal::{journal_signer, sign_journal};
-pub use known::{KnownServers, is_server_or_group};
+pub use known::{KnownServers, SERVER_OR_GROUP, is_server_or_group};
 pub use recorder_key::RecorderKey;
 pub use result::{Signer, sign_result, signer_of};
 pub use rows::{RowsKey, sealed_seq};

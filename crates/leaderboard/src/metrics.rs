@@ -11,6 +11,7 @@ use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
+use fiatlux_cli::{PROMETHEUS_TEXT, metric_head};
 
 use crate::api::Problem;
 use crate::counts::BUCKETS_MS;
@@ -63,21 +64,18 @@ pub(crate) fn router(service: Arc<Service>) -> Router {
 
 async fn page(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
     let text = text(&service).await?;
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+    Ok(([(header::CONTENT_TYPE, PROMETHEUS_TEXT)], text).into_response())
 }
 
 async fn text(service: &Service) -> Result<String, StoreError> {
     let metrics = &service.metrics;
     let mut out = String::new();
-    let head = |out: &mut String, name: &str, kind: &str, help: &str| {
-        let _ = write!(out, "# HELP fiatlux_{name} {help}\n# TYPE fiatlux_{name} {kind}\n");
-    };
-    head(&mut out, "requests_total", "counter", "Responses by class of status.");
+    metric_head(&mut out, "requests_total", "counter", "Responses by class of status.");
     for (class, count) in (1..).zip(&metrics.answers) {
         let count = count.load(Ordering::Relaxed);
         let _ = writeln!(out, "fiatlux_requests_total{{status=\"{class}xx\"}} {count}");
     }
-    head(&mut out, "request_seconds", "histogram", "Time to a response, without uploads.");
+    metric_head(&mut out, "request_seconds", "histogram", "Time to a response, without uploads.");
     let mut below = 0;
     for (end, count) in BUCKETS_MS.iter().zip(&metrics.buckets) {
         below += count.load(Ordering::Relaxed);
@@ -91,7 +89,7 @@ async fn text(service: &Service) -> Result<String, StoreError> {
         ("requests_open", "Requests that are being answered now.", &metrics.open),
         ("connections_open", "Connections that are open now.", &metrics.connections),
     ] {
-        head(&mut out, name, "gauge", help);
+        metric_head(&mut out, name, "gauge", help);
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
     for (name, help, count) in [
@@ -102,17 +100,17 @@ async fn text(service: &Service) -> Result<String, StoreError> {
         ("verified_steps_total", "Control steps simulated to verify episodes.", &metrics.verified_steps),
         ("verify_retries_total", "Verifications that failed without a verdict and are tried again.", &metrics.retries),
     ] {
-        head(&mut out, name, "counter", help);
+        metric_head(&mut out, name, "counter", help);
         let _ = writeln!(out, "fiatlux_{name} {}", count.load(Ordering::Relaxed));
     }
-    head(&mut out, "verifying_seconds_total", "counter", "Time spent verifying, summed over parallel workers.");
+    metric_head(&mut out, "verifying_seconds_total", "counter", "Time spent verifying, summed over parallel workers.");
     let verifying = metrics.verifying_ms.load(Ordering::Relaxed) as f64 / 1000.0;
     let _ = writeln!(out, "fiatlux_verifying_seconds_total {verifying}");
-    head(&mut out, "submissions", "gauge", "Submissions by state.");
+    metric_head(&mut out, "submissions", "gauge", "Submissions by state.");
     for count in service.store.states().await? {
         let _ = writeln!(out, "fiatlux_submissions{{state=\"{}\"}} {}", count.kind, count.count);
     }
-    head(&mut out, "episodes", "gauge", "Episodes by the verdict of their verification.");
+    metric_head(&mut out, "episodes", "gauge", "Episodes by the verdict of their verification.");
     for count in service.store.verdicts().await? {
         let _ = writeln!(out, "fiatlux_episodes{{verdict=\"{}\"}} {}", count.kind, count.count);
     }

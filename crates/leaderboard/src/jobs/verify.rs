@@ -46,7 +46,7 @@ pub trait VerifierGroup: std::fmt::Debug + Send + Sync {
     fn present(&self) -> Option<Vec<Arc<dyn Verifier>>>;
 }
 
-/// All that verify.
+/// All that verify: named servers, and groups.
 #[derive(Debug, Default)]
 pub struct Verifiers {
     pub servers: Vec<Arc<dyn Verifier>>,
@@ -95,7 +95,7 @@ struct Worker {
     version: Option<(Instant, String)>,
 }
 
-/// Starts workers.
+/// Starts the workers of verifiers, those of a group as well.
 #[derive(Clone)]
 struct Starter {
     service: Arc<Service>,

@@ -241,7 +241,7 @@ impl Server {
     }
 
     /// The server's figures, whenever they are asked for; `None` once it is gone.
-    pub fn counts(&self) -> impl Fn() -> Option<Counts> + Send + Sync + 'static {
+    pub fn counts(&self) -> impl Fn() -> Option<Counts> + Clone + Send + Sync + 'static {
         let shared = Arc::downgrade(&self.shared);
         move || shared.upgrade().map(|shared| shared.counts())
     }
