@@ -35,7 +35,8 @@ def submit(
     bags: str = "thin",
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Sends the bags and journals of a run's folder, or loose bags, to the leaderboard at ``to``, such as ``https://HOST``.
+    """Sends the bags and journals of a run's folder, or loose bags, to the leaderboard at ``to``, such as ``https://HOST``, or
+    ``https://HOST/PATH`` where a proxy has it below a path.
 
     Full bags are sent as thin ones, without the rows, which the leaderboard simulates again; ``bags="full"`` sends them whole.
     ``token`` is the text of an account's token. ``policy`` is by default the policy's name in the bags. An interrupted upload
@@ -153,9 +154,17 @@ class _Service:
 
     def __init__(self, url: str, token: str) -> None:
         parts = urllib.parse.urlsplit(url.rstrip("/"))
-        if parts.scheme not in ("http", "https") or not parts.hostname or parts.path or parts.query or parts.username:
-            raise ValueError(f"'{url}' is not the address of a leaderboard; write https://HOST or http://HOST:PORT")
-        self._url = url
+        if (
+            parts.scheme not in ("http", "https")
+            or not parts.hostname
+            or parts.query
+            or parts.fragment
+            or parts.username
+        ):
+            raise ValueError(
+                f"'{url}' is not the address of a leaderboard; write https://HOST, http://HOST:PORT or https://HOST/PATH"
+            )
+        self._url, self._prefix = url, parts.path
         self._address = (parts.hostname, parts.port)
         self._connect = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
         self._headers = {"Authorization": f"Bearer {token.strip()}"}
@@ -217,7 +226,7 @@ class _Service:
         connection = self._connect(*self._address, timeout=_PATIENCE_S)
         headers = self._headers if method == "GET" else {**self._headers, "Content-Length": str(length)}
         try:
-            connection.request(method, path, body=body, headers=headers)
+            connection.request(method, self._prefix + path, body=body, headers=headers)
             response = connection.getresponse()
             text = response.read()
         finally:
