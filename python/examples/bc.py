@@ -77,5 +77,5 @@ class Clone:
 
 
 if __name__ == "__main__":
-    policy = Clone(fiatlux.Bag.below(sys.argv[1]))
+    policy = Clone(fiatlux.Bag.below(sys.argv[1], training=True))
     print(fiatlux.evaluate(policy, ["S07"], range(*map(int, sys.argv[2:4]))).table())

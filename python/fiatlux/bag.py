@@ -56,15 +56,22 @@ class Bag(Mapping[str, dict[str, Any]]):
         self._read: dict[str, dict[str, Any]] = {}
 
     @classmethod
-    def below(cls, folder: str | PathLike[str]) -> "list[Bag]":
-        """The bags in a folder and in the folders in it, by path.
+    def below(cls, folder: str | PathLike[str], *, training: bool = False) -> "list[Bag]":
+        """The bags in a folder and in the folders in it, by path; with ``training``, for a policy that learns from them.
 
         Raises:
             FileNotFoundError: There is none.
+            ValueError: With ``training``, one is of a room that is for judging.
         """
         if not (paths := files_below(Path(folder))):
             raise FileNotFoundError(f"no bag in '{folder}'")
-        return [cls(path) for path in paths]
+        bags = [cls(path) for path in paths]
+        for path, bag in zip(paths, bags if training else []):
+            try:
+                _native.check_training(bag.header["seed"])
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}; fiatlux demonstrate plays such rooms") from error
+        return bags
 
     @cached_property
     def header(self) -> dict[str, Any]:

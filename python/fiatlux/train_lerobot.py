@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _native, dataset
+from . import dataset
 from ._extras import check
 from .bag import Bag, files_below
 
@@ -138,14 +138,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=Path, help="checkpoint to go on from")
     parser.add_argument("--workers", type=int, default=2, help="processes that read bags [default: 2]")
     given = parser.parse_args(arguments)
+    try:
+        Bag.below(given.bags, training=True)
+    except (FileNotFoundError, ValueError) as error:
+        parser.error(str(error))
     bags = files_below(given.bags)
-    if not bags:
-        parser.error(f"there is no bag in {given.bags}")
-    for path in bags:
-        try:
-            _native.check_training(Bag(path).header["seed"])
-        except ValueError as error:
-            parser.error(f"{path}: {error}; fiatlux demonstrate plays such rooms")
     if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
         parser.error("--minutes, --batch, --chunk and --workers are above 0")
 

@@ -1,11 +1,13 @@
 """Tests which action a frame of a data set has. `extras/test_lerobot.py` writes real data sets."""
 
 import importlib.util
+import pathlib
+import runpy
 
 import fiatlux
 import numpy as np
 import pytest
-from fiatlux import dataset, lerobot
+from fiatlux import dataset, lerobot, train_lerobot
 from fiatlux.dataset import _commands, _features, _frames
 from fiatlux.train_lerobot import MAX_PAUSE, main, shortened
 
@@ -145,16 +147,27 @@ def test_rows_without_a_command_are_refused_by_task():
         _features(bag, "bag", TERMS, "command", "image")
 
 
+@pytest.mark.parametrize("commands, having", [("some", ROWS - 1), (None, 0)])
+def test_act_is_not_trained_on_rows_without_a_command(monkeypatch, commands, having):
+    monkeypatch.setattr(train_lerobot, "Bag", lambda path: Recorded(commands=commands))
+    with pytest.raises(SystemExit, match=f"a.mcap has no command with every action: x by x has one with {having} of"):
+        train_lerobot.episode(pathlib.Path("a.mcap"))
+
+
 @pytest.mark.parametrize(
     "seed, purpose", [(3, "the published protocol"), (64, "comparisons"), (100_000, "drawn afresh")]
 )
-def test_a_policy_is_not_trained_in_rooms_for_judging(tmp_path, capsys, seed, purpose):
+def test_a_policy_is_not_trained_in_rooms_for_judging(tmp_path, capsys, monkeypatch, seed, purpose):
     fiatlux.evaluate(lambda _: np.zeros(53), ["S08"], [seed], out=tmp_path / "run")
     with pytest.raises(SystemExit) as ended:
         main([str(tmp_path / "run"), "--out", str(tmp_path / "act")])
     assert ended.value.code == 2
     message = capsys.readouterr().err
-    assert f"seed {seed} is for" in message and purpose in message and "use seeds 1000 to 99999" in message
+    monkeypatch.setattr("sys.argv", ["bc.py", str(tmp_path / "run"), "1100", "1101"])
+    with pytest.raises(ValueError) as refused:
+        runpy.run_path(str(pathlib.Path(__file__).parents[1] / "examples" / "bc.py"), run_name="__main__")
+    for said in (message, str(refused.value)):
+        assert f"seed {seed} is for" in said and purpose in said and "use seeds 1000 to 99999" in said
 
 
 def test_a_numpy_that_the_writer_cannot_use_is_named(monkeypatch):

@@ -12,8 +12,9 @@ from safetensors.torch import save_file
 from .. import _native
 from ..baseline import FORMAT
 from ..hand import FORMAT as HAND_FORMAT
-from .ppo import FIRST_ROOM, worlds_of
+from .ppo import worlds_of
 from .run import kind_of, load_checkpoint, settings_of
+from .settings import FIRST_ROOM
 from .symmetry import FIELDS, _join
 from .walk import models
 from .worlds import MIN_DEVIATION, WalkingWorlds

@@ -14,9 +14,8 @@ from ..bag import Bag, files_below
 from ..hand import ACTIONS, REPEAT, SENSORS, HandActions
 from ..vector import Start, VectorEnv
 from ..whole_body import ARMS, LEGS_AND_WAIST
-from .ppo import FIRST_ROOM, FIRST_TEST_ROOM
 from .run import CONTROL_DT, GROUPS, Run
-from .settings import Hand
+from .settings import FIRST_ROOM, FIRST_TEST_ROOM, Hand
 from .worlds import MIN_DEVIATION, Worlds
 
 GLASS = 0.1531

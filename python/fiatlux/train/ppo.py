@@ -15,13 +15,9 @@ from .. import _native
 from ..tasks import TASKS
 from ..vector import VectorEnv
 from .run import CONTROL_DT, GROUPS, Run
-from .settings import Baseline
+from .settings import FIRST_ROOM, FIRST_TEST_ROOM, Baseline
 from .worlds import TaskWorlds
 
-FIRST_ROOM = 1000
-"""Seed of the first room of training."""
-FIRST_TEST_ROOM = 5000
-"""Seed of the first room of a test."""
 LOOKS = 40
 """Control steps by which the scales of the observation are found before the first iteration."""
 TEST_EPISODES, TEST_STEPS = 64, 1000

@@ -11,7 +11,7 @@ from ..tasks import TASKS
 from . import climb, hand, ppo, walk
 from .evaluation import SECOND, TESTS, measure
 from .run import device_of, kind_of, load_checkpoint, settings_of
-from .settings import SCENES, Baseline, Climb, Hand
+from .settings import FIRST_TEST_ROOM, SCENES, Baseline, Climb, Hand
 from .worlds import WalkingWorlds
 
 
@@ -88,7 +88,7 @@ def _baseline(
     state: Mapping[str, Any], settings: Baseline, device: str, episodes: int, threads: int | None, as_json: bool
 ) -> int:
     """Prints the test of a baseline."""
-    worlds = ppo.worlds_of(settings, device, 1, ppo.FIRST_TEST_ROOM, 0, threads)
+    worlds = ppo.worlds_of(settings, device, 1, FIRST_TEST_ROOM, 0, threads)
     actor, _ = ppo.models(worlds, settings)
     worlds.env.close()
     actor.load_state_dict(state["ppo"]["actor_state_dict"])
@@ -105,7 +105,7 @@ def _hand(
 ) -> int:
     """Prints the test of a policy of one hand."""
     grasp = state["grasp"]
-    worlds = hand.HandWorlds(settings, grasp, device, 1, ppo.FIRST_TEST_ROOM, 0, threads, None, None)
+    worlds = hand.HandWorlds(settings, grasp, device, 1, FIRST_TEST_ROOM, 0, threads, None, None)
     actor, _ = hand.models(worlds, settings)
     worlds.env.close()
     actor.load_state_dict(state["ppo"]["actor_state_dict"])

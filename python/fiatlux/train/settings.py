@@ -15,6 +15,12 @@ SCENES = {"floor": {"robot": "g1_bare"}, "room": {"scene": "room", "robot": ROBO
 """Where robots walk: arguments of :class:`fiatlux.WalkingVectorEnv`."""
 
 
+FIRST_ROOM = _native.TRAINING_SEEDS[0]
+"""Seed of the first room of training."""
+FIRST_TEST_ROOM = 5000
+"""Seed of the first room of a test, before which the rooms of training end."""
+
+
 def _of(default: Any, text: str, least: float | None = None, most: float = math.inf) -> Any:
     return dataclasses.field(default=default, metadata={"help": text, "least": least, "most": most})
 
@@ -129,10 +135,7 @@ class Baseline(Settings):
         super().__post_init__()
         if self.task not in TASKS:
             raise ValueError(f"task is {self.task!r}; give one of {', '.join(TASKS)}")
-        if self.rooms > self.worlds:
-            raise ValueError(
-                f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each"
-            )
+        _check_rooms(self.rooms, self.worlds)
 
 
 @dataclass(frozen=True)
@@ -193,10 +196,16 @@ class Hand(Settings):
             raise ValueError(f"task is {self.task!r}; give S08")
         if not self.demonstrations:
             raise ValueError("demonstrations: give a folder of bags, as `fiatlux demonstrate --task S08` records them")
-        if self.rooms > self.worlds:
-            raise ValueError(
-                f"rooms is {self.rooms}, but there are {self.worlds} worlds; give at most one room for each"
-            )
+        _check_rooms(self.rooms, self.worlds)
+
+
+def _check_rooms(rooms: int, worlds: int) -> None:
+    """Refuses more rooms than there are worlds, or than training has before those of its tests."""
+    if rooms > worlds:
+        raise ValueError(f"rooms is {rooms}, but there are {worlds} worlds; give at most one room for each")
+    if rooms > FIRST_TEST_ROOM - FIRST_ROOM:
+        tests = f"rooms from {FIRST_TEST_ROOM} on are for tests"
+        raise ValueError(f"rooms is {rooms}, but {tests}; give at most {FIRST_TEST_ROOM - FIRST_ROOM}")
 
 
 KINDS: dict[str, type[Settings]] = {"walk": Walk, "climb": Climb, "ppo": Baseline, "hand": Hand}

@@ -22,7 +22,7 @@ pytest.importorskip("rsl_rl")
 
 from fiatlux.train import hand, ppo, report  # noqa: E402
 from fiatlux.train.run import Run, load_checkpoint, settings_of  # noqa: E402
-from fiatlux.train.settings import Hand, Walk  # noqa: E402
+from fiatlux.train.settings import Baseline, Hand, Walk  # noqa: E402
 from fiatlux.train.start import read  # noqa: E402
 from fiatlux.train.walk import models  # noqa: E402
 from fiatlux.train.worlds import WalkingWorlds  # noqa: E402
@@ -305,6 +305,13 @@ def test_a_policy_of_the_hand_is_trained_resumed_tested_and_exported(tmp_path, m
         Hand()
     with pytest.raises(ValueError, match="has no bag of the rooms 1000 to 1001"):
         hand.demonstrated(str(tmp_path / "none"), range(1000, 1002), 8.0)
+
+
+@pytest.mark.parametrize("kind, more", [(Baseline, {}), (Hand, {"demonstrations": "x"})])
+def test_a_trainer_stays_below_the_rooms_of_its_tests(kind, more):
+    assert kind(worlds=4001, rooms=4000, **more).rooms == 4000
+    with pytest.raises(ValueError, match="rooms is 4001, but rooms from 5000 on are for tests; give at most 4000"):
+        kind(worlds=4001, rooms=4001, **more)
 
 
 class Learner:
