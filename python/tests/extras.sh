@@ -31,7 +31,7 @@ for extra in "${extras[@]}"; do
         train) tests=(extras/test_rsl_rl.py extras/test_stable_baselines3.py extras/test_train.py extras/test_dagger.py test_fingerprint.py) ;;
         ray) tests=(extras/test_ray.py) ;;
         lerobot) tests=(extras/test_lerobot.py) ;;
-        mujoco) tests=(test_benchmarks.py test_planning.py) ;;
+        mujoco) tests=(test_benchmarks.py test_planning.py test_examples.py) ;;
         assets) tests=(extras/test_assets.py extras/test_formats.py) ;;
         *)
             echo "extras.sh: unknown extra '$extra'; known ones are train, ray, lerobot, mujoco, assets" >&2

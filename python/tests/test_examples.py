@@ -1,14 +1,21 @@
-"""Runs the programs of `python/examples` in a short form."""
+"""Runs the programs of `python/examples` in a short form, and for minutes with `FIATLUX_NIGHTLY`."""
 
 import importlib.util
 import os
 import pathlib
+import resource
 import subprocess
+import time
 
 import fiatlux
 import numpy as np
 import pytest
 
+nightly = pytest.mark.skipif("FIATLUX_NIGHTLY" not in os.environ, reason="FIATLUX_NIGHTLY is not set")
+needs_program = pytest.mark.skipif(
+    "FIATLUX_TEST_PROGRAM" not in os.environ, reason="needs the program fiatlux: FIATLUX_TEST_PROGRAM"
+)
+ROOMS = range(1400, 1416)
 EXAMPLES = pathlib.Path(__file__).resolve().parents[1] / "examples"
 
 
@@ -35,21 +42,48 @@ def test_pick_takes_the_bulb():
     assert played["strict_success"], played
 
 
-@pytest.mark.skipif("FIATLUX_TEST_PROGRAM" not in os.environ, reason="needs the program fiatlux: FIATLUX_TEST_PROGRAM")
-def test_a_clone_walks_to_the_bulb(tmp_path):
-    command = [
-        os.environ["FIATLUX_TEST_PROGRAM"],
-        "demonstrate",
-        "--policy",
-        "walk",
-        "--task",
-        "S07",
-        "--episodes",
-        "3",
-    ]
-    subprocess.run([*command, "--no-pictures", "--out", tmp_path], check=True, capture_output=True)
-    bags = [fiatlux.Bag(path) for path in sorted((tmp_path / "bags").glob("*.mcap"))]
+def demonstrated(folder, episodes):
+    """Bags of S07 by the policy `walk`."""
+    command = [os.environ["FIATLUX_TEST_PROGRAM"], "demonstrate", "--policy", "walk", "--task", "S07"]
+    more = ["--episodes", str(episodes), "--no-pictures", "--out", folder]
+    subprocess.run([*command, *more], check=True, capture_output=True)
+    return fiatlux.Bag.below(folder / "bags", training=True)
+
+
+def succeeded(policy, task):
+    """Number of the rooms in which the strict judge sees a success."""
+    episodes = fiatlux.evaluate(policy, [task], ROOMS).episodes
+    assert len(episodes) == len(ROOMS)
+    return sum(episode["strict_success"] for episode in episodes)
+
+
+@nightly
+def test_mppi_stands_for_as_long_as_it_says():
+    assert imported("mppi").stand(20.0) == 20.0
+
+
+@nightly
+def test_pick_takes_the_bulb_in_three_rooms_of_four():
+    assert succeeded(imported("pick").Pick, "S08") >= 12
+
+
+@nightly
+@needs_program
+def test_a_clone_of_twenty_demonstrations_solves_a_room_of_four(tmp_path):
+    def used():
+        children = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return time.process_time() + children.ru_utime + children.ru_stime
+
+    began = used()
+    bags = demonstrated(tmp_path, 20)
     policy = imported("bc").Clone(bags)
+    assert len(bags) == 20 and used() - began < 180.0, "demonstrations and training take 3 minutes of a processor"
+    assert succeeded(policy, "S07") >= 4
+
+
+@needs_program
+def test_a_clone_walks_to_the_bulb(tmp_path):
+    policy = imported("bc").Clone(demonstrated(tmp_path, 3))
     env = fiatlux.Env("S07", action_form=policy.action_form, sensors=policy.sensors)
     seen, _ = env.reset(seed=1000)
     policy.reset({})
