@@ -1,5 +1,5 @@
-"""A call of a vector that is refused changes nothing: a hundred made-up ones, each followed by steps that are those of a vector which
-never made it."""
+"""A call of a vector that is refused changes nothing: a hundred made-up ones for each kind of vector, each followed by steps that are
+those of a vector which never made it."""
 
 import fiatlux
 import numpy as np
@@ -10,7 +10,21 @@ QUATERNION = [0.0, 0.0, 0.8, 1.0001, 0.0, 0.0, 0.0]
 
 
 def made():
-    env = fiatlux.VectorEnv("S07", WORLDS, seeds=[1000], observation="flat", noise=True, copy=False, seed=3)
+    sensors = ["proprioception", "hand_contact", "last_action", "camera@look"]
+    settings = {"observation": "flat", "copy": False, "sensors": sensors, "image_size": (8, 6)}
+    env = fiatlux.VectorEnv("S07", WORLDS, seeds=[1000], noise=True, seed=3, **settings)
+    env.reset(seed=5)
+    return env
+
+
+def walking():
+    env = fiatlux.WalkingVectorEnv(WORLDS, seed=3, copy=False)
+    env.reset(seed=5)
+    return env
+
+
+def climbing():
+    env = fiatlux.ClimbingVectorEnv(WORLDS, seed=3, copy=False)
     env.reset(seed=5)
     return env
 
@@ -25,12 +39,9 @@ def broken(row, name, value):
     return {name: part}
 
 
-def calls(env, row):
-    """A hundred calls, each with something wrong."""
-    everywhere = np.ones(WORLDS, bool)
-    zeros = np.zeros(env.action_space.shape)
-    snapshot = env.save()
-    other = fiatlux.VectorEnv("S08", 1, seeds=[1000], observation="flat")
+def rows(env):
+    """Calls with parts of rows that no world can take over."""
+    everywhere, row = np.ones(WORLDS, bool), env.row(0)
     for mask in (only(0), only(2), everywhere, np.array([True, False, True])):
         for parts in (
             {"robot_pose": QUATERNION},
@@ -64,6 +75,16 @@ def calls(env, row):
             bad = poses.copy()
             bad[world, 3] = value
             yield lambda bad=bad: env.reset_worlds(everywhere, like={"robot_pose": bad})
+    yield lambda: env.reset_worlds(everywhere, like={"robot_poze": row["robot_pose"]})
+    yield lambda: env.reset_worlds(everywhere, like={"robot_pose": "text"})
+
+
+def calls(env):
+    """Calls that every vector has, each with something wrong."""
+    everywhere = np.ones(WORLDS, bool)
+    zeros = np.zeros(env.action_space.shape)
+    snapshot = env.save()
+    other = fiatlux.VectorEnv("S08", 1, seeds=[1000], observation="flat")
     for action in (
         np.full_like(zeros, np.nan),
         np.full_like(zeros, np.inf),
@@ -76,46 +97,49 @@ def calls(env, row):
         yield lambda action=action: env.step(action)
     late = np.zeros((4, *zeros.shape))
     late[3, 1, 2] = np.nan
-    for actions in (late, np.zeros((0, *zeros.shape)), np.zeros((4, 7)), np.zeros((4, WORLDS + 1, 53)), "text"):
+    wide = np.zeros((4, WORLDS + 1, zeros.shape[1]))
+    for actions in (late, np.zeros((0, *zeros.shape)), np.zeros((4, 7)), wide, "text"):
         yield lambda actions=actions: env.rollout(actions)
     for mask in ([True], np.zeros(WORLDS, bool), np.ones(WORLDS), np.ones((WORLDS, 1), bool), "text"):
         yield lambda mask=mask: env.reset_worlds(mask)
         yield lambda mask=mask: env.reset(options={"reset_mask": mask})
         yield lambda mask=mask: env.terminate(mask)
         yield lambda mask=mask: env.copy_world(0, mask)
+        yield lambda mask=mask: env.restore(env.save(0), mask)
+        yield lambda mask=mask: env.look(["camera"], mask)
     for number in (-1, WORLDS, 1.5, True, "1", 2**70):
         yield lambda number=number: env.copy_world(number, everywhere)
         yield lambda number=number: env.reset_worlds(everywhere, like=number)
         yield lambda number=number: env.row(number)
         yield lambda number=number: env.save(number)
+        yield lambda number=number: env.render_world(number)
     for seed in (-1, 2**64, 1.5, True, "1", [1, 2, 3]):
         yield lambda seed=seed: env.reset(seed=seed)
     for steps in ([1], [1, 2, -3], "abc", [1.5] * WORLDS):
         yield lambda steps=steps: env.stagger(steps)
+    for sensors in ("camera", ["nix"], ["lidar"], ["camera", "lidar"], [1], [None]):
+        yield lambda sensors=sensors: env.look(sensors)
+        yield lambda sensors=sensors: env.look(sensors, only(1))
     yield lambda: env.restore(other.save())
     yield lambda: env.restore(other.save(0), everywhere)
     yield lambda: env.restore(snapshot, everywhere)
     yield lambda: env.restore(env.save(0))
+    yield lambda: env.restore(None)
     yield lambda: env.reset(options={"mask": everywhere})
-    yield lambda: env.reset_worlds(everywhere, like={"robot_poze": row["robot_pose"]})
-    yield lambda: env.reset_worlds(everywhere, like={"robot_pose": "text"})
     yield lambda: env.contacts()
 
 
-def test_a_refused_call_leaves_the_vector_as_it_was():
-    env, twin = made(), made()
+@pytest.mark.parametrize("make, kinds", [(made, [calls, rows]), (walking, [calls]), (climbing, [calls])])
+def test_a_refused_call_leaves_the_vector_as_it_was(make, kinds):
+    env, twin = make(), make()
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (10, *env.action_space.shape))
-    row, count = env.row(0), 0
-    for call in calls(env, row):
+    count = 0
+    for call in (call for kind in kinds for call in kind(env)):
         before = env._observation.copy()
         with pytest.raises(Exception) as refused:
             call()
         assert isinstance(refused.value, (ValueError, TypeError, OverflowError, fiatlux.FiatluxError)), refused.value
         np.testing.assert_array_equal(env._observation, before)
-        count += 1
-        if count % 5:
-            continue
-        # The steps of one call stand for those of five, which keeps the test short.
         for action in actions:
             for found, expected in zip(env.step(action)[:4], twin.step(action)[:4]):
                 np.testing.assert_array_equal(found, expected)
@@ -123,6 +147,7 @@ def test_a_refused_call_leaves_the_vector_as_it_was():
             for name, part in env.row(world).items():
                 np.testing.assert_array_equal(part, twin.row(world)[name], err_msg=name)
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(env.drawn().values(), twin.drawn().values()))
+        count += 1
     assert count >= 100, count
 
 
