@@ -1,10 +1,15 @@
 """Tests that the digest of a policy follows every part of its code, and nothing else: small modules, each with edits that change what it plays."""
 
+import functools
 import importlib
+import os
+import pathlib
+import shutil
 import subprocess
 import sys
 import textwrap
 
+import fiatlux
 import numpy as np
 import pytest
 from fiatlux.fingerprint import digest_of
@@ -262,6 +267,25 @@ CASES = {
     ),
 }
 
+# Of the cases, in every version of Python; another value refuses the runs that policies have begun.
+PINNED = {
+    "a class's own class": "808c866686d3727a",
+    "functions": "7a195ea39ec954d1",
+    "nested": "c8e49b14b2596afe",
+    "closures": "7a341ef49cf85543",
+    "lambdas": "5c4531f5174b9f6c",
+    "partials": "a06f5ccdbc0ed378",
+    "dataclass": "a60ab2d246d4ed67",
+    "named tuple": "79625d1d10955fe5",
+    "methods": "b8cd8188b04c6ac6",
+    "weights in helpers": "409ae1a74cc0b1c5",
+    "recursion": "21ca60ec74cb79a4",
+    "one name, two classes": "e81e35a309852ccb",
+    "modules of the user's": "13e37f62f4483cd3",
+    "libraries": "7b2ed0a831d490e4",
+    "texts": "9def5921b031b138",
+}
+
 HELPERS = {
     "helpers": "FACTOR = 2.0\ndef scale(x): return x * FACTOR\ndef shift(x): return x + 1.0\n",
     "late": "def more(x): return x * 5.0\n",
@@ -330,6 +354,34 @@ def test_it_is_the_same_in_every_process(tmp_path):
         script = f"import mine; from fiatlux.fingerprint import digest_of; print(digest_of(mine.{policy}))"
         run = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True)
         assert run.stdout.split() == [here], case
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_is_the_same_in_every_version(case, tmp_path):
+    code, policy, *_ = CASES[case]
+    assert digest_in(tmp_path / "here", code, policy) == PINNED[case]
+
+
+OTHERS = [
+    path for minor in range(10, 20) if (path := shutil.which(f"python3.{minor}")) and minor != sys.version_info[1]
+]
+
+
+def test_another_python_has_the_same_digests(tmp_path):
+    """One that has numpy and gymnasium itself: the package works in every version."""
+    (tmp_path / "path").mkdir()
+    (tmp_path / "path" / "fiatlux").symlink_to(pathlib.Path(fiatlux.__file__).parent)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "path")}
+    run = functools.partial(subprocess.run, capture_output=True, text=True, env=environment)
+    having = [path for path in OTHERS if run([path, "-c", "import fiatlux"]).returncode == 0]
+    if not having:
+        pytest.skip("needs another Python on the path, with numpy and gymnasium")
+    for number, (case, (code, policy, *_)) in enumerate(CASES.items()):
+        folder = tmp_path / str(number)
+        imported(folder, code, policy)
+        script = f"import mine; from fiatlux.fingerprint import digest_of; print(digest_of(mine.{policy}))"
+        for path in having:
+            assert run([path, "-c", script], cwd=folder).stdout.split() == [PINNED[case]], (path, case)
 
 
 PLAYED = """
