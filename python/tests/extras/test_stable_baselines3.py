@@ -53,6 +53,7 @@ def test_pictures_go_to_a_convolutional_network():
 def test_vectors_that_the_library_would_misread_are_refused():
     for settings, match in [
         ({"copy": False}, "copy=True"),
+        ({"final_obs": False}, "final_obs=True"),
         ({"autoreset_mode": "next_step"}, "autoreset_mode='same_step'"),
     ]:
         with pytest.raises(ValueError, match=f"StableBaselinesVecEnv: .*{match}"):
