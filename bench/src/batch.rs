@@ -72,7 +72,7 @@ pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
 
     let mut threaded = Running::new(standing_batch(&world, &targets, worlds, threads, false)?);
     let mut separate = Processes::start(options)?;
-    eprintln!("bench: {worlds} worlds, {rounds} rounds of {threads} threads and processes");
+    fiatlux_cli::report(format!("bench: {worlds} worlds, {rounds} rounds of {threads} threads and processes"));
     let [several, processes, lockstep] = alternate(rounds, |case| match case {
         0 => threaded.rate(budget),
         1 => separate.rate(),
@@ -87,7 +87,7 @@ pub fn run(options: &BatchOptions) -> Result<BatchReport, BenchError> {
     let mut sensing = Running::new(standing_batch(&world, &targets, worlds, 1, true)?);
     let mut walking = [Running::new(walking_batch(worlds, 1)?), Running::new(walking_batch(worlds, threads)?)];
     let action = vec![0.0; targets.len()];
-    eprintln!("bench: {ROUNDS} rounds of the other cases");
+    fiatlux_cli::report(format!("bench: {ROUNDS} rounds of the other cases"));
     let others: [_; 5] = alternate(ROUNDS, |case| match case {
         0 => rate(
             budget,

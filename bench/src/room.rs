@@ -25,7 +25,7 @@ const ROUNDS: usize = 20;
 
 /// A robot that stands and waves its arms: the bare one on a floor, and the one with fingers in the whole room.
 pub(crate) fn run() -> Result<RoomReport, BenchError> {
-    eprintln!("bench: the whole room against a bare robot on a floor");
+    fiatlux_cli::report("bench: the whole room against a bare robot on a floor");
     let mut bare = Waver::new("g1_bare", SceneParts::FLOOR)?;
     let mut room = Waver::new(Robot::NAMES[0], SceneKind::CoupledLadder.into())?;
     let (mut bare_us, mut room_us) = (f64::INFINITY, f64::INFINITY);

@@ -114,7 +114,7 @@ fn share(
                 return Ok(sum);
             }
             if run.is_multiple_of(1000) {
-                eprintln!("bench: {name}, run {run} of {runs}");
+                fiatlux_cli::report(format!("bench: {name}, run {run} of {runs}"));
             }
             sum.add(play(run)?);
         }

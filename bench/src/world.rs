@@ -28,11 +28,11 @@ pub struct Options {
 /// Runs all cases, and names each on stderr.
 pub fn run(options: &Options) -> Result<Report, BenchError> {
     let oracle = options.oracle.as_deref().map(Oracle::new).transpose()?;
-    eprintln!("bench: setting up");
+    fiatlux_cli::report("bench: setting up");
     let cases = cases()?;
     let mut reports = Vec::new();
     for case in &cases {
-        eprintln!("bench: {}", case.name);
+        fiatlux_cli::report(format!("bench: {}", case.name));
         let repeats = repeats(case, options.seconds);
         // Half of it before MuJoCo and half after, so that a change in the machine's load affects both.
         let mut samples = Samples::default();
@@ -49,12 +49,12 @@ pub fn run(options: &Options) -> Result<Report, BenchError> {
         reports.push(report);
     }
     #[cfg(not(feature = "rapier"))]
-    eprintln!("bench: Rapier's multibody is left out; build with --features rapier for it");
+    fiatlux_cli::report("bench: Rapier's multibody is left out; build with --features rapier for it");
     #[cfg(feature = "rapier")]
     for case in &cases[..3] {
         for (substeps, label) in [(Some(1), "1 substep"), (None, "default")] {
             let name = format!("{}, Rapier multibody, {label}", case.name);
-            eprintln!("bench: {name}");
+            fiatlux_cli::report(format!("bench: {name}"));
             reports.push(time_multibody(case, name, substeps, repeats(case, options.seconds * MULTIBODY_SHARE))?);
         }
     }

@@ -33,7 +33,7 @@ pub(crate) fn run() -> Result<WorldsReport, BenchError> {
 
     let (mut rate_many, mut rate_single) = (0.0_f64, 0.0_f64);
     for round in 1..=ROUNDS {
-        eprintln!("bench: {WORLDS} worlds on {THREADS} threads, round {round} of {ROUNDS}");
+        fiatlux_cli::report(format!("bench: {WORLDS} worlds on {THREADS} threads, round {round} of {ROUNDS}"));
         rate_single = rate_single.max(rate(&world, &|stage: &mut World| one_after_another(stage, &world, &targets)));
         rate_many = rate_many.max(rate(&world, &|stage: &mut World| in_turns(stage, &world, &targets)));
     }

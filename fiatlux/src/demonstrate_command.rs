@@ -11,10 +11,10 @@ use clap::Args;
 use fiatlux_cli::ProgressLine;
 use fiatlux_client::{RunProgress, SessionArgs};
 use fiatlux_policies::Policies;
-use fiatlux_proto::plain;
 use fiatlux_proto::v3::OpenRequest;
+use fiatlux_proto::{count, plain};
 use fiatlux_rules::{CONTROL_DT, SeedOwner, Task};
-use fiatlux_runs::{BAGS, DemonstrateOptions, Demonstrated, EvaluateOptions, demonstrate};
+use fiatlux_runs::{BAGS, DemonstrateOptions, Demonstrated, EvaluateOptions, check_names, demonstrate};
 use fiatlux_world::SceneConfig;
 use lerobot::LeRobot;
 use serde_json::json;
@@ -85,6 +85,12 @@ pub struct DemonstrateArgs {
 }
 
 impl DemonstrateArgs {
+    /// The session of each room: with pictures in its bag, unless the user wants none.
+    fn recorded(&self) -> SessionArgs {
+        let session = self.session.clone();
+        if self.no_pictures { session } else { session.recording("camera") }
+    }
+
     /// Mistakes of the command line.
     fn problem(&self, policies: &Policies) -> Option<String> {
         if let Some(problem) = unfit(policies, &self.policy) {
@@ -92,6 +98,9 @@ impl DemonstrateArgs {
         }
         if let Err(error) = SeedOwner::check_training(self.first_seed) {
             return Some(format!("--first-seed: {error}"));
+        }
+        if let Err(problem) = check_names(&self.session) {
+            return Some(problem.to_string());
         }
         let mut request = OpenRequest::default();
         self.session.apply(&mut request);
@@ -110,8 +119,7 @@ pub fn run(args: &DemonstrateArgs, policies: Policies) -> anyhow::Result<ExitCod
     // Before an hour is spent on bags.
     let list = args.recipe.as_deref().map(recipe::read).transpose()?;
     let lerobot = args.lerobot.then(|| LeRobot::find(args.python.as_deref(), &args.out)).transpose()?;
-    let session = args.session.clone();
-    let mut session = if args.no_pictures { session } else { session.recording("camera") };
+    let mut session = args.recorded();
     let options = DemonstrateOptions {
         evaluation: EvaluateOptions {
             policies,
@@ -209,12 +217,12 @@ fn print(args: &DemonstrateArgs, done: &Demonstrated, data_set: Option<&PathBuf>
     let share = 100.0 * done.clean as f64 / done.rooms.max(1) as f64;
     let minutes = seconds / 60.0;
     fiatlux_cli::print(format!(
-        "{}: {} demonstrations of {}, {minutes:.1} min of motion; {} of {} rooms were clean ({share:.0} %)\n",
+        "{}: {} of {}, {minutes:.1} min of motion; {} of {} clean ({share:.0} %)\n",
         args.out.join(BAGS).display(),
-        done.kept.len(),
+        count(done.kept.len(), "demonstration"),
         args.task,
         done.clean,
-        done.rooms,
+        count(done.rooms, "room"),
     ))?;
     if let Some(data_set) = data_set {
         fiatlux_cli::print(format!("{}: LeRobot data set\n", data_set.display()))?;
@@ -245,4 +253,25 @@ fn look(line: &ProgressLine, rooms: usize, progress: &RunProgress) -> String {
     };
     let rate = line.rate(*steps);
     format!("{text}, {successes} of {done} succeeded, {rate:.0} steps/s, about {left} left")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fiatlux_client::Playing;
+
+    /// Guards the time that is foretold: rooms to come last as long as those that ended, and no time-out is expected of them.
+    #[test]
+    fn rooms_to_come_are_expected_to_last_as_those_that_ended() {
+        let playing = |step| Playing { task: "S08".into(), seed: Some(1000), server: "local".into(), step };
+        // 400 steps in the two rooms that ended, and three rooms to come, of which two have begun.
+        let mut progress = RunProgress { episodes: 5, done: 2, steps: 500, ..RunProgress::default() };
+        progress.playing = vec![playing(70), playing(30)];
+        assert_eq!(expected_steps(&progress, 2), 400 + 3 * 200);
+        // One that is given up for now is not waited for.
+        progress.lost = 1;
+        assert_eq!(expected_steps(&progress, 2), 400 + 2 * 200);
+        let over = RunProgress { episodes: 2, done: 2, steps: 401, ..RunProgress::default() };
+        assert_eq!(expected_steps(&over, 2), 401);
+    }
 }

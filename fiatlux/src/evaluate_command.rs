@@ -14,7 +14,7 @@ use fiatlux_grading::tables;
 use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
 use fiatlux_rules::{CONTROL_DT, Guest, Relay, Task};
-use fiatlux_runs::{EvaluateError, EvaluateOptions, evaluate};
+use fiatlux_runs::{EvaluateError, EvaluateOptions, check_names, evaluate};
 use fiatlux_world::{AssetArg, SceneConfig};
 use outcome::finish;
 
@@ -139,6 +139,9 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
     if let Some(problem) = unfit(&policies, policy) {
         return Ok(fiatlux_cli::usage(format!("--policy {}: {problem}", plain(policy))));
     }
+    if let Err(problem) = check_names(&args.session) {
+        return Ok(fiatlux_cli::usage(problem));
+    }
     let scene = match SceneConfig::default().with_assets(&args.assets) {
         Ok(scene) => scene,
         Err(error) => {
@@ -194,7 +197,6 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
             fiatlux_cli::report(stopped.to_string());
             return Ok(ExitCode::from(3));
         }
-        Err(problem @ EvaluateError::Name { .. }) => return Ok(fiatlux_cli::usage(problem)),
         outcome => outcome?,
     };
     finish(args.json, &options.out, &outcome, "the rest will be played by the same command")

@@ -70,9 +70,9 @@ pub fn keys(args: KeysArgs) -> anyhow::Result<()> {
     let made = make(&options)?;
     let report = Report { folder: options.out, made };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        fiatlux_cli::print(serde_json::to_string_pretty(&report)? + "\n")?;
     } else {
-        print!("{report}");
+        fiatlux_cli::print(report.to_string())?;
     }
     Ok(())
 }

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fiatlux_bag::{Bag, BagError, Completeness};
+use fiatlux_proto::count;
 use fiatlux_render::framing::Spot;
 use fiatlux_render::{Lighting, MeshError, RobotMeshes, Visuals};
 use fiatlux_replay::{Rows, differences};
@@ -205,7 +206,7 @@ impl Clip {
         let mut lost: Vec<String> = self.episodes.iter().flat_map(|episode| episode.lost.clone()).collect();
         let stopped = frames < all && stop.load(Ordering::Relaxed);
         if frames < all && !stopped {
-            lost.push(format!("{} frames: the bags became shorter while they were read", all - frames));
+            lost.push(format!("{}: the bags became shorter while they were read", count(all - frames, "frame")));
         }
         sink.finish()?;
         Ok(Outcome { frames, stopped, lost })

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use crate::part_of;
 use anyhow::{Context, bail};
 use clap::Args;
+use fiatlux_proto::count;
 use fiatlux_replay::{Bags, Replay, Viewer, standalone};
 
 /// Shown below the options.
@@ -73,7 +74,7 @@ fn serve(bags: Bags, args: &ViewArgs) -> anyhow::Result<()> {
 
 fn write(bags: &Bags, path: &Path, out: &Path, force: bool) -> anyhow::Result<()> {
     let (1, Some(bag)) = (bags.count(), bags.file(0)) else {
-        bail!("{} has {} bags; name one of them with --out", path.display(), bags.count());
+        bail!("{} has {}; name one of them with --out", path.display(), count(bags.count(), "bag"));
     };
     if out.exists() && !force {
         bail!("{} exists already; replace it with --force, or choose another name", out.display());

@@ -24,6 +24,7 @@ mod decode;
 mod encode;
 pub mod keys;
 pub mod limits;
+mod nearest;
 mod observation;
 mod proprioception;
 mod refusal;
@@ -34,11 +35,12 @@ mod version;
 pub use body_command::{BodyCommand, NOMINAL_HEIGHT};
 pub use decode::{DecodeError, decode, decode_onto};
 pub use encode::{Encode, encode};
+pub use nearest::did_you_mean;
 pub use observation::{ObservationLayout, TermError, is_of_images};
 pub use proprioception::Proprioception;
 pub use prost::Message;
 pub use prost::bytes::Bytes;
-pub use text::{is_unseen, plain, plain_lines};
+pub use text::{count, is_unseen, plain, plain_lines};
 pub use version::{PROTOCOL, is_compatible};
 
 /// The messages of the service.

@@ -1,7 +1,7 @@
 //! Text from strangers: what of it may be shown as it is.
 
 use std::borrow::Cow;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 /// Characters that change how the text around them is shown: controls such as ESC and line breaks, and those of Unicode that
 /// change its direction or have no width.
@@ -22,6 +22,16 @@ pub fn plain(text: &str) -> Cow<'_, str> {
 /// As [`plain`], for our own text in which a stranger's may stand: its line breaks and tabs stay, and JSON stays JSON.
 pub fn plain_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| !matches!(c, '\n' | '\t') && is_unseen(c))
+}
+
+/// A count with its noun, in the plural unless it is 1.
+///
+/// ```
+/// assert_eq!(fiatlux_proto::count(1, "bag") + " and " + &fiatlux_proto::count(2, "bag"), "1 bag and 2 bags");
+/// ```
+pub fn count<N: Display + PartialEq + From<u8>>(n: N, noun: &str) -> String {
+    let s = if n == 1.into() { "" } else { "s" };
+    format!("{n} {noun}{s}")
 }
 
 fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {

@@ -10,7 +10,7 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Subcommand};
 use fiatlux_cli::whole;
 use fiatlux_leaderboard::{MAX_DAYS, Quota, Store, SubmissionId};
-use fiatlux_proto::plain;
+use fiatlux_proto::{count, plain};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -35,8 +35,10 @@ pub struct AdminArgs {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Make the folder of a new leaderboard, as `scorer serve` does when it first starts
+    #[command(after_help = "Example:\n  scorer admin --folder board init")]
     Init,
     /// Create an account that may submit
+    #[command(after_help = "Example:\n  scorer admin --folder board account lab --submissions-a-day 50")]
     Account {
         /// Name of the account: letters, digits, - and _
         name: String,
@@ -44,6 +46,7 @@ enum Command {
         limits: LimitArgs,
     },
     /// Change the limits of an account, and open it; with --close, close it
+    #[command(after_help = "Example:\n  scorer admin --folder board change lab --close")]
     Change {
         /// Name of the account
         name: String,
@@ -54,6 +57,7 @@ enum Command {
         close: bool,
     },
     /// Create a token and print it; it cannot be shown again
+    #[command(after_help = "Example:\n  scorer admin --folder board token lab --days 90")]
     Token {
         /// Name of the account that the token is for
         account: String,
@@ -62,15 +66,19 @@ enum Command {
         days: u32,
     },
     /// Revoke a token at once and for good
+    #[command(after_help = "Example:\n  scorer admin --folder board revoke 0123456789abcdef")]
     Revoke {
         /// Id of the token: the 16 digits after fiatlux_
         id: String,
     },
     /// List accounts with their tokens
+    #[command(after_help = "Example:\n  scorer admin --folder board accounts")]
     Accounts,
     /// List all submissions, whatever their state
+    #[command(after_help = "Example:\n  scorer admin --folder board submissions")]
     Submissions,
     /// Take a submission out of the tables
+    #[command(after_help = "Example:\n  scorer admin --folder board refuse 0123456789abcdef 'plays the scored seeds'")]
     Refuse {
         /// Id of the submission
         id: SubmissionId,
@@ -78,11 +86,13 @@ enum Command {
         reason: String,
     },
     /// Remove a submission and its bags for good
+    #[command(after_help = "Example:\n  scorer admin --folder board remove 0123456789abcdef")]
     Remove {
         /// Id of the submission
         id: SubmissionId,
     },
     /// Note the rows of takes and demonstrations, so that nobody can submit them as those of a policy of his own
+    #[command(after_help = "Example:\n  scorer admin --folder board known takes --name 'our takes of July'")]
     Known {
         /// Files and folders of bags, searched to any depth
         #[arg(required = true)]
@@ -94,18 +104,21 @@ enum Command {
     /// Make the bags of verified submissions thin: actions, result and signature alone, a tenth of the size or less
     ///
     /// They replay and verify as before. A bag stays full if its rows cannot be simulated again, or if a younger submission has it, too.
+    #[command(after_help = "Example:\n  scorer admin --folder board thin --older 30d")]
     Thin {
         /// Age of the submissions in days, such as 30d
         #[arg(long, value_name = "DAYS", value_parser = days)]
         older: Duration,
     },
     /// Show the end of the audit log
+    #[command(after_help = "Example:\n  scorer admin --folder board log --last 200")]
     Log {
         /// Number of lines to show
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000))]
         last: u32,
     },
     /// Copy database and bags into a folder that `scorer serve` can use; bags copied by an earlier backup are kept
+    #[command(after_help = "Example:\n  scorer admin --folder board backup /backups/board")]
     Backup {
         /// Folder for the backup
         to: PathBuf,
@@ -193,7 +206,7 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
         Command::Known { bags, name } => {
             let found = store.know_bags(name, bags).await?;
             let (new, bags) = (found.new, found.bags);
-            writeln!(said, "{new} new episodes are known, of {bags} bags")?;
+            writeln!(said, "{} of {} newly known", count(new, "episode"), count(bags, "bag"))?;
             for reason in found.unread {
                 writeln!(said, "  {}", plain(&reason))?;
             }
@@ -203,8 +216,8 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
             let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
             writeln!(
                 said,
-                "{} bags are thin now: {:.1} MiB before, {:.1} MiB after",
-                done.bags,
+                "{} made thin: {:.1} MiB before, {:.1} MiB after",
+                count(done.bags, "bag"),
                 mib(done.before),
                 mib(done.after)
             )?;

@@ -9,7 +9,7 @@ use clap::Args;
 use fiatlux_bag::{Bag, BagError, convert};
 use fiatlux_cli::{ProgressLine, in_full, report as tell};
 use fiatlux_grading::find_bags;
-use fiatlux_proto::plain;
+use fiatlux_proto::{count, plain};
 
 use crate::DATA_LOSS;
 
@@ -43,8 +43,8 @@ pub fn run(args: &ConvertArgs, thin: bool) -> Result<ExitCode> {
     refused.iter().for_each(|why| tell(plain(why)));
     let (form, mib) = (if thin { "thin" } else { "full" }, |bytes: u64| bytes as f64 / f64::from(1 << 20));
     fiatlux_cli::print(format!(
-        "{changed} of {} bags are {form} now, {} stayed as they were: {:.1} MiB before, {:.1} MiB after\n",
-        bags.len(),
+        "{changed} of {} made {form}, {} left as before: {:.1} MiB before, {:.1} MiB after\n",
+        count(bags.len(), "bag"),
         bags.len() - changed,
         mib(before),
         mib(size())

@@ -251,4 +251,9 @@ mod tests {
     fn whole_numbers_name_their_range() {
         fiatlux_cli::check_whole_numbers::<Cli>().unwrap();
     }
+
+    #[test]
+    fn every_help_has_an_example() {
+        fiatlux_cli::check_examples::<Cli>().unwrap();
+    }
 }

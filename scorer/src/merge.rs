@@ -13,7 +13,7 @@ use fiatlux_bag::{BAGS, BagFiles, bag_name, lock_folder};
 use fiatlux_cli::report as tell;
 use fiatlux_client::{Shard, ShardRecord};
 use fiatlux_grading::{Fault, GradeOptions, Results, find_bags, report, tables};
-use fiatlux_proto::plain;
+use fiatlux_proto::{count, plain};
 
 use crate::DATA_LOSS;
 use crate::files::{graded, make, write};
@@ -68,7 +68,8 @@ pub fn run(args: &MergeArgs) -> Result<ExitCode> {
     }
     fiatlux_cli::print_headed(tables::text(&results))?;
     let played = results.episodes.iter().filter(|episode| !episode.bag.is_empty()).count();
-    tell(format!("{played} episodes of {} folders are in {}", args.shards.len(), args.out.display()));
+    let (played, folders) = (count(played, "episode"), count(args.shards.len(), "folder"));
+    tell(format!("{played} of {folders} in {}", args.out.display()));
     say_missing(&missing, &records);
     Ok(if missing.is_empty() && !results.has_data_loss() { ExitCode::SUCCESS } else { ExitCode::from(DATA_LOSS) })
 }

@@ -17,7 +17,7 @@ use fiatlux_cli::{INTERRUPTED, ProgressLine, print, report as tell};
 use fiatlux_client::{Access, AccessArgs, find_server};
 use fiatlux_grading::find_bags;
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_proto::plain;
+use fiatlux_proto::{count, plain};
 use fiatlux_verify::verify;
 
 use crate::UNVERIFIED;
@@ -132,7 +132,7 @@ pub fn run(args: &VerifyArgs) -> Result<ExitCode> {
         return Ok(interrupted(waiting.len(), all));
     }
     if !waiting.is_empty() {
-        tell(format!("warning: {} of {all} bags were not simulated again", waiting.len()));
+        tell(format!("warning: {} of {} not simulated again", waiting.len(), count(all, "bag")));
     }
     Ok(if good == all { ExitCode::SUCCESS } else { ExitCode::from(UNVERIFIED) })
 }
@@ -149,7 +149,7 @@ fn connect(args: &VerifyArgs) -> Result<(Carrier, Vec<String>)> {
 
 /// Says that it was the user who ended it, and no fault of a server or a bag.
 fn interrupted(left: usize, all: usize) -> ExitCode {
-    tell(format!("interrupted: {left} of {all} bags were not simulated again"));
+    tell(format!("interrupted: {left} of {} not simulated again", count(all, "bag")));
     ExitCode::from(INTERRUPTED)
 }
 

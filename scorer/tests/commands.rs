@@ -175,10 +175,7 @@ fn an_interrupted_verification_says_so() {
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     let err = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(
-        (output.status.code(), err.as_str()),
-        (Some(130), "interrupted: 1 of 1 bags were not simulated again\n")
-    );
+    assert_eq!((output.status.code(), err.as_str()), (Some(130), "interrupted: 1 of 1 bag not simulated again\n"));
 }
 
 /// A folder with the `results.json` of one policy, an episode of S01 for each seed.

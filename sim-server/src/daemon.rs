@@ -1,6 +1,5 @@
 //! The server as a process.
 
-use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,6 +10,7 @@ use clap::Args;
 use fiatlux_access::{Identity, RecorderKey, Tokens};
 use fiatlux_cli::{BagForm, whole};
 use fiatlux_link::{LinkArgs, Role};
+use fiatlux_proto::count;
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
 
@@ -141,12 +141,10 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     if let Some(metrics) = metrics {
         metrics.serve(server.counts())?;
     }
-    let mut stdout = std::io::stdout();
-    writeln!(stdout, "{} as {}", link.place(Role::Server)?, server.name())?;
-    stdout.flush()?;
+    fiatlux_cli::print(format!("{} as {}\n", link.place(Role::Server)?, server.name()))?;
 
     fiatlux_cli::wait_for(&stop);
-    tracing::info!("interrupted: ending {} sessions", server.open_sessions());
+    tracing::info!("interrupted: ending {}", count(server.open_sessions(), "session"));
     let is_whole = server.shutdown(SHUTDOWN);
     if !is_whole {
         fiatlux_cli::report(format!(

@@ -13,6 +13,7 @@ use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
 use fiatlux_cli::BagForm;
 use fiatlux_link::{LinkArgs, Role, WaitLog};
+use fiatlux_proto::count;
 use fiatlux_proto::keys::{ServerKeys, any_alive, any_truth_row};
 use fiatlux_proto::v3::EpisodeEnd;
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
@@ -144,7 +145,7 @@ fn line(BagReport { path, end, .. }: &BagReport) -> String {
     match end {
         BagEnd::Whole(result) => {
             let EpisodeEnd { cause, steps, gate_progress, .. } = result.end.clone().unwrap_or_default();
-            format!("{path}: {cause} after {steps} steps, progress {gate_progress:.3}")
+            format!("{path}: {cause} after {}, progress {gate_progress:.3}", count(steps, "step"))
         }
         BagEnd::Cut(reason) => format!("{path}: cut: {reason}"),
     }

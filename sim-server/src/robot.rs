@@ -100,7 +100,7 @@ pub fn run(args: &RobotArgs, options: ServerOptions) -> anyhow::Result<bool> {
     match played {
         Ok(end) => {
             closed?;
-            fiatlux_cli::print(format!("ended after {} steps: {}\n", end.steps, end.cause))?;
+            fiatlux_cli::print(format!("ended after {}: {}\n", fiatlux_proto::count(end.steps, "step"), end.cause))?;
             Ok(is_whole)
         }
         Err(fiatlux_client::ClientError::Stopped) => Ok(is_whole),

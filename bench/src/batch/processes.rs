@@ -1,5 +1,6 @@
 //! Separate processes, each with its share of the worlds on one thread, to compare threads with.
 
+use std::fmt::Display;
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
@@ -23,19 +24,24 @@ fn io(what: &str) -> impl FnOnce(std::io::Error) -> BenchError {
 pub fn serve_share(options: &BatchOptions) -> Result<(), BenchError> {
     let (world, targets) = standing_world()?;
     let mut running = Running::new(standing_batch(&world, &targets, share(options), 1, false)?);
-    println!("{DONE}");
+    say(DONE)?;
     for order in std::io::stdin().lines() {
         match order.map_err(io("read an order"))?.as_str() {
             RESET => running.reset()?,
             STEP => running.step()?,
             _ => {
-                println!("{}", running.rate(Duration::from_secs_f64(options.seconds))?);
+                say(running.rate(Duration::from_secs_f64(options.seconds))?)?;
                 continue;
             }
         }
-        println!("{DONE}");
+        say(DONE)?;
     }
     Ok(())
+}
+
+/// Answers an order.
+fn say(answer: impl Display) -> Result<(), BenchError> {
+    fiatlux_cli::print(format!("{answer}\n")).map_err(io("answer an order"))
 }
 
 fn share(options: &BatchOptions) -> usize {

@@ -22,7 +22,7 @@ pub(super) fn measure(trials: &Trials, runs: u64) -> Result<Vec<AccuracyReport>,
 
 fn measure_pattern(trials: &Trials, pattern: Pattern, runs: u64) -> Result<AccuracyReport, BenchError> {
     let name = pattern.name();
-    eprintln!("bench: {name}, against a step of {} ms", 1e3 * PHYSICS_DT / FINE as f64);
+    fiatlux_cli::report(format!("bench: {name}, against a step of {} ms", 1e3 * PHYSICS_DT / FINE as f64));
     let mut distances: [Vec<(f64, f64)>; 4] = Default::default();
     for run in 0..runs {
         let world = trials.start(run)?;

@@ -57,7 +57,7 @@ fn starts(folder: &Path, trials: &Trials, count: u64) -> Result<Value, BenchErro
 fn replays(folder: &Path, trials: &Trials, runs: u64) -> Result<Value, BenchError> {
     let mut replays = Vec::new();
     for run in 0..runs {
-        eprintln!("bench: replay {run} of {runs}");
+        fiatlux_cli::report(format!("bench: replay {run} of {runs}"));
         let world = trials.start(run)?;
         let (scene, start) = (world.scene(), world.state());
         let file = format!("replay-{run}.xml");

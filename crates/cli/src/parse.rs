@@ -61,21 +61,55 @@ pub fn check_whole_numbers<C: CommandFactory>() -> Result<(), String> {
     if checked > 0 { Ok(()) } else { Err("no flag takes a whole number".into()) }
 }
 
-/// For the tests of programs: checks that the long help of every command shows an example.
+/// For the tests of programs: checks that the long help of every command shows an example of it, and that the program takes each.
 pub fn check_examples<C: CommandFactory>() -> Result<(), String> {
-    let mut without = Vec::new();
-    without_example(&mut C::command(), "", &mut without);
-    if without.is_empty() { Ok(()) } else { Err(format!("no example in the help of {}", without.join(", "))) }
+    let mut wrong = Vec::new();
+    // Some programs have it without saying so: `parse_with_settings` adds it.
+    let settings = Arg::new("settings").long("settings").global(true);
+    let program = lets_flags_judge_numbers(C::command()).arg(settings);
+    wrong_examples(&mut C::command(), "", &program, &mut wrong);
+    if wrong.is_empty() { Ok(()) } else { Err(wrong.join("\n")) }
 }
 
-fn without_example(command: &mut Command, above: &str, without: &mut Vec<String>) {
+fn wrong_examples(command: &mut Command, above: &str, program: &Command, wrong: &mut Vec<String>) {
     let name = format!("{above} {}", command.get_name()).trim().to_owned();
-    if !command.render_long_help().to_string().contains("Example") {
-        without.push(name.clone());
+    let help = command.render_long_help().to_string();
+    let (_, examples) = help.split_once("\nExample").unwrap_or_default();
+    let lines = examples.lines().filter(|line| line.trim_start().starts_with(program.get_name()));
+    let examples: Vec<_> = lines.map(words).collect();
+    // Flags may stand between the words of its name.
+    let shows = |words: &Vec<String>| {
+        let mut words = words.iter();
+        name.split(' ').all(|part| words.any(|word| word == part))
+    };
+    if !examples.iter().any(shows) {
+        wrong.push(format!("no example in the help of {name}"));
+    }
+    for words in examples {
+        if let Err(error) = program.clone().try_get_matches_from(&words) {
+            wrong.push(format!("in the help of {name}: {}: {error}", words.join(" ")));
+        }
     }
     for below in command.get_subcommands_mut().filter(|below| below.get_name() != "help") {
-        without_example(below, &name, without);
+        wrong_examples(below, &name, program, wrong);
     }
+}
+
+/// The words of a line as a shell has them, up to the remark after it or what is done with its output.
+fn words(line: &str) -> Vec<String> {
+    let line = line.trim_start();
+    let line = line.split_once("  ").map_or(line, |(line, _)| line);
+    let (mut words, mut quoted) = (vec![String::new()], false);
+    for letter in line.chars() {
+        match letter {
+            '\'' => quoted = !quoted,
+            '|' | '>' | '&' | '#' if !quoted => break,
+            ' ' if !quoted => words.push(String::new()),
+            _ => words.iter_mut().last().unwrap_or(&mut String::new()).push(letter),
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
 }
 
 fn check_in(command: &Command, checked: &mut usize) -> Result<(), String> {

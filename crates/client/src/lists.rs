@@ -26,7 +26,7 @@ pub fn parse_tasks(text: &str) -> Result<Vec<Task>, String> {
         let named = match name.trim() {
             "all" => Task::SUBTASKS.to_vec(),
             name => vec![name.parse().map_err(|error| {
-                let hint = fiatlux_cli::did_you_mean(name, Task::ALL.map(Task::short_id));
+                let hint = fiatlux_proto::did_you_mean(name, Task::ALL.map(Task::short_id));
                 format!("{error}, or all for the twelve subtasks{hint}")
             })?],
         };

@@ -63,7 +63,7 @@ impl std::fmt::Display for Flaw {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let short = |digest: &str| digest.chars().take(12).collect::<String>();
         match self {
-            Flaw::Aborted => f.write_str("aborted: the episode was stopped before its end"),
+            Flaw::Aborted => f.write_str("the episode was stopped before its end"),
             Flaw::Unended => f.write_str("the recording has no result"),
             Flaw::Gap(what) => f.write_str(what),
             Flaw::Unbound => f.write_str(

@@ -15,11 +15,12 @@ use std::fmt::Write;
 use std::path::Path;
 
 use episodes::FigureSource;
+use fiatlux_proto::count;
 use markup::escape;
 use summary::{run_lines, subtasks, summary};
 
 use crate::Results;
-use crate::tables::{conditions_line, count, seed_count};
+use crate::tables::{conditions_line, seed_count};
 
 pub use episodes::Site;
 pub use markup::cause_class;

@@ -8,6 +8,8 @@ pub use csv::csv;
 pub use latex::latex;
 pub use text::{painted, text};
 
+use fiatlux_proto::count;
+
 use crate::{Conditions, Results, RunResult};
 
 /// Layout seeds in short form: `0..3`, `0, 2, 7`.
@@ -65,7 +67,7 @@ pub(crate) fn run_line(run: &RunResult) -> String {
     let causes: Vec<_> = run.failed.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
     let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join(", ")) };
     let rest = if *finished { "" } else { "; NOT FINISHED: episodes that are still to be played count as failures" };
-    let registered = count(*registered as usize, "episode");
+    let registered = count(*registered, "episode");
     format!("Run {name}: {registered} registered, {played} played, {failed} failed{causes}{rest}")
 }
 
@@ -107,12 +109,6 @@ pub(crate) fn missing(results: &Results) -> Vec<String> {
         ));
     }
     lines
-}
-
-/// A count with its noun, in the plural unless it is 1.
-pub(crate) fn count(n: usize, noun: &str) -> String {
-    let s = if n == 1 { "" } else { "s" };
-    format!("{n} {noun}{s}")
 }
 
 /// A force in newtons, with a useful number of digits.

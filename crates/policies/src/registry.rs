@@ -70,7 +70,7 @@ impl Policies {
             Some(entry) => (entry.make)(argument.unwrap_or_default()),
             None => Err(PolicyError::Unknown {
                 name: name.into(),
-                hint: fiatlux_cli::did_you_mean(word, self.0.iter().map(Entry::word)),
+                hint: fiatlux_proto::did_you_mean(word, self.0.iter().map(Entry::word)),
                 known: self.0.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", "),
             }),
         }

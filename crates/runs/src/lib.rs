@@ -13,12 +13,10 @@ mod play;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fiatlux_client::{RunProgress, check_tasks};
+use fiatlux_client::{RunProgress, SessionArgs, check_tasks};
 use fiatlux_grading::{Fault, Results};
 use fiatlux_proto::plain;
 use fiatlux_proto::v3::OpenRequest;
-use fiatlux_robot::Robot;
-use fiatlux_sensing::Sensor;
 use fiatlux_server::ServerOptions;
 
 pub use demonstrate::{BAGS, DemonstrateOptions, Demonstrated, Demonstration, demonstrate};
@@ -56,7 +54,7 @@ pub fn evaluate(
     // Report a wrong name before anything is played.
     let policy = options.policies.make(&options.policy)?;
     check_tasks(policy.as_ref(), &options.tasks)?;
-    check_names(options)?;
+    check_names(&options.session)?;
     let bags = options.out.join(fiatlux_bag::BAGS);
     std::fs::create_dir_all(&bags).map_err(|error| folder(&bags, error))?;
     let _lock = lock(&options.out)?;
@@ -99,22 +97,15 @@ pub fn evaluate(
     Ok(Outcome { results, resumed, lost, asked: jobs.len(), stopped })
 }
 
-/// Refuses a mistyped name before a folder is judged by it.
-fn check_names(options: &EvaluateOptions) -> Result<(), EvaluateError> {
-    let wrong = |problem: String| Err(EvaluateError::Name { problem });
+/// Refuses a mistyped name of a sensor, a robot or a set of gains before a folder is made or judged by it.
+///
+/// # Errors
+/// [`EvaluateError::Name`], with the nearest name.
+pub fn check_names(session: &SessionArgs) -> Result<(), EvaluateError> {
     let mut request = OpenRequest::default();
-    options.session.apply(&mut request);
-    for sensor in &request.sensors {
-        if Sensor::by_name(&sensor.name).is_none() {
-            let hint = fiatlux_cli::did_you_mean(&sensor.name, Sensor::ALL.map(Sensor::name));
-            let (name, all) = (plain(&sensor.name), Sensor::names());
-            return wrong(format!("sensor '{name}' does not exist; ask for some of {all}{hint}"));
-        }
-    }
-    if let Err(error) = Robot::known(&request.robot) {
-        return wrong(format!("{error}{}", fiatlux_cli::did_you_mean(&request.robot, Robot::NAMES)));
-    }
-    Ok(())
+    session.apply(&mut request);
+    fiatlux_wire::check_names(&request)
+        .map_err(|refusal| EvaluateError::Name { problem: plain(&refusal.message).into_owned() })
 }
 
 /// Episodes that an earlier call with other tasks or seeds left in the folder.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
+use fiatlux_proto::{count, did_you_mean};
 use fiatlux_robot::Robot;
 use thiserror::Error;
 
@@ -25,8 +26,12 @@ const FOLDER: &str = ".config/fiatlux/teleop";
 #[derive(Debug, Clone, Args)]
 pub struct RobotArgs {
     /// Robot to drive, by its name or that of its hands
-    #[arg(long, value_name = "NAME", visible_alias = "hands", value_parser = Robot::known, default_value = Robot::NAMES[0])]
+    #[arg(long, value_name = "NAME", visible_alias = "hands", value_parser = robot, default_value = Robot::NAMES[0])]
     pub robot: &'static str,
+}
+
+fn robot(name: &str) -> Result<&'static str, String> {
+    Robot::known(name).map_err(|error| format!("{error}{}", did_you_mean(name, Robot::NAMES)))
 }
 
 /// Where the page is served.
@@ -114,7 +119,7 @@ impl PageArgs {
         for bag in &kept.bags {
             fiatlux_cli::print(format!("{}\n", bag.display()))?;
         }
-        fiatlux_cli::report(format!("{} takes kept, {} discarded", kept.bags.len(), kept.discarded));
+        fiatlux_cli::report(format!("{} kept, {} discarded", count(kept.bags.len(), "take"), kept.discarded));
         for bag in &kept.left {
             fiatlux_cli::report(format!("discarded, but still with its server: {}", bag.display()));
         }

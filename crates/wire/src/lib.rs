@@ -52,7 +52,7 @@ pub use known::{GAINS, KnownSensor, ROBOTS, SENSORS, known_gains, known_robot, k
 pub use pose::{pose_message, read_pose};
 pub use request::{
     COMMAND_TIMEOUT_MS, FEATURE_SIDE_STEP, IMAGE_SIDE, MAX_NAME, RequestedSensor, RequestedSession,
-    SENSORS_WITH_FEATURES, SensorUse, check_request, check_text, requested_sensors, reward_name,
+    SENSORS_WITH_FEATURES, SensorUse, check_names, check_request, check_text, requested_sensors, reward_name,
 };
 pub use row::{contact_messages, read_row, state_message};
 pub use task::task_message;

@@ -6,7 +6,7 @@
 
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{self, Mode, OpenRequest, Refusal};
-use fiatlux_proto::{is_unseen, limits};
+use fiatlux_proto::{did_you_mean, is_unseen, limits};
 use fiatlux_rules::{CONTROL_DT, Cause, Causes, Protocol, Task, ThresholdError, Thresholds, UnknownProtocol, Variant};
 
 use crate::known::{GAINS, KnownSensor, ROBOTS, SENSORS, known_gains, known_robot, known_sensor};
@@ -110,6 +110,17 @@ pub fn check_request(request: &OpenRequest) -> Result<RequestedSession, Refusal>
     })
 }
 
+/// Refuses a mistyped name of a sensor, a robot or a set of gains, before anything is made for the request.
+///
+/// # Errors
+/// A refusal with the nearest name, or of sensors that contradict each other.
+pub fn check_names(request: &OpenRequest) -> Result<(), Refusal> {
+    requested_sensors(&request.sensors)?;
+    robot(&request.robot)?;
+    gains(&request.gains)?;
+    Ok(())
+}
+
 /// Refuses a text that others will read, where it is too short, too long, or could change how their screens show it.
 ///
 /// # Errors
@@ -130,7 +141,8 @@ pub fn requested_sensors(sensors: &[v3::Sensor]) -> Result<Vec<RequestedSensor>,
     let read = |(index, asked): (usize, &v3::Sensor)| {
         let Some(KnownSensor { name, is_large }) = known_sensor(&asked.name) else {
             let known = SENSORS.map(|sensor| sensor.name).join(", ");
-            let message = format!("sensor '{}' does not exist; ask for some of {known}", asked.name);
+            let near = did_you_mean(&asked.name, SENSORS.map(|sensor| sensor.name));
+            let message = format!("sensor '{}' does not exist; ask for some of {known}{near}", asked.name);
             return Err(Refusal::new(Code::Unknown, "sensors", message));
         };
         if sensors[..index].iter().any(|other| other.name == name) {
@@ -151,14 +163,15 @@ pub fn requested_sensors(sensors: &[v3::Sensor]) -> Result<Vec<RequestedSensor>,
 fn robot(name: &str) -> Result<&'static str, Refusal> {
     known_robot(name).ok_or_else(|| {
         let known: Vec<String> = ROBOTS.iter().map(|(robot, _)| format!("'{robot}'")).collect();
-        let known = known.join(", ");
-        Refusal::new(Code::Unknown, "robot", format!("robot '{name}' is unknown; use one of {known}"))
+        let (known, near) = (known.join(", "), did_you_mean(name, ROBOTS.iter().map(|(robot, _)| *robot)));
+        Refusal::new(Code::Unknown, "robot", format!("robot '{name}' is unknown; use one of {known}{near}"))
     })
 }
 
 fn gains(name: &str) -> Result<&'static str, Refusal> {
     known_gains(name).ok_or_else(|| {
-        let message = format!("'{name}' is not a known set of gains; use one of {}", GAINS.join(", "));
+        let near = did_you_mean(name, GAINS);
+        let message = format!("'{name}' is not a known set of gains; use one of {}{near}", GAINS.join(", "));
         Refusal::new(Code::Unknown, "gains", message)
     })
 }

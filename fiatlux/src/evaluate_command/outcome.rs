@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use fiatlux_grading::{Fault, report, tables};
+use fiatlux_proto::count;
 use fiatlux_runs::Outcome;
 
 /// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
@@ -25,7 +26,7 @@ pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str
     }
     let folder = out.display();
     if outcome.resumed > 0 {
-        fiatlux_cli::report(format!("{} episodes were already in {folder} and were not run again", outcome.resumed));
+        fiatlux_cli::report(already_there(outcome.resumed, out));
     }
     fiatlux_cli::report(format!("bags, results.json and report.html are in {folder}"));
     if outcome.stopped {
@@ -34,6 +35,11 @@ pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str
     }
     let whole = outcome.lost.is_empty() && !outcome.stopped;
     Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(3) })
+}
+
+fn already_there(episodes: usize, out: &Path) -> String {
+    let (were, episodes) = (if episodes == 1 { "was" } else { "were" }, count(episodes, "episode"));
+    format!("{episodes} {were} already in {} and {were} not run again", out.display())
 }
 
 fn write_results(out: &Path, outcome: &Outcome) -> anyhow::Result<()> {

@@ -4,8 +4,8 @@ use std::io;
 
 use fiatlux_cli::print;
 use fiatlux_client::RoundTrips;
-use fiatlux_proto::plain;
 use fiatlux_proto::v3::{EpisodeEnd, SessionInfo};
+use fiatlux_proto::{count, plain};
 use serde_json::{Value, json};
 
 /// The outcome of one episode.
@@ -48,13 +48,13 @@ impl Report {
         self.equal &= equal.unwrap_or(true);
         if !as_json {
             print(format!(
-                "{} seed {} episode {index}: {}{} success; ended by {} after {} steps\n    {:.2} s simulated in {wall_s:.1} s\n    digest {}\n",
+                "{} seed {} episode {index}: {}{} success; ended by {} after {}\n    {:.2} s simulated in {wall_s:.1} s\n    digest {}\n",
                 self.head["task"].as_str().unwrap_or_default(),
                 self.head["seed"],
                 if end.success { "" } else { "no " },
                 self.head["protocol"].as_str().unwrap_or_default(),
                 plain(&end.cause),
-                end.steps,
+                count(end.steps, "step"),
                 end.steps as f64 * self.control_dt,
                 plain(&end.digest)
             ))?;

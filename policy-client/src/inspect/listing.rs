@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use fiatlux_client::RoundTrips;
+use fiatlux_proto::count;
 use fiatlux_proto::v3::{Joint, Mode, Notice, ObservationTerm};
 use serde_json::{Value, json};
 
@@ -99,7 +100,7 @@ pub fn text(seen: &SessionStatistics, joints: bool) -> String {
     line(format!("server {server}, {mode}, seed {seed}, episode {episode}, policy {policy}, gains {gains}"));
     line(format!("step {} of {} ({:.2} s)", seen.latest.step, task.horizon_steps, simulated_s(seen)));
     if let Some(end) = &seen.end {
-        line(format!("ended after {} steps: {}", end.steps, end.causes.join(", ")));
+        line(format!("ended after {}: {}", count(end.steps, "step"), end.causes.join(", ")));
     }
     line(String::new());
     line(format!("{:<28}{:<12}{:<8}{:>10}{:>10}{:>10}", "sensor, term", "shape", "unit", "min", "mean", "max"));
@@ -126,8 +127,8 @@ pub fn text(seen: &SessionStatistics, joints: bool) -> String {
             line(format!("  {name:<28}{q0:>8.2}{lower:>8.2}{upper:>8.2}{stiffness:>10.1}{effort_limit:>8.1}"));
         }
     }
-    for (joint, count) in info.joints.iter().zip(&seen.beyond).filter(|(_, count)| **count > 0) {
-        line(format!("targets of {} beyond its limits in {count} steps", joint.name));
+    for (joint, steps) in info.joints.iter().zip(&seen.beyond).filter(|(_, steps)| **steps > 0) {
+        line(format!("targets of {} beyond its limits in {}", joint.name, count(*steps, "step")));
     }
     for Notice { step, message, remedy, .. } in &seen.notices {
         line(format!("notice of the server at step {step}: {message}; {remedy}"));

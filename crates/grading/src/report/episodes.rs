@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
+use fiatlux_proto::count;
 use fiatlux_rules::{CONTROL_DT, Protocol, Task, TaskSpec};
 
 use super::figure::{WIDTH, figure, height};
 use super::markup::{cause_class, escape, link, words};
-use crate::tables::count;
 use crate::{EpisodeRow, Results};
 
 /// Addresses for an episode. They are escaped when they are written.
@@ -174,7 +174,7 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: FigureSourc
         notes.push(format!("in the same step: {}", also.join(", ")));
     }
     if episode.steps_in_gate > 0 {
-        notes.push(format!("all published criteria held in {}", count(episode.steps_in_gate as usize, "step")));
+        notes.push(format!("all published criteria held in {}", count(episode.steps_in_gate, "step")));
     }
     notes.extend(episode.notes.iter().cloned());
     let _ = write!(out, "<footer>{}", escape(&notes.join("; ")));

@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
+use fiatlux_proto::count;
+
 use super::markup::{escape, share};
 use super::{overview, sections};
-use crate::tables::{count, coverage, missing, run_line};
+use crate::tables::{coverage, missing, run_line};
 use crate::{Fault, RateRow, Results, Score};
 
 /// Writes the progress of a run, and the remarks from its journals.
@@ -111,7 +113,7 @@ fn violations_card(out: &mut String, results: &Results) {
          <div class=\"card-note\">{} with a broken bulb<br>{} with a dropped one</div></div>",
         rate(&overall.broken),
         rate(&overall.dropped),
-        count(overall.broken.hits as usize, "episode"),
+        count(overall.broken.hits, "episode"),
         overall.dropped.hits
     );
 }

@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use super::{conditions_line, count, coverage, run_line, seed_count};
+use fiatlux_proto::count;
+
+use super::{conditions_line, coverage, run_line, seed_count};
 use crate::{RateRow, Results, TaskResult};
 
 /// A `table` environment that can be pasted into a paper.

@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use fiatlux_proto::plain;
+use fiatlux_proto::{count, plain};
 
-use super::{conditions_line, count, coverage, missing, run_line, seed_count};
+use super::{conditions_line, coverage, missing, run_line, seed_count};
 use crate::{Fault, Overall, RateRow, Results, Score, SeedRow, TaskResult};
 
 const WIDTH: usize = 80;

@@ -97,6 +97,9 @@ fn what_cannot_count_is_listed_with_its_reason() {
         ("text.mcap", Fault::Unreadable),
     ];
     assert_eq!(found, expected);
+    for bag in &results.excluded {
+        assert!(!bag.detail.starts_with(bag.reason.name()), "said twice: {}: {}", bag.reason.name(), bag.detail);
+    }
     assert_eq!((results.episodes.len(), results.has_data_loss()), (1, true));
     let text = tables::text(&results);
     assert!(text.contains("the bag's numbers were changed") && text.contains("the link was lost"), "{text}");

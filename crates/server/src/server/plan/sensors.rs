@@ -144,6 +144,7 @@ mod tests {
             |rate_hz, record_hz| v3::Sensor { rate_hz, record_hz, recorded: record_hz != 0.0, ..sensor("lidar") };
         let cases = [
             (vec![sensor("smell")], "'smell' does not exist; ask for some of proprioception"),
+            (vec![sensor("camra")], "; did you mean 'camera'?"),
             (vec![sensor("lidar"), sensor("lidar")], "listed twice"),
             (vec![with(30.0, 0.0)], "the nearest ones are 25.0000 and 50.0000"),
             (vec![with(51.0, 0.0)], "from 0.01 to 50"),

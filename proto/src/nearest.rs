@@ -6,7 +6,7 @@ pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) ->
 }
 
 /// The known name that is at most a third of its letters away, the nearest first; case does not count.
-pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let distances = known.into_iter().map(|known| (distance(&name, &known.to_lowercase()), known));
     let near = distances.filter(|(distance, known)| *distance <= (known.chars().count() / 3).max(1));
