@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from .error import needs
 
 try:
-    from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
+    from pxr import Usd, UsdGeom, UsdLux, UsdPhysics, UsdSkel
 except ImportError as error:
     raise needs(error) from error
 
@@ -22,6 +23,8 @@ SHAPES = (
     UsdGeom.Plane,
 )
 JOINTS = (UsdPhysics.RevoluteJoint, UsdPhysics.PrismaticJoint, UsdPhysics.FixedJoint)
+#: Prims of a scene that are no part of an object, and what filters contacts.
+OTHERS = (UsdGeom.Camera, UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdPhysics.CollisionGroup)
 SKELETONS = (UsdSkel.Root, UsdSkel.Skeleton, UsdSkel.Animation, UsdSkel.BlendShape)
 
 
@@ -30,10 +33,46 @@ def prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
     return iter(stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
 
 
+def hidden(prim: Usd.Prim) -> Iterator[str]:
+    """Parts of a prim that a renderer does not show, or shows inside out."""
+    if prim.IsA(UsdGeom.Imageable) and UsdGeom.Imageable(prim).GetVisibilityAttr().Get() == UsdGeom.Tokens.invisible:
+        yield "it is invisible, which is not read; remove it, or make it visible"
+    if prim.IsA(UsdGeom.Gprim) and UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        yield "its faces are leftHanded, which is not read; reverse them, and make it rightHanded"
+    if prim.IsA(UsdGeom.Mesh) and UsdGeom.Mesh(prim).GetHoleIndicesAttr().Get():
+        yield "it has holeIndices, which are not read; remove those faces"
+
+
+def applied(prim: Usd.Prim) -> Iterator[str]:
+    """Drives and pairs without contact that mean nothing, and limits that are not read."""
+    for schema, _, name in (schema.partition(":") for schema in prim.GetAppliedSchemas()):
+        if schema == "PhysicsLimitAPI":
+            yield f"its limit of '{name}' is not read; use revolute, prismatic and fixed joints"
+        elif schema == "PhysicsDriveAPI":
+            drive = UsdPhysics.DriveAPI(prim, name)
+            numbers = [drive.GetStiffnessAttr().Get(), drive.GetDampingAttr().Get(), drive.GetMaxForceAttr().Get()]
+            kinds = {"angular": UsdPhysics.RevoluteJoint, "linear": UsdPhysics.PrismaticJoint}
+            if name not in kinds or not prim.IsA(kinds[name]):
+                yield f"its drive '{name}' is not of its joint; a revolute one has 'angular', a prismatic one 'linear'"
+            elif not (all(number >= 0.0 for number in numbers) and math.isfinite(numbers[0] + numbers[1])):
+                yield f"its drive '{name}' has a number that is negative, NaN or infinite; author another"
+        elif schema == "PhysicsFilteredPairsAPI":
+            for target in UsdPhysics.FilteredPairsAPI(prim).GetFilteredPairsRel().GetTargets():
+                if not prim.GetStage().GetPrimAtPath(target):
+                    yield f"a pair without contact names {target}, which does not exist; remove it"
+
+
 def unread(stage: Usd.Stage) -> Iterator[str]:
     """Features of a stage that are not read: prim, feature and remedy."""
+    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+        # `verify` has a line for the default prim.
+        if not prim.IsActive() and prim != stage.GetDefaultPrim():
+            yield f"{prim.GetPath()}: it is inactive, which is not read; remove it, or activate it"
     for prim in prims(stage):
         path = prim.GetPath()
+        yield from (f"{path}: {problem}" for problem in [*hidden(prim), *applied(prim)])
+        if any(prim.IsA(kind) for kind in OTHERS):
+            yield f"{path}: a {prim.GetTypeName()} is not read; remove it"
         sets = prim.GetVariantSets()
         for name in sets.GetNames():
             count = len(sets.GetVariantSet(name).GetVariantNames())

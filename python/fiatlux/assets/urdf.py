@@ -75,10 +75,7 @@ class Reader:
         version = self.root.get("version", "1.0")
         if version != "1.0":
             raise self.error("", f"version {version} is not read; only 1.0 is")
-        for element in self.root.findall("material"):
-            color = self.color(element, f"material '{element.get('name')}'")
-            if color is not None:
-                self.colors[str(element.get("name"))] = color
+        self.define_materials()
         joints = [self.joint(element) for element in self.root.findall("joint")]
         for joint in joints:
             joint.anchor = self.origin_of(joint.child)
@@ -89,6 +86,19 @@ class Reader:
             files = ", ".join(part.mesh.name for part in parts)
             raise self.error("", f"its meshes ({files}) have different axes up; export all of them in one format")
         return Articulation(parts, joints)
+
+    def define_materials(self) -> None:
+        """Finds the colours by name; visuals name those of others too."""
+        own = self.root.findall("material")
+        for element in [*own, *self.root.findall("link/visual/material")]:
+            name = element.get("name")
+            color = self.color(element, f"material '{name}'")
+            # Exporters give every part a material without a name.
+            if not name or color is None:
+                continue
+            if name in self.colors and (element in own or self.colors[name] != color):
+                raise self.error(f"material '{name}'", "there are two of that name; give each its own")
+            self.colors[name] = color
 
     def known(self, element: Element, what: str) -> None:
         """Refuses elements and attributes that are not read, at any depth."""
@@ -197,7 +207,10 @@ class Reader:
         material = visual.find("material")
         color = None if material is None else self.color(material, what)
         if material is not None and color is None:
-            color = self.colors.get(str(material.get("name")))
+            named = self.attribute(material, "name", f"{what} material")
+            if named not in self.colors:
+                raise self.error(what, f"its material '{named}' is not defined; give it a color")
+            color = self.colors[named]
         at = self.origin_of(name)
         inertial = self.inertial(element.find("inertial"), at, what)
         if inertial is not None and density is not None:

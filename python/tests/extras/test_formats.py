@@ -18,7 +18,7 @@ from fiatlux.assets import AssetError, articulation, files, mesh, pieces, urdf, 
 from fiatlux.assets.build import build
 from fiatlux.assets.object import Settings, calibrate
 from fiatlux.assets.unread import unread
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdSkel
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSkel
 
 RECORDED = Path(__file__).parent / "generated"
 BOX = trimesh.creation.box((2.0, 3.0, 4.0))
@@ -429,10 +429,17 @@ def test_gltf_names_looks_that_it_leaves_out(tmp_path):
     def change(document):
         document["materials"][0].update(alphaMode="BLEND", emissiveFactor=[1, 1, 1], doubleSided=True)
         document["extensionsUsed"] = ["KHR_materials_ior"]
-        document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 0
+        document["meshes"][0]["primitives"][0]["attributes"].update(COLOR_0=0, NORMAL=0, TEXCOORD_1=0, _HEAT=0)
 
     read = mesh.read(gltf(tmp_path, change))
-    assert read.look.not_read == ["KHR_materials_ior", "colours of vertices", "light of materials", "transparency"]
+    assert read.look.not_read == [
+        "KHR_materials_ior",
+        "attribute 'TEXCOORD_1' of vertices",
+        "attribute '_HEAT' of vertices",
+        "colours of vertices",
+        "light of materials",
+        "transparency",
+    ]
 
 
 def test_gltf_integers_and_strides(tmp_path):
@@ -583,6 +590,18 @@ VISUAL = '<visual><geometry><mesh filename="base.obj"/></geometry></visual>'
         ('xyz="0 0.15 0.2"', 'xyz="0 inf 0.2"', "must be 3 finite numbers"),
         ('rgba="1 0 0 1"', 'rgba="1 0 0 0.5"', "an alpha of 1"),
         ('<color rgba="1 0 0 1"/>', '<texture filename="a.png"/>', "'texture' in 'material' is not read"),
+        (
+            '<material name="red"/>',
+            '<material name="rot"/>',
+            "link 'lid': its material 'rot' is not defined; give it a",
+        ),
+        ('<material name="red"/>', "<material/>", "link 'lid' material: it names no name"),
+        ("</robot>", '<material name="red"><color rgba="1 0 0 1"/></material></robot>', "two of that name"),
+        (
+            '<material name="red"/>',
+            '<material name="red"><color rgba="0 0 1 1"/></material>',
+            "material 'red': there are two of that name",
+        ),
         ("</robot>", "<transmission/></robot>", "'transmission' in 'robot' is not read"),
         ("</robot>", "<gazebo/></robot>", "'gazebo' in 'robot' is not read"),
         ('name="box">', 'name="box" version="2.0">', "version 2.0 is not read"),
@@ -643,6 +662,56 @@ def samples(usd):
     UsdGeom.Mesh(usd.GetPrimAtPath("/thing/thing/visual")).GetPointsAttr().Set([Gf.Vec3f(0)] * 8, 5.0)
 
 
+def left_handed(usd):
+    UsdGeom.Mesh(usd.GetPrimAtPath("/thing/thing/visual")).CreateOrientationAttr(UsdGeom.Tokens.leftHanded)
+
+
+def holes(usd):
+    UsdGeom.Mesh(usd.GetPrimAtPath("/thing/thing/visual")).CreateHoleIndicesAttr([1])
+
+
+def invisible(usd):
+    UsdGeom.Imageable(usd.GetPrimAtPath("/thing/thing/visual")).MakeInvisible()
+
+
+def inactive(usd):
+    usd.GetPrimAtPath("/thing/thing/visual").SetActive(False)
+
+
+def camera(usd):
+    UsdGeom.Camera.Define(usd, "/thing/eye")
+
+
+def light(usd):
+    UsdLux.SphereLight.Define(usd, "/thing/lamp")
+
+
+def dome(usd):
+    UsdLux.DomeLight.Define(usd, "/thing/sky")
+
+
+def group(usd):
+    UsdPhysics.CollisionGroup.Define(usd, "/thing/group")
+
+
+def pairs(usd):
+    api = UsdPhysics.FilteredPairsAPI.Apply(usd.GetPrimAtPath("/thing/thing"))
+    api.CreateFilteredPairsRel().AddTarget("/thing/nothing")
+
+
+def drive(usd):
+    UsdPhysics.DriveAPI.Apply(usd.GetPrimAtPath("/thing/thing"), "angular")
+
+
+def negative_drive(usd):
+    joint = UsdPhysics.RevoluteJoint.Define(usd, "/thing/hinge").GetPrim()
+    UsdPhysics.DriveAPI.Apply(joint, "angular").CreateDampingAttr(-1.0)
+
+
+def limit(usd):
+    UsdPhysics.LimitAPI.Apply(usd.GetPrimAtPath("/thing/thing"), "transX")
+
+
 def variants(usd):
     chosen = usd.GetDefaultPrim().GetVariantSets().AddVariantSet("size")
     chosen.AddVariant("small")
@@ -656,6 +725,18 @@ def variants(usd):
         (curves, "a BasisCurves is not read"),
         (skeleton, "a Skeleton is not read"),
         (spherical, "a PhysicsSphericalJoint is not read"),
+        (left_handed, "its faces are leftHanded"),
+        (holes, "it has holeIndices"),
+        (invisible, "it is invisible"),
+        (inactive, "/thing/thing/visual: it is inactive"),
+        (camera, "a Camera is not read"),
+        (light, "a SphereLight is not read"),
+        (dome, "a DomeLight is not read"),
+        (group, "a PhysicsCollisionGroup is not read"),
+        (pairs, "a pair without contact names /thing/nothing, which does not exist"),
+        (drive, "its drive 'angular' is not of its joint"),
+        (negative_drive, "its drive 'angular' has a number that is negative"),
+        (limit, "its limit of 'transX' is not read"),
         (samples, "it changes in time"),
         (variants, "variant set 'size' has 2 variants"),
     ],

@@ -33,6 +33,8 @@ REMEDIES = {
 MODES = ["points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans"]
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+#: Of vertices; normals and tangents follow from the faces.
+ATTRIBUTES = {"POSITION", "NORMAL", "TANGENT", "TEXCOORD_0"}
 REPEAT = 10497
 
 
@@ -198,8 +200,11 @@ class Reader:
             raise self.error(f"a face names vertex {faces.max()} of {len(vertices)}")
         if any(name.startswith(("JOINTS_", "WEIGHTS_")) for name in attributes):
             raise self.error("its vertices have joints and weights, which are not read; export the mesh in its pose")
-        if any(name.startswith("COLOR_") for name in attributes):
-            self.not_read.add("colours of vertices")
+        for name in attributes:
+            if name.startswith("COLOR_"):
+                self.not_read.add("colours of vertices")
+            elif name not in ATTRIBUTES:
+                self.not_read.add(f"attribute '{name}' of vertices")
         vertices = vertices @ world[:3, :3].T + world[:3, 3]
         if np.linalg.det(world[:3, :3]) < 0.0:
             faces = faces[:, ::-1]
