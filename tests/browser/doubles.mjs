@@ -10,14 +10,15 @@ import { fileURLToPath, pathToFileURL } from "node:url";
 
 const ROOT = join(dirname(fileURLToPath(import.meta.url)), "../../crates");
 const FOLDERS = ["teleop/page", "replay/page", "leaderboard/style"].map((folder) => join(ROOT, folder)).filter(existsSync);
-const THREE = pathToFileURL(join(ROOT, "replay/vendor/three/three.module.min.js")).href;
+const THREE = pathToFileURL(join(ROOT, "replay/vendor/three/")).href;
 // The server puts both folders behind one address, and an import map names three.js.
 register(
   `data:text/javascript,${encodeURIComponent(`
     import { existsSync } from "node:fs";
     import { pathToFileURL } from "node:url";
     export function resolve(name, context, next) {
-      if (name === "three") return { url: ${JSON.stringify(THREE)}, shortCircuit: true, format: "module" };
+      const three = { three: "three.module.min.js", "three/addons/controls/OrbitControls.js": "OrbitControls.js" }[name];
+      if (three) return { url: new URL(three, ${JSON.stringify(THREE)}).href, shortCircuit: true, format: "module" };
       const near = ${JSON.stringify(FOLDERS)}.map((folder) => folder + "/" + name.slice(2)).find((file) => name.startsWith("./") && existsSync(file));
       return near ? { url: pathToFileURL(near).href, shortCircuit: true, format: "module" } : next(name, context);
     }
@@ -284,6 +285,141 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   check(typeof Hands === "function", "tracked hands");
 }
 
+// The replay: its loading, the camera's pictures, the address that is copied, and a browser without WebGL.
+{
+  const replay = (name) => import(pathToFileURL(join(ROOT, "replay/page", name)).href);
+  const { bytesOf } = await replay("data.js");
+  const { Pictures } = await replay("pictures.js");
+  const { moments, stageOf } = await replay("controls.js");
+  const elements = new Map();
+  const made = (tag) => ({ tag, style: {}, dataset: {}, on: {}, inner: [], setAttribute() {}, append(...inner) { this.inner.push(...inner); }, addEventListener(kind, act) { this.on[kind] = act; }, getContext: () => null });
+  document.createElement = made;
+  document.getElementById = (id) => elements.get(id) ?? null;
+
+  const bytes = new Uint8Array(3000).fill(7);
+  let answer;
+  define("fetch", async () => answer);
+  const heard = [];
+  const read = async () => (heard.splice(0), new Uint8Array(await bytesOf("/e", "track.bin", (count) => heard.push(count))));
+  const parts = [bytes.slice(0, 1000), bytes.slice(1000)];
+  answer = { ok: true, body: { getReader: () => ({ read: async () => ({ done: parts.length === 0, value: parts.shift() }) }) } };
+  check(same([...(await read())], [...bytes]) && same(heard, [1000, 2000]), "a file that comes in parts, each of which is told", heard);
+  answer = { ok: true, body: undefined, arrayBuffer: async () => bytes.buffer };
+  check(same([...(await read())], [...bytes]) && heard.length === 0, "a browser without streams: the file comes, and no share of it is told", heard);
+  answer = { ok: false, text: async () => "gone" };
+  check((await read().catch(({ message }) => message)) === "gone", "an answer that is no file");
+
+  // Two pictures, at steps 0 and 5.
+  const blob = (step, text) => [...new Uint8Array(new Uint32Array([step, text.length]).buffer), ...new TextEncoder().encode(text)];
+  const file = new Uint8Array([...blob(0, "one"), ...blob(5, "two")]).buffer;
+  const show = async () => {
+    answer = { ok: true, body: null, arrayBuffer: async () => file };
+    const root = made("main");
+    const pictures = new Pictures(root, { first: 0, dt: 0.02 }, "/e");
+    const drawn = [];
+    pictures.canvas.getContext = () => ({ drawImage: (picture) => drawn.push(picture.name) });
+    for (let turn = 0; turn < 20; turn += 1) await Promise.resolve();
+    await new Promise((go) => setImmediate(go));
+    await pictures.show(7);
+    return { drawn, said: pictures.said.textContent };
+  };
+  define("createImageBitmap", async (one) => ({ name: await one.text(), width: 2, height: 1 }));
+  const shown = await show();
+  check(same(shown.drawn, ["one", "two"]) && shown.said === "Head camera at 0.10 s", "the camera's pictures", JSON.stringify(shown));
+  for (const [broken, what] of [[undefined, "no createImageBitmap"], [async () => throwing(), "a picture that it cannot read"]]) {
+    define("createImageBitmap", broken);
+    const { drawn, said } = await show();
+    check(drawn.length === 0 && said === "Head camera: the picture at 0.10 s is damaged", what, said);
+  }
+
+  // The button that copies the address.
+  location.hash = "";
+  location.href = "http://localhost:9000/#t=1.5";
+  const later = globalThis.setTimeout;
+  define("setTimeout", () => {});
+  for (const [clipboard, said, what] of [
+    [{ writeText: async (text) => (globalThis.copied = text) }, "Copied", "a clipboard"],
+    [undefined, "In the address", "no clipboard"],
+    [{ writeText: async () => throwing() }, "In the address", "a clipboard that refuses"],
+  ]) {
+    navigator.clipboard = clipboard;
+    const button = made("button");
+    elements.set("copy", button);
+    globalThis.address = undefined;
+    moments({ step: 75, seek() {} }, { dt: 0.02 });
+    await button.on.click();
+    check(button.textContent === said && globalThis.address === "#t=1.5", `${what}: the moment is in the address`, button.textContent);
+  }
+  check(globalThis.copied === location.href, "the clipboard has the address", globalThis.copied);
+  define("setTimeout", later);
+
+  // Three.js says itself, at length, that there is none.
+  const [message, { error }] = [made("p"), console];
+  elements.set("message", message);
+  console.error = () => {};
+  const stage = stageOf(made("canvas"), { doc: {}, meshes: {}, track: {} }, () => {});
+  console.error = error;
+  check(stage === null && message.textContent.startsWith("The 3D view cannot be shown: ") && message.hidden === false, "no WebGL: a sentence", message.textContent);
+}
+
+// A graphics card that is taken away and comes back: the picture is asked for again.
+{
+  const { Stage } = await import(pathToFileURL(join(ROOT, "replay/page/stage.js")).href);
+  const answers = {
+    getParameter: (name) => (name === "VERSION" ? "WebGL 2.0" : [0, 0, 4, 4]),
+    getShaderPrecisionFormat: () => ({ precision: 23, rangeMin: 1, rangeMax: 1 }),
+    getContextAttributes: () => ({}),
+    getSupportedExtensions: () => [],
+    isContextLost: () => false,
+  };
+  const gl = new Proxy({}, { get: (_, name) => answers[name] ?? (/^[A-Z0-9_]+$/.test(name) ? name : () => ({})) });
+  const heard = {};
+  const canvas = {
+    style: {},
+    ownerDocument: document,
+    getRootNode: () => ({ ...document, addEventListener() {}, removeEventListener() {} }),
+    getContext: () => gl,
+    setAttribute() {},
+    removeEventListener() {},
+    addEventListener: (kind, act) => (heard[kind] ??= []).push(act),
+  };
+  define("devicePixelRatio", 1);
+  document.removeEventListener = () => {};
+  let asked = 0;
+  // Whatever it is asked for: a direction, or a colour.
+  const light = new Proxy({}, { get: () => [0.1, 0.2, -0.9] });
+  const none = { positions: new Float32Array(), normals: new Float32Array(), indices: new Uint32Array() };
+  new Stage(canvas, { stage: { light, frames: [{ name: "pelvis" }], materials: [], meshes: [] } }, none, { forces: [], around() {}, poseAt() {} }, () => (asked += 1));
+  const before = asked;
+  const { log, warn } = console;
+  const say = (kind) => heard[kind].forEach((act) => act({ type: kind, preventDefault() {} }));
+  Object.assign(console, { log() {}, warn() {} });
+  say("webglcontextlost");
+  const lost = asked;
+  say("webglcontextrestored");
+  Object.assign(console, { log, warn });
+  check(lost === before && asked === before + 1, "a graphics card that was taken away: the picture comes back with it", `${asked - before}`);
+}
+
+// Reduced motion: the view of teleoperation turns with the robot in steps.
+{
+  const text = readFileSync(join(ROOT, "teleop/page/teleop.js"), "utf8");
+  const [turn] = text.match(/function turnWithRobot\(\) \{[\s\S]*?\n\}/);
+  const constant = (name) => text.match(new RegExp(`const ${name} = [^;]*;`))[0];
+  const view = (reduced) => {
+    const point = { sub: () => point, applyAxisAngle: () => point, add: () => point };
+    const stage = { camera: { position: point, lookAt() {} }, controls: { target: {} } };
+    let heading = 0;
+    const turned = new Function("still", "stage", "heading", `${constant("FOLLOWS")} ${constant("STEP")} let turned = 0; ${turn} return () => (turnWithRobot(), turned);`)({ matches: reduced }, stage, () => heading);
+    // The robot turns by 0.01 rad a frame, up to 2 rad.
+    return Array.from({ length: 400 }, () => ((heading = Math.min(heading + 0.01, 2)), turned()));
+  };
+  const turns = (views) => views.filter((angle, frame) => frame > 0 && angle !== views[frame - 1]).length;
+  const [moving, still] = [view(false), view(true)];
+  check(turns(moving) > 300 && Math.abs(moving.at(-1) - 2) < 0.05, "the view follows the robot", `${turns(moving)} turns`);
+  check(turns(still) > 1 && turns(still) < 20 && Math.abs(still.at(-1) - 2) < 0.6, "reduced motion: it follows in steps", `${turns(still)} turns, to ${still.at(-1)}`);
+}
+
 // What the oldest supported browsers lack: Chromium 89, Firefox 108, Safari 16.4.
 {
   const NEWER = /\.(toSorted|toReversed|toSpliced|with|findLast|findLastIndex|at|groupBy|isWellFormed|withResolvers|hasOwn|checkVisibility|showPopover|getOrInsert)\(|\b(structuredClone|Object\.groupBy|Array\.fromAsync|Float16Array|Iterator\.from|scheduler\.)\b|\bstatic \{|\/[dgimsuy]*v[dgimsuy]*\.(test|exec)/g;
@@ -308,6 +444,9 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
     return false;
   };
   for (const file of files.filter((file) => file.endsWith(".css"))) check(!nested(readFileSync(file, "utf8")), `${file.slice(ROOT.length + 1)}: no rule inside another one`);
+  const tall = (text) => [...text.matchAll(/([\w-]+):[^;{}]*\ddvh/g)].every(({ 1: name, index }) => new RegExp(`[{;]\\s*${name}:[^;{}]*\\dvh[^;{}]*;\\s*$`).test(text.slice(0, index)));
+  for (const file of files.filter((file) => file.endsWith(".css"))) check(tall(readFileSync(file, "utf8")), `${file.slice(ROOT.length + 1)}: vh stands before dvh`);
+  check(tall("a { height: 50vh; height: 50dvh; }") && !tall("a { height: 50dvh; }"), "the search finds a dvh alone");
   check(nested("a { b { c: d } }") && !nested("@media x { a { c: d } } b { c: d }"), "the search finds such rules");
 }
 
