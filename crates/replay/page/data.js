@@ -10,10 +10,7 @@ const here = () => location.pathname.replace(/\/$/, "");
 export async function bytesOf(address, name, read = () => {}) {
   const block = document.getElementById(`block-${name}`);
   if (block) {
-    const text = atob(block.textContent.trim());
-    const bytes = new Uint8Array(text.length);
-    for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
-    return bytes.buffer;
+    return unpacked(block);
   }
   const answer = await fetch(`${address}/${name}`);
   if (!answer.ok) throw new Error(await answer.text());
@@ -26,6 +23,17 @@ export async function bytesOf(address, name, read = () => {}) {
     read(value.length);
   }
   return new Blob(parts).arrayBuffer();
+}
+
+// The bytes of a block of this page, which are compressed.
+async function unpacked(block) {
+  if (typeof DecompressionStream === "undefined") {
+    throw new Error("this browser cannot unpack the file. Open it with Chromium 89, Firefox 113, Safari 16.4 or newer, or its bag with `fiatlux view BAG`.");
+  }
+  const text = atob(block.textContent.trim());
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
 
 // The replay of the episode at an address; that of this page without one. `loading` hears which share has arrived.
@@ -50,6 +58,23 @@ export function isFile() {
 
 const meshBytes = ({ vertices, indices }) => 4 * (6 * vertices + indices);
 const trackBytes = ({ rows, kept, width }) => 4 * (HEAD_WORDS + 3 * rows + kept + kept * width);
+
+// Whole numbers in rows of `columns`, out of bytes that hold them column by column: each as its change, whose sign is the lowest bit,
+// and first the lowest bytes of all.
+export function unplaned(bytes, columns) {
+  const count = bytes.length / 4;
+  const numbers = new Int32Array(count);
+  const rows = count / columns;
+  for (let column = 0, at = 0; column < columns; column += 1) {
+    let value = 0;
+    for (let row = 0; row < rows; row += 1, at += 1) {
+      const change = bytes[at] | (bytes[at + count] << 8) | (bytes[at + 2 * count] << 16) | (bytes[at + 3 * count] << 24);
+      value = (value + ((change >>> 1) ^ -(change & 1))) | 0;
+      numbers[row * columns + column] = value;
+    }
+  }
+  return numbers;
+}
 
 // The shapes by their digests, which the browser keeps for other episodes; of this episode alone where the server has forgotten
 // them.
@@ -80,11 +105,11 @@ function readMeshes(stage, buffer) {
 }
 
 // The rows. A place in time is a number of control steps, which need not be whole.
-class Track {
+export class Track {
   constructor(info, buffer) {
     const head = new Uint32Array(buffer, 0, HEAD_WORDS);
     const [, version, rows, kept, width] = head;
-    if (version !== 1 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== trackBytes(info)) {
+    if (version !== 2 || rows !== info.rows || kept !== info.kept || width !== info.width || buffer.byteLength !== trackBytes(info)) {
       throw new Error("The rows do not fit their description.");
     }
     let at = 4 * HEAD_WORDS;
@@ -97,14 +122,33 @@ class Track {
     this.flags = take(Uint32Array, rows);
     this.handForce = take(Float32Array, rows);
     this.keptSteps = take(Uint32Array, kept);
-    this.numbers = take(Float32Array, kept * width);
     this.dt = info.control_dt;
-    this.width = width;
     this.pose = info.pose;
     this.stride = info.stride;
     [this.first, this.last] = info.span;
     this.forces = info.forces;
-    this.forcesAt = width - 3 * info.forces.length;
+    this.expand(info, unplaned(new Uint8Array(buffer, at), width));
+  }
+
+  // Of each kept row: a pose for each frame, then the forces; and the angles. Links follow from pelvis and angles.
+  expand({ links, joints, grid, pose, kept, width, forces }, stored) {
+    const [from, to] = [pose + joints.length, width - 3 * forces.length];
+    this.forcesAt = pose * links.length + to - from;
+    this.width = this.forcesAt + 3 * forces.length;
+    this.numbers = new Float32Array(kept * this.width);
+    this.angles = new Float32Array(kept * joints.length);
+    const world = new Float64Array(pose * links.length);
+    for (let row = 0; row < kept; row += 1) {
+      const [source, target] = [row * width, row * this.width];
+      for (let i = 0; i < joints.length; i += 1) this.angles[row * joints.length + i] = stored[source + pose + i] * grid.pose;
+      links.forEach((link, index) => {
+        if (link.parent === null) for (let i = 0; i < pose; i += 1) world[pose * index + i] = stored[source + i] * grid.pose;
+        else place(world, pose * index, pose * link.parent, link, link.joint === null ? 0 : stored[source + pose + link.joint] * grid.pose);
+      });
+      this.numbers.set(world, target);
+      for (let i = from; i < to; i += 1) this.numbers[target + world.length + i - from] = stored[source + i] * grid.pose;
+      for (let i = to; i < width; i += 1) this.numbers[target + this.forcesAt + i - to] = stored[source + i] * grid.force;
+    }
   }
 
   // Index of the row at a step, or of the last one before it.
@@ -146,6 +190,31 @@ class Track {
     const at = from * this.width + this.forcesAt + 3 * index;
     return this.numbers.subarray(at, at + 3);
   }
+}
+
+// Writes the pose of a link into a list of poses, from that of its parent in there. Quaternions are w first.
+function place(world, to, from, { at, axis }, angle) {
+  const [w, x, y, z] = [world[from + 3], world[from + 4], world[from + 5], world[from + 6]];
+  // Twice the cross product of the parent's turn and the offset.
+  const dx = 2 * (y * at[2] - z * at[1]);
+  const dy = 2 * (z * at[0] - x * at[2]);
+  const dz = 2 * (x * at[1] - y * at[0]);
+  world[to] = world[from] + at[0] + w * dx + y * dz - z * dy;
+  world[to + 1] = world[from + 1] + at[1] + w * dy + z * dx - x * dz;
+  world[to + 2] = world[from + 2] + at[2] + w * dz + x * dy - y * dx;
+  times(world, to + 3, w, x, y, z, at[3], at[4], at[5], at[6]);
+  if (angle === 0) return;
+  const sine = Math.sin(angle / 2);
+  const [qw, qx, qy, qz] = [world[to + 3], world[to + 4], world[to + 5], world[to + 6]];
+  times(world, to + 3, qw, qx, qy, qz, Math.cos(angle / 2), axis[0] * sine, axis[1] * sine, axis[2] * sine);
+}
+
+// Writes the product of two quaternions.
+function times(list, to, aw, ax, ay, az, bw, bx, by, bz) {
+  list[to] = aw * bw - ax * bx - ay * by - az * bz;
+  list[to + 1] = aw * bx + ax * bw + ay * bz - az * by;
+  list[to + 2] = aw * by - ax * bz + ay * bw + az * bx;
+  list[to + 3] = aw * bz + ax * by - ay * bx + az * bw;
 }
 
 // Index of the last of a rising list that is not beyond a value.

@@ -1,10 +1,9 @@
 // Curves of one joint over time: angle and target, their difference, and effort with its limits.
 
-import { bytesOf } from "./data.js";
+import { bytesOf, unplaned } from "./data.js";
 import { element, words } from "./words.js";
 
 const HEIGHT = 74;
-const PARTS = { angle: 0, target: 1, effort: 2 };
 
 // The plots: for each its name, its unit, and its curves out of a reading function.
 const PLOTS = [
@@ -18,6 +17,7 @@ export class Plots {
   constructor(root, { doc, track }, address, seek) {
     this.track = track;
     this.joints = doc.track.joints ?? [];
+    this.grid = doc.track.grid;
     this.step = track.first;
     if (this.joints.length === 0) return;
     this.select = element("select", { ariaLabel: "Joint" }, ...this.joints.map(({ name }, index) => new Option(words(name), String(index))));
@@ -43,8 +43,8 @@ export class Plots {
       if (!this.fold.open || this.numbers) return this.draw();
       try {
         const buffer = await bytesOf(address, "joints.bin");
-        if (buffer.byteLength !== 4 * 3 * this.joints.length * track.keptSteps.length) throw new Error("they have another length than announced");
-        this.numbers = new Float32Array(buffer);
+        if (buffer.byteLength !== 4 * 2 * this.joints.length * track.keptSteps.length) throw new Error("they have another length than announced");
+        this.numbers = unplaned(new Uint8Array(buffer), 2 * this.joints.length);
         this.draw();
       } catch (error) {
         this.fold.append(element("p", { className: "small" }, `The joints cannot be shown: ${error.message}`));
@@ -55,8 +55,12 @@ export class Plots {
 
   // A number of the chosen joint in a kept row.
   read(row) {
-    const joint = Number(this.select.value);
-    return (part) => this.numbers[(3 * row + PARTS[part]) * this.joints.length + joint];
+    const [joint, count] = [Number(this.select.value), this.joints.length];
+    return (part) => {
+      if (part === "angle") return this.track.angles[row * count + joint];
+      if (part === "target") return this.numbers[2 * row * count + joint] * this.grid.pose;
+      return this.numbers[(2 * row + 1) * count + joint] * this.grid.effort;
+    };
   }
 
   show(step) {

@@ -11,7 +11,7 @@ use fiatlux_bag::Patience;
 use crate::track::MAX_KEPT_ROWS;
 use crate::{Packed, Replay, ReplayError};
 
-/// Default maximum of replays in memory, of at most 75 MB each.
+/// Default maximum of replays in memory, of at most 30 MB each.
 const MAX_REPLAYS: usize = 2;
 
 /// Maximum number of blocks of shapes in memory, of at most 1 MB each.
@@ -57,7 +57,7 @@ impl Default for ReplayCache {
 }
 
 impl ReplayCache {
-    /// Caches up to `max_replays`, of at most 75 MB each.
+    /// Caches up to `max_replays`, of at most 30 MB each.
     pub fn keeping(max_replays: usize) -> Self {
         Self { max_replays: max_replays.max(1), kept: Mutex::default(), blocks: Mutex::default() }
     }

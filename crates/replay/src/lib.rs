@@ -2,7 +2,7 @@
 //! contact forces as arrows.
 //!
 //! ```text
-//! Bag -> Replay                document, shapes and rows as bytes: a page that shows them needs no kinematics
+//! Bag -> Replay                document, shapes and rows as bytes, for a page that shows them
 //! Bags -> Viewer::serve        a server on the loopback interface: a list of episodes, a page for each
 //! Replay -> standalone         the page and its data in one file
 //! Poster                       a still and a short clip of an episode
@@ -38,6 +38,7 @@ mod hosts;
 mod packed;
 mod page;
 mod pictures;
+mod planes;
 mod poster;
 mod replay;
 mod rows;
@@ -61,4 +62,4 @@ pub use rows::{Faults, Rows};
 pub use scene::{Block, Frame, Group, Light, Material, Mesh, Stage};
 pub use serve::Viewer;
 pub use standalone::standalone;
-pub use track::{ForceName, JointName, MAGIC, MAX_KEPT_ROWS, POSE, TRACK_VERSION};
+pub use track::{ForceName, GRID, Grid, JointName, LinkInfo, MAGIC, MAX_KEPT_ROWS, POSE, TRACK_VERSION};

@@ -12,12 +12,20 @@ use flate2::write::GzEncoder;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packed(Bytes);
 
+/// Bytes as small as gzip makes them, without a time in them: the same each time.
+pub(crate) fn small(bytes: &[u8]) -> Vec<u8> {
+    gzip(bytes, Compression::best())
+}
+
+fn gzip(bytes: &[u8], level: Compression) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), level);
+    // Writing to memory does not fail.
+    encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default()
+}
+
 impl Packed {
     pub fn new(bytes: &[u8]) -> Self {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
-        // Writing to memory does not fail.
-        let packed = encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default();
-        Self(packed.into())
+        Self(gzip(bytes, Compression::fast()).into())
     }
 
     pub fn unpacked(&self) -> Vec<u8> {

@@ -19,13 +19,13 @@ use crate::pictures::{bytes_of, pictures};
 use crate::rows::Rows;
 use crate::scene::Stage;
 use crate::text::short;
-use crate::track::{ForceName, JointName, MAX_KEPT_ROWS, POSE, Track, joint_names};
+use crate::track::{ForceName, GRID, Grid, JointName, LinkInfo, MAX_KEPT_ROWS, POSE, Track, joint_names, link_infos};
 
 /// Maximum number of rows and of their steps: the longest task has 72,001 rows.
 pub(crate) const MAX_ROWS: usize = 200_000;
 
 /// Version of the JSON document.
-pub const REPLAY_VERSION: u32 = 1;
+pub const REPLAY_VERSION: u32 = 2;
 
 /// Describes an episode, and the layout of the blocks of bytes that belong to it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -77,7 +77,11 @@ pub struct TrackInfo {
     /// Distance in rows between two rows with poses.
     pub stride: usize,
     pub pose: usize,
+    /// Numbers of a kept row.
     pub width: usize,
+    pub grid: Grid,
+    /// The robot's links, which are the first frames of the stage.
+    pub links: Vec<LinkInfo>,
     /// Control steps of the first and the last row.
     pub span: [u32; 2],
     pub forces: Vec<ForceName>,
@@ -94,8 +98,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 2.6 kB of memory for each
-    /// row, at most 65 MB, and 24 MB of pictures. It does not check whether the bag proves what it shows; grading does.
+    /// Reads a bag, whole or cut. [`Document::notes`] lists what cannot be shown. It takes 1 kB of memory for each
+    /// row, at most 20 MB, and 24 MB of pictures. It does not check whether the bag proves what it shows; grading does.
     ///
     /// # Errors
     /// [`ReplayError`]: the bag cannot be opened, its header gives no scene, or none of its rows can be drawn.
@@ -154,6 +158,8 @@ impl Replay {
                 stride: track.stride(),
                 pose: POSE,
                 width: track.width(),
+                grid: GRID,
+                links: link_infos(&scene.robot),
                 span,
                 forces: track.force_names(),
                 joints: joint_names(&scene.robot),
@@ -191,14 +197,17 @@ impl Replay {
 
     /// The rows, little-endian. First `FLTR`, version, rows, kept rows, numbers in a kept row (u32 each). Then for all
     /// rows the steps (u32), the flags (u32, see [`crate::flag`]) and the largest contact force of a bulb on a hand
-    /// body (f32, N). Then for the kept rows the steps (u32) and the numbers (f32): a pose for each frame (m, then the
-    /// quaternion, w first), then the forces (three numbers each, N).
+    /// body (f32, N). Then for the kept rows the steps (u32) and the numbers, as multiples of [`Grid`]: the pose of the
+    /// pelvis (m, then the quaternion, w first), the angles (rad), the poses of things, the forces (three numbers each, N).
+    ///
+    /// Such numbers are stored column by column, each as its difference from the row before, whose sign is the lowest bit
+    /// (0, -1, 1, -2 are 0, 1, 2, 3): first the lowest bytes of all, then the next ones, four in all.
     pub fn track(&self) -> &[u8] {
         &self.track
     }
 
-    /// The joints in the kept rows, little-endian f32: for each row the angles (rad), then the targets (rad), then the
-    /// efforts (N m) of all joints.
+    /// The joints in the kept rows, as the numbers of [`Replay::track`]: in each row the targets (rad), then the efforts
+    /// (N m) of all joints.
     pub fn joints(&self) -> &[u8] {
         &self.joints
     }
@@ -214,16 +223,14 @@ impl Replay {
 fn read(bag: &Bag, scene: &Scene, mut judge: Option<&mut RowJudge>, most: usize, notes: &mut Vec<String>) -> Track {
     let mut track = Track::new(&scene.robot, most);
     let mut rows = Rows::new(bag, scene.robot_layout());
-    let mut undrawable = 0;
     for row in rows.by_ref() {
         if track.rows() >= MAX_ROWS || row.step >= MAX_ROWS as u64 {
             notes.push(format!("Rows from step {MAX_ROWS} on are left out; no episode is that long."));
             break;
         }
         let conditions = judge.as_mut().map_or(0, |judge| judge.push(&row));
-        undrawable += u64::from(track.push(&row, &scene.robot, conditions).is_err());
+        track.push(&row, conditions);
     }
-    rows.faults.undrawable += undrawable;
     notes.extend(rows.faults.phrases().iter().map(|phrase| format!("The bag is damaged: {}.", short(phrase))));
     if let Completeness::Cut { reason, .. } = bag.completeness() {
         notes.push(format!("The bag is cut: {}. The rows before the cut are shown.", short(reason)));

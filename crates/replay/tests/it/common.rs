@@ -6,6 +6,7 @@ use std::sync::Arc;
 use fiatlux_bag::{BagWriter, topic};
 use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, Event, Judgement, Randomization};
 use fiatlux_proto::{Message, PROTOCOL};
+use fiatlux_replay::{POSE, Replay};
 use fiatlux_robot::{GainSet, Robot};
 use fiatlux_rules::{BENCHMARK_VERSION, CONTROL_DT, Row, Task, manifest};
 use fiatlux_wire::{
@@ -13,6 +14,7 @@ use fiatlux_wire::{
     state_message,
 };
 use fiatlux_world::{Episode, EpisodeSpec, GENERATORS, Scene, SceneConfig};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Maximum length of the episode in steps; the robot may fall earlier.
 const STEPS: u64 = 150;
@@ -131,21 +133,68 @@ pub struct Track {
     pub width: usize,
 }
 
-/// Decodes a track from its description alone.
-pub fn read_track(bytes: &[u8]) -> Track {
+/// Decodes a track from its description alone: the poses of all frames, then the forces, of each kept row.
+pub fn read_track(replay: &Replay) -> Track {
+    let (bytes, info) = (replay.track(), &replay.document().track);
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     assert_eq!(&bytes[..4], b"FLTR");
-    let [version, rows, kept, width] = [4, 8, 12, 16].map(|at| word(at) as usize);
-    assert_eq!(version, 1);
-    assert_eq!(bytes.len(), 20 + 12 * rows + 4 * kept + 4 * kept * width);
+    let [version, rows, kept, columns] = [4, 8, 12, 16].map(|at| word(at) as usize);
+    assert_eq!((version, columns), (2, info.width));
+    let at = 20 + 12 * rows + 4 * kept;
+    assert_eq!(bytes.len(), at + 4 * kept * columns);
     let words = |from: usize, count: usize| (0..count).map(|i| word(from + 4 * i)).collect::<Vec<u32>>();
-    let floats = |from, count| words(from, count).into_iter().map(f32::from_bits).collect::<Vec<f32>>();
+    let (stored, joints) = (unplaned(&bytes[at..], columns), info.joints.len());
+    let forces = columns - 3 * info.forces.len();
+    let mut numbers = Vec::new();
+    for row in stored.chunks(columns) {
+        let on_grid: Vec<f64> = row.iter().map(|number| f64::from(*number) * info.grid.pose).collect();
+        let mut links: Vec<Isometry3<f64>> = Vec::new();
+        for link in &info.links {
+            let turn = |joint: usize| UnitQuaternion::new(Vector3::from(link.axis) * on_grid[POSE + joint]);
+            links.push(match link.parent {
+                None => isometry(&on_grid[..POSE]),
+                Some(parent) => {
+                    links[parent] * isometry(&link.at) * link.joint.map_or_else(UnitQuaternion::identity, turn)
+                }
+            });
+        }
+        numbers.extend(links.iter().flat_map(pose));
+        numbers.extend(on_grid[POSE + joints..forces].iter().map(|number| *number as f32));
+        numbers.extend(row[forces..].iter().map(|number| (f64::from(*number) * info.grid.force) as f32));
+    }
     Track {
         steps: words(20, rows),
         flags: words(20 + 4 * rows, rows),
-        hand_force: floats(20 + 8 * rows, rows),
+        hand_force: words(20 + 8 * rows, rows).into_iter().map(f32::from_bits).collect(),
         kept_steps: words(20 + 12 * rows, kept),
-        numbers: floats(20 + 12 * rows + 4 * kept, kept * width),
-        width,
+        width: numbers.len() / kept,
+        numbers,
     }
+}
+
+/// Whole numbers in rows, out of bytes that hold their changes column by column, the lowest bytes of all first.
+pub fn unplaned(bytes: &[u8], columns: usize) -> Vec<i32> {
+    let count = bytes.len() / 4;
+    let rows = count / columns;
+    let mut numbers = vec![0; count];
+    for column in 0..columns {
+        let mut value = 0_i32;
+        for row in 0..rows {
+            let at = column * rows + row;
+            let change = u32::from_le_bytes([0, 1, 2, 3].map(|plane| bytes[at + plane * count]));
+            value = value.wrapping_add((change >> 1) as i32 ^ -((change & 1) as i32));
+            numbers[row * columns + column] = value;
+        }
+    }
+    numbers
+}
+
+fn isometry(pose: &[f64]) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(pose[3], pose[4], pose[5], pose[6]));
+    Isometry3::from_parts(Translation3::new(pose[0], pose[1], pose[2]), turn)
+}
+
+pub fn pose(pose: &Isometry3<f64>) -> [f32; POSE] {
+    let (at, q) = (&pose.translation.vector, pose.rotation.quaternion());
+    [at.x, at.y, at.z, q.w, q.i, q.j, q.k].map(|number| number as f32)
 }

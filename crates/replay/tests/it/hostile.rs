@@ -13,14 +13,14 @@ use crate::common::{Random, folder, play, read_track};
 fn a_cut_bag_gives_its_rows_and_says_so() {
     let played = play("cut", Task::S05, 4);
     let bytes = std::fs::read(&played.bag).unwrap();
-    let whole = read_track(Replay::open(&played.bag).unwrap().track());
+    let whole = read_track(&Replay::open(&played.bag).unwrap());
     let path = played.folder.join("cut.mcap");
     let mut shown = 0;
     for part in 1..40 {
         std::fs::write(&path, &bytes[..bytes.len() * part / 40]).unwrap();
         let Ok(replay) = Replay::open(&path) else { continue };
         shown += 1;
-        let track = read_track(replay.track());
+        let track = read_track(&replay);
         assert_eq!(track.steps, whole.steps[..track.steps.len()]);
         assert_eq!(track.numbers, whole.numbers[..track.numbers.len()]);
         assert!(replay.document().notes.iter().any(|note| note.contains("The bag is cut")), "{part}");
@@ -53,7 +53,7 @@ fn mutated_bags_never_panic() {
         std::fs::write(&path, &mutated).unwrap();
         match Replay::open(&path) {
             Ok(replay) => {
-                read_track(replay.track());
+                read_track(&replay);
                 shown += 1;
             }
             Err(error) => {

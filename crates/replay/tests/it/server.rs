@@ -200,7 +200,7 @@ fn parts_are_sent_packed_to_who_takes_gzip() {
     let replay = Replay::open(&played.bag).unwrap();
     let serving = Serving::start(Bags::find(&played.bag).unwrap());
     assert_eq!(serving.get("/episode/0/joints.bin").2, replay.joints());
-    assert_eq!(replay.joints().len(), 4 * 3 * replay.document().track.joints.len() * replay.document().track.kept);
+    assert_eq!(replay.joints().len(), 4 * 2 * replay.document().track.joints.len() * replay.document().track.kept);
     // The robot's shapes have one address in all episodes, and the browser may keep them.
     for block in &replay.document().stage.blocks {
         let (status, head, bytes) = serving.get(&format!("/shapes/{}", block.digest));
