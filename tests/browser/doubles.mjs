@@ -7,6 +7,7 @@ import { existsSync, readFileSync, readdirSync } from "node:fs";
 import { register } from "node:module";
 import { dirname, join } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
+import { gzipSync } from "node:zlib";
 
 const ROOT = join(dirname(fileURLToPath(import.meta.url)), "../../crates");
 const FOLDERS = ["teleop/page", "replay/page", "leaderboard/style"].map((folder) => join(ROOT, folder)).filter(existsSync);
@@ -288,7 +289,7 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
 // The replay: its loading, the camera's pictures, the address that is copied, and a browser without WebGL.
 {
   const replay = (name) => import(pathToFileURL(join(ROOT, "replay/page", name)).href);
-  const { bytesOf } = await replay("data.js");
+  const { Track, bytesOf } = await replay("data.js");
   const { Pictures } = await replay("pictures.js");
   const { moments, stageOf } = await replay("controls.js");
   const elements = new Map();
@@ -308,6 +309,44 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   check(same([...(await read())], [...bytes]) && heard.length === 0, "a browser without streams: the file comes, and no share of it is told", heard);
   answer = { ok: false, text: async () => "gone" };
   check((await read().catch(({ message }) => message)) === "gone", "an answer that is no file");
+
+  // A file of its own: its data are compressed.
+  elements.set("block-track.bin", { textContent: `${gzipSync(bytes).toString("base64")}\n` });
+  check(same([...(await read())], [...bytes]), "a block of a file is unpacked");
+  const { DecompressionStream } = globalThis;
+  define("DecompressionStream", undefined);
+  const unpacked = await read().then(() => "", ({ message }) => message);
+  check(unpacked.includes("Firefox 113") && unpacked.includes("fiatlux view BAG"), "a browser that cannot unpack says what to do", unpacked);
+  define("DecompressionStream", DecompressionStream);
+  elements.delete("block-track.bin");
+
+  // Rows of a pelvis, a link that turns a quarter about z 1 m ahead of it, one fixed 1 m further on, a bulb, and one force.
+  {
+    const grid = { pose: 1 / 131072, force: 1 / 256, effort: 1 / 512 };
+    const pose = (...numbers) => numbers.map((number) => Math.round(number / grid.pose));
+    const forces = [{ by: "floor", frame: 0 }];
+    const rows = [0, 1].map((row) => [...pose(row, 0, 1, Math.SQRT1_2, 0, 0, Math.SQRT1_2), ...pose((row * Math.PI) / 2), ...pose(5, 6, -7, 1, 0, 0, 0), -256, 512, 128 + row]);
+    const width = rows[0].length;
+    const zigzag = rows[0].flatMap((_, column) => rows.map((numbers, row) => numbers[column] - (row > 0 ? rows[0][column] : 0))).map((change) => ((change << 1) ^ (change >> 31)) >>> 0);
+    const planes = [0, 8, 16, 24].flatMap((bits) => zigzag.map((number) => (number >>> bits) & 255));
+    const head = [0x52544c46, 2, 2, 2, width, 0, 1, 0, 0, 0, 0, 0, 1];
+    const buffer = new Uint8Array([...new Uint8Array(new Uint32Array(head).buffer), ...planes]).buffer;
+    const links = [
+      { parent: null, at: [0, 0, 0, 1, 0, 0, 0], joint: null, axis: [0, 0, 0] },
+      { parent: 0, at: [1, 0, 0, 1, 0, 0, 0], joint: 0, axis: [0, 0, 1] },
+      { parent: 1, at: [1, 0, 0, 1, 0, 0, 0], joint: null, axis: [0, 0, 0] },
+    ];
+    const track = new Track({ rows: 2, kept: 2, width, pose: 7, stride: 1, span: [0, 1], control_dt: 0.02, forces, joints: [{}], grid, links }, buffer);
+    const at = (row, frame) => {
+      const position = [];
+      track.poseAt({ from: row, to: row, blend: 0 }, frame, position, []);
+      return position.map((number) => Number(number.toFixed(4)));
+    };
+    // The pelvis looks along y: ahead is y, and after the quarter turn -x.
+    check(same([at(0, 0), at(0, 1), at(0, 2), at(0, 3)], [[0, 0, 1], [0, 1, 1], [0, 2, 1], [5, 6, -7]]), "links follow from the pelvis and the joints", at(0, 2));
+    check(same([at(1, 0), at(1, 1), at(1, 2), at(1, 3)], [[1, 0, 1], [1, 1, 1], [0, 1, 1], [5, 6, -7]]), "and turn with their joint", at(1, 2));
+    check(same([...track.force({ from: 1 }, 0)], [-1, 2, 129 / 256]) && Math.abs(track.angles[1] - Math.PI / 2) < 1e-5, "forces and angles of a row");
+  }
 
   // Two pictures, at steps 0 and 5.
   const blob = (step, text) => [...new Uint8Array(new Uint32Array([step, text.length]).buffer), ...new TextEncoder().encode(text)];
