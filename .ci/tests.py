@@ -1,6 +1,7 @@
 """Tests of the checks in this folder: each one fails on what it is there to find. `.ci/run` runs them."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import homes
 import licences
 import room
 import sbom
+import skips
 
 RULES = {
     "licenses": {"allow": ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception"]},
@@ -32,10 +34,38 @@ def package(**fields):
 
 
 class Cases(unittest.TestCase):
-    def test_the_test_of_each_case_is_there(self):
-        root = Path(__file__).parent.parent
-        for case, (file, name) in tomllib.loads((root / "tests/cases.toml").read_text())["cases"].items():
-            self.assertIn(name, (root / file).read_text(), case)
+    ROOT = Path(__file__).parent.parent
+    FORMS = {
+        ".rs": r"#\[test\]\s*(?:#\[(?!ignore)[^\]]*\]\s*)*fn {}\(",
+        ".py": r"(?m)^def {}\(",
+        ".mjs": r'\b(?:check|lost)\([^;]*"{}"',
+    }
+
+    def is_test(self, suffix, name, text):
+        return re.search(self.FORMS[suffix].format(re.escape(name)), text) is not None
+
+    def test_the_test_of_each_case_is_one_that_runs(self):
+        extras, cases = (self.ROOT / "python/tests/extras.sh").read_text(), tomllib.loads((self.ROOT / "tests/cases.toml").read_text())
+        for case, (file, name) in cases["cases"].items():
+            with self.subTest(case):
+                path = self.ROOT / file
+                self.assertTrue(self.is_test(path.suffix, name, path.read_text()), f"{file} has no test {name}")
+                if "/extras/" in file:
+                    self.assertIn(f"extras/{path.name}", extras)
+
+    def test_a_test_is_told_from_its_name(self):
+        for suffix, text, holds in [
+            (".rs", "#[test]\nfn a() {", True),
+            (".rs", "#[test]\n#[allow(x)]\nfn a() {", True),
+            (".rs", '#[test]\n#[ignore = "needs IPv6"]\nfn a() {', False),
+            (".rs", "// a\nfn a() {", False),
+            (".py", "def a(x):", True),
+            (".py", "    a(x)", False),
+            (".mjs", 'check(x.length === 0, "a", x);', True),
+            (".mjs", '// "a"', False),
+        ]:
+            with self.subTest(text):
+                self.assertEqual(self.is_test(suffix, "a", text), holds)
 
 
 class Licences(unittest.TestCase):
@@ -196,6 +226,9 @@ class Homes(unittest.TestCase):
             ("crates/policies/src/b.rs", "    phase: Phase,", "is the phases"),
             ("crates/policies/src/b.rs", "    fn is_over(&self) -> bool;", "is the phases"),
             ("crates/teleop/src/b.rs", "const FINGERS: [&str; 2] = [\"thumb\", \"index\"];", "is fingers"),
+            ("scorer/src/b.rs", "println!(\"{all}\");", "is writing to stdout"),
+            ("crates/a/src/b.rs", "eprint!(\"{all}\")", "is writing to stdout"),
+            ("fiatlux/src/b.rs", "std::io::stdout().lock()", "is writing to stdout"),
         ]:
             with self.subTest(text):
                 found = list(homes.faults(path, text))
@@ -204,10 +237,35 @@ class Homes(unittest.TestCase):
             ("crates/play/src/play.rs", "delay_steps(&varied)"),
             ("crates/a/tests/it/b.rs", "Recorder::start(a, b)"),
             ("crates/a/src/b.rs", "// Recorder::start(a, b)"),
+            ("crates/a/examples/b.rs", "println!(\"{all}\");"),
             ("python/src/batch.rs", "settings::delay_steps(least)"),
         ]:
             with self.subTest(text):
                 self.assertEqual(list(homes.faults(path, text)), [])
+
+
+class Skips(unittest.TestCase):
+    def test_a_test_that_passes_without_having_run(self):
+        for text, what in [
+            ('    if TcpListener::bind("[::1]:0").is_err() {\n        return;\n    }\n', "passes without"),
+            ('    let Ok(at) = TcpListener::bind(format!("{address}:0")) else {\n        eprintln!("{address}; no");\n        continue;\n    };', "passes without"),
+            ('    let Some(python) = std::env::var_os("P") else { return };', "passes without"),
+            ('    eprintln!("no camera; {why}");\n        return;\n    }', "says something"),
+            ('    "skipped: no ffmpeg"', "says that it skips"),
+            ('#[ignore]', "is ignored for a reason"),
+            ('#[ignore = "slow"]', "is ignored for a reason"),
+        ]:
+            with self.subTest(text):
+                self.assertIn(what, "\n".join(skips.faults("a/tests/it/b.rs", text)))
+                self.assertIn(what, "\n".join(skips.faults("a/src/b.rs", "fn f() {}\n#[cfg(test)]\nmod tests {\n" + text)))
+                self.assertEqual(list(skips.faults("a/src/b.rs", text)), [])
+        for text in [
+            '    if std::env::var_os(CHILD).is_some() {\n        println!("digest {alone}");\n        return;\n    }',
+            '#[ignore = "needs IPv6: tests/run"]',
+            '    let Ok(line) = line else { return };',
+        ]:
+            with self.subTest(text):
+                self.assertEqual(list(skips.faults("a/tests/it/b.rs", text)), [])
 
 
 class Circles(unittest.TestCase):
@@ -286,6 +344,75 @@ class Run(unittest.TestCase):
         done = subprocess.run([Path(__file__).parent / "../tests/run", "everything"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 2)
         self.assertIn("'everything' is unknown; parts are rust, python, browser", done.stderr)
+
+    def run_tests(self, *parts, **environment):
+        """`tests/run` with a cargo that compiles nothing and says what libtest says: what it ran with, and all that the script printed."""
+        with tempfile.TemporaryDirectory() as folder:
+            cargo = Path(folder, "cargo")
+            cargo.write_text(
+                f"""#!/bin/sh
+echo "$*" >>{folder}/calls
+case "$*" in
+    nextest*) exit 1 ;;
+    *"--ignored by_ipv6") echo "test result: ok. 2 passed; 0 failed; 0 ignored" ;;
+    *--doc*) echo "test result: ok. 5 passed; 0 failed; 1 ignored" ;;
+    *"cargo test"* | test*--lib*) echo "test lab::by_python ... ignored, needs Python's libraries: tests/run"
+        echo "test result: ok. 7 passed; 0 failed; 3 ignored" ;;
+esac
+"""
+            )
+            cargo.chmod(0o755)
+            Path(folder, "calls").touch()
+            Path(folder, "inet6").write_text(environment.pop("inet6", ""))
+            settings = {
+                "PATH": f"{folder}:{os.environ['PATH']}",
+                "CARGO_TARGET_DIR": folder,
+                "FIATLUX_IF_INET6": f"{folder}/inet6",
+                "FIATLUX_PROGRAMS": folder,
+                "FIATLUX_CI_WITHOUT": "python node chromium",
+            }
+            kept = {name: value for name, value in os.environ.items() if not name.startswith("FIATLUX_")}
+            script = Path(__file__).parent.parent / "tests/run"
+            done = subprocess.run([script, *parts], capture_output=True, text=True, env={**kept, **settings, **environment})
+            return done, Path(folder, "calls").read_text()
+
+    def test_a_clone_without_python_says_what_ran_and_what_did_not(self):
+        done, calls = self.run_tests(inet6="0" * 31 + "1 01 80 10 80       lo\n")
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        end = done.stdout[done.stdout.rindex("\nran\n") :]
+        for said in [
+            "rust: 7 passed, 0 failed, 3 ignored (",
+            "rust with IPv6: 2 passed, 0 failed (",
+            "examples in the documentation: 5 passed, 0 failed, 1 ignored (",
+            "left out",
+            "rust: the ignored tests, which need Python 3.11 with venv, and PyPI or a FIATLUX_PYTHON that has the packages",
+            "      lab::by_python\n",
+            "python: all of python/tests, which needs Python 3.11",
+            "browser: tests/browser/run.sh, which needs Node 20 with npm, and chromium",
+            "FIATLUX_SLOW_TESTS=1 tests/run has them at full length",
+        ]:
+            with self.subTest(said):
+                self.assertIn(said, end)
+        self.assertNotIn("--include-ignored", calls)
+
+    @unittest.skipUnless(Path("/proc/net").is_dir(), "only Linux can be without it")
+    def test_a_machine_without_ipv6_says_so(self):
+        said = "the tests with by_ipv6 in their names, which need IPv6"
+        for python in ({}, {"FIATLUX_PYTHON": sys.executable, "FIATLUX_CI_WITHOUT": ""}):
+            with self.subTest(python):
+                done, calls = self.run_tests("rust", **python)
+                self.assertIn(said, done.stdout)
+                self.assertNotIn("--ignored by_ipv6", calls)
+                self.assertEqual("--include-ignored --skip by_ipv6" in calls, bool(python))
+
+    def test_a_failure_is_in_the_end_and_in_the_exit_code(self):
+        with tempfile.TemporaryDirectory() as folder:
+            python = Path(folder, "python")
+            python.write_text("#!/bin/sh\nexit 1\n")
+            python.chmod(0o755)
+            done, _ = self.run_tests("python", FIATLUX_PYTHON=str(python), FIATLUX_CI_WITHOUT="node chromium")
+        self.assertIn("failed\n  Python package", done.stdout)
+        self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
 
     def test_a_missing_tool_fails_before_anything_runs(self):
         with tempfile.TemporaryDirectory() as folder:

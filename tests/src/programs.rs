@@ -149,6 +149,16 @@ impl Running {
         Self::spawn(name, command, folder)
     }
 
+    /// Starts a command line of a shell in the folder itself.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    pub fn start_line(line: &str, folder: &Scratch) -> Self {
+        let mut command = Command::new("bash");
+        command.args(["-c", &format!("exec {line}")]).current_dir(folder.path());
+        Self::spawn("bash", command, folder)
+    }
+
     /// As [`Running::start`]; the system lets it write no file of more than that many times 512 bytes, as a full disk
     /// would.
     ///

@@ -1,6 +1,7 @@
 //! Demonstrations: only clean episodes, each played once.
 
 use std::fs;
+use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
@@ -81,4 +82,27 @@ fn failures_are_no_demonstrations() {
     options.first_seed = 999;
     let error = demonstrate(&options, &AtomicBool::new(false), &mut |_, _| ()).unwrap_err().to_string();
     assert!(error.contains("use seeds 1000 to 99999"), "{error}");
+}
+
+/// Pictures are most of a bag: with `--no-pictures` it has none, and is a fraction of the size.
+#[test]
+fn pictures_can_be_left_out() {
+    let recorded = |name: &str, flags: &[&str]| {
+        let out = folder(name);
+        let (task, room) =
+            (["--task", "S05", "--policy", "zero", "--unclean"], ["--episodes", "1", "--max-rooms", "1"]);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fiatlux"));
+        command.arg("demonstrate").args(task).args(room).args(["--set", "fall_tilt_rad=0.05", "--image", "64x64"]);
+        let done = command.args(flags).arg("--out").arg(&out).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let [bag] = &fs::read_dir(out.join(BAGS)).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>()[..]
+        else {
+            panic!("one bag")
+        };
+        let read = Bag::open(bag).unwrap();
+        (read.images().count(), read.states().count())
+    };
+    let (pictures, rows) = recorded("with-pictures", &[]);
+    assert!(pictures > 0, "{rows} rows");
+    assert_eq!(recorded("without-pictures", &["--no-pictures"]), (0, rows));
 }

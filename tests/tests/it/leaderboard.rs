@@ -3,6 +3,7 @@
 mod forged;
 mod kills;
 mod lab;
+mod make;
 mod restored;
 mod trust;
 
@@ -196,12 +197,12 @@ fn scorers_share_a_folder() {
     };
     let (full, is_thin) = only_bag(&first.folder());
     assert!(!is_thin);
-    assert_eq!(thin("1d"), "0 bags are thin now: 0.0 MiB before, 0.0 MiB after\n");
+    assert_eq!(thin("1d"), "0 bags made thin: 0.0 MiB before, 0.0 MiB after\n");
     let said = thin("0d");
-    assert!(said.starts_with("1 bags are thin now") && said.lines().count() == 1, "{said}");
+    assert!(said.starts_with("1 bag made thin") && said.lines().count() == 1, "{said}");
     let (left, is_thin) = only_bag(&first.folder());
     assert!(is_thin && left < full, "{left} of {full} bytes");
-    assert!(thin("0d").starts_with("0 bags are thin now"));
+    assert!(thin("0d").starts_with("0 bags made thin"));
     let page = String::from_utf8(first.fetch(&format!("/runs/{id}/episodes/S04-s0-e0"))).unwrap();
     assert!(page.contains("with-replay"), "{page}");
     let nobody = Running::start("scorer", &["work", "--folder", &folder], lab.folder()).finish(PATIENCE).0;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use fiatlux_tests::programs::{Running, Scratch, free_port, program};
+use fiatlux_tests::programs::{PATIENCE, Running, Scratch, free_port, program, wait_until};
 
 /// Pages in the order in which a reader takes them: commands use what earlier ones made.
 const PAGES: [&str; 8] = [
@@ -21,6 +21,14 @@ const PAGES: [&str; 8] = [
 fn blocks(text: &str, language: &str) -> Vec<String> {
     let opening = format!("\n```{language}\n");
     text.split(&opening).skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned()).collect()
+}
+
+/// Commands of our own programs in a text's blocks that name no language, without the remarks behind them.
+fn commands(text: &str) -> Vec<String> {
+    // Every second part is a block.
+    let blocks = text.split("\n```").skip(1).step_by(2).filter(|block| block.starts_with('\n'));
+    let lines = blocks.flat_map(str::lines).map(|line| line.split("  #").next().unwrap_or_default().trim());
+    lines.filter(|line| line.starts_with("target/release/") || line.starts_with("(umask")).map(str::to_owned).collect()
 }
 
 fn repository() -> PathBuf {
@@ -71,6 +79,64 @@ fn stage(scratch: &Scratch) -> PathBuf {
         assert!(Command::new("chmod").arg("+x").arg(&path).status().unwrap().success());
     }
     bin
+}
+
+/// Commands of pages whose programs go on, as a reader takes them who has played `zero`: each in a terminal of its own, with the page's
+/// addresses on this machine.
+fn commands_work(page: &str, expected: usize) {
+    let scratch = Scratch::new(&page.replace(['/', '.'], "-"));
+    stage(&scratch);
+    let ports = [("7447", free_port()), ("8080", free_port())];
+    let lines = commands(&std::fs::read_to_string(repository().join(page)).unwrap());
+    assert_eq!(lines.len(), expected, "{lines:#?}");
+    if lines.iter().any(|line| line.contains("results/zero")) {
+        let play = "target/release/fiatlux evaluate --policy zero --tasks S05,S07 --seeds 0 --out results/zero";
+        assert!(Running::start_line(play, &scratch).finish(PATIENCE).0.success());
+    }
+    let mut terminals = Vec::new();
+    for line in lines {
+        let mut line = ports
+            .iter()
+            .fold(line.replace("192.168.1.7", "127.0.0.1"), |line, (port, free)| line.replace(port, &free.to_string()));
+        if line.contains("fiatlux keys") || line.contains("sim-server --record") {
+            let flag = if line.contains("keys") { "--port " } else { "--listen tcp/127.0.0.1:" };
+            line += &format!(" {flag}{}", ports[0].1);
+        }
+        if line.contains("BAG") {
+            wait_until("a bag is recorded", PATIENCE, || !scratch.files("s0-e0.mcap").is_empty());
+            line = line.replace("BAG", &scratch.files("s0-e0.mcap")[0].display().to_string());
+        }
+        let ready = [
+            ("fiatlux router", "router"),
+            ("sim-server", " as lab"),
+            ("sim-server --record", " as "),
+            ("scorer serve", "http://"),
+        ];
+        let daemon = ready.iter().rfind(|(program, _)| line.contains(&format!("target/release/{program}")));
+        match daemon {
+            Some((_, says)) => {
+                let mut running = Running::start_line(&line, &scratch);
+                running.wait_for(says);
+                terminals.push(running);
+            }
+            None if line.contains("target/release/recorder") => terminals.push(Running::start_line(&line, &scratch)),
+            None => {
+                let done = Command::new("bash").args(["-c", &line]).current_dir(scratch.path()).output().unwrap();
+                let [out, log] = [&done.stdout, &done.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+                assert!(done.status.success(), "{line}: {}\n{out}\n{log}", done.status);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_commands_of_access_work() {
+    commands_work("docs/access.md", 6);
+}
+
+#[test]
+fn the_commands_of_the_leaderboard_work() {
+    commands_work("docs/leaderboard.md", 5);
 }
 
 /// Commands run in the order of the pages. Servers and recorders go on until the end; the second pair of machines is this

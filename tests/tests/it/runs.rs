@@ -6,3 +6,4 @@ mod hangs;
 mod kills;
 mod lab;
 mod loss;
+mod refusals;

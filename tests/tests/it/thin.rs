@@ -47,7 +47,7 @@ fn thin_bags_give_what_full_ones_give() {
         assert!(code == Some(0) && folder.join("page.html").metadata().unwrap().len() > 100_000, "{said}");
 
         let (code, said) = run("scorer", &["thin", "full"], folder);
-        assert!(code == Some(0) && said.contains("1 of 1 bags are thin now"), "{said}");
+        assert!(code == Some(0) && said.contains("1 of 1 bag made thin"), "{said}");
         let (code, said) = run("scorer", &["fill", "thin"], folder);
         assert!(code == Some(0) && said.contains("1 of 1 bags are full now"), "{said}");
         let (code, said) = run("scorer", &["fill", "full"], folder);

@@ -72,6 +72,22 @@ fn chunks_of_all_servers_are_read() {
     }
 }
 
+/// Guards that a server of the challenge which answers one step at a time is told apart, and what its user is to do.
+#[test]
+fn one_action_in_place_of_a_chunk_has_a_remedy() {
+    let row = Value::Array(vec![Value::F64(0.5), Value::F64(-0.5)]);
+    let answer = map([("action", row)]);
+    let said = openpi::read(&answer, Dialect::Behavior, 3).unwrap_err().to_string();
+    let remedy = "no 'action_chunk' of 3 rows: the server answers one step at a time; in a copy of the mapping set horizon = 1 and \
+                  prefix = 1 (--mapping FILE), or let the server answer chunks";
+    assert!(said.contains(remedy), "{said}");
+    // What the remedy says: the same answer to a mapping of one row.
+    let read = openpi::read(&answer, Dialect::Behavior, 1).unwrap();
+    assert_eq!((read.rows, read.parts), (1, vec![("action".into(), 2, vec![0.5, -0.5])]));
+    let neither = openpi::read(&map([("actions", Value::Nil)]), Dialect::Behavior, 3).unwrap_err().to_string();
+    assert!(neither.contains("it has no 'action_chunk'") && !neither.contains("one step at a time"), "{neither}");
+}
+
 /// Guards that an error describes a form that cannot be read.
 #[test]
 fn the_form_is_in_the_error() {

@@ -7,7 +7,7 @@
 use std::error::Error;
 
 use fiatlux_policies::Policies;
-use fiatlux_rules::Task;
+use fiatlux_rules::{SeedOwner, Task};
 
 #[path = "../game/mod.rs"]
 mod game;
@@ -26,8 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "all" => Task::ALL.into(),
         named => named.split(',').map(str::parse).collect::<Result<_, _>>()?,
     };
-    let (first, last) = rooms.split_once("..").ok_or("FIRST..LAST")?;
-    let rooms = first.parse::<u64>()?..=last.parse()?;
+    let rooms = SeedOwner::training_rooms(rooms)?;
     println!("task     episodes  answers  median   99 %  99.9 %    most  above {CONTROL_STEP_MS} ms");
     for task in tasks {
         let mut times = Vec::new();

@@ -10,7 +10,7 @@ use fiatlux_client::Command;
 use fiatlux_policies::Policies;
 use fiatlux_proto::v3::{Observation, Pose, Privileged, Proprioception, SessionInfo};
 use fiatlux_robot::{GainSet, Robot};
-use fiatlux_rules::Task;
+use fiatlux_rules::{SeedOwner, Task};
 use fiatlux_world::{EpisodeSpec, Scene, SceneConfig};
 use serde::Deserialize;
 
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [policy, task, seed] = arguments.as_slice() else { return Err("POLICY TASK SEED".into()) };
     let mut policy = Policies::default().make(policy)?;
-    let info = session(task.parse()?, seed.parse()?)?;
+    let info = session(task.parse()?, SeedOwner::check_training(seed.parse()?)?)?;
     let joints: Vec<(&str, f64)> = info.joints.iter().map(|joint| (joint.name.as_str(), joint.q0)).collect();
     let mut out = std::io::stdout().lock();
     writeln!(out, "{}", serde_json::json!({ "joints": joints, "hand_bodies": info.hand_bodies }))?;

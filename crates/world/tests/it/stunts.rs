@@ -70,3 +70,12 @@ fn a_loose_grip_earns_nothing_strict() {
     let [published, strict] = Protocol::ALL.map(|protocol| episode.judges().of(protocol).verdict());
     assert_eq!((published.progress, strict.progress, strict.success), (0.5, 0.0, false), "{strict:?}");
 }
+
+/// A bulb that an arm presses and throws up is neither gripped nor lifted, whatever the published progress says.
+#[test]
+fn a_pressed_bulb_earns_nothing_strict() {
+    let (episode, too_short) = replay("s08_press");
+    let [published, strict] = Protocol::ALL.map(|protocol| episode.judges().of(protocol).verdict());
+    assert_eq!((published.progress, strict.progress, strict.success), (1.0, 0.0, false), "{strict:?}");
+    assert_eq!(too_short, ["fresh_bulb_lifted", "fresh_bulb_in_grip"]);
+}

@@ -148,7 +148,7 @@ fn an_interrupted_evaluation_is_resumed() {
 
     let mut second = evaluate(&[&asked[..], &["--workers", "2"]].concat(), &out, &scratch);
     assert!(second.finish(PATIENCE).0.success());
-    assert!(second.log().contains("1 episodes were already in "), "{}", second.log());
+    assert!(second.log().contains("1 episode was already in "), "{}", second.log());
     let graded: Vec<Value> = seeds(&results(&out));
     assert_eq!(graded, [0, 1, 2]);
     assert_eq!(bags(&out)[0], kept, "what was done is not done again");
