@@ -72,6 +72,27 @@ async function pictures({ name, page }) {
   check(all > 1 && broken.length === 0, `${name}: all ${all} pictures are shown`, broken.join(" "));
 }
 
+// The clip of a card: under a pointer on a desktop, by its button everywhere, and only by its button with reduced motion.
+async function clips({ name, page }, card, kind) {
+  const clip = card.locator(".clip-of");
+  const plays = () => clip.evaluate((image) => image.checkVisibility() && image.complete && image.naturalWidth > 100);
+  check(!(await clip.isVisible()), `${name}: clips do not play by themselves`);
+  const button = card.locator(".play");
+  await button.check();
+  await page.waitForFunction((image) => image.complete && image.naturalWidth > 100, await clip.elementHandle());
+  check(await plays(), `${name}: a button plays the clip`);
+  await button.uncheck();
+  await page.mouse.move(0, 0);
+  check(!(await clip.isVisible()), `${name}: and stops it`);
+  if (!kind.includes("desktop")) return;
+  await card.locator("img").first().hover();
+  check(await plays(), `${name}: a pointer plays the clip`);
+  await page.emulateMedia({ reducedMotion: "reduce" });
+  check(!(await clip.isVisible()), `${name}: not with reduced motion`);
+  await page.emulateMedia({ reducedMotion: null });
+  await page.mouse.move(0, 0);
+}
+
 // Until three submissions are graded, and the success of one is drawn.
 async function graded() {
   const until = Date.now() + 4 * PATIENCE_MS;
@@ -104,12 +125,22 @@ await everywhere(async (kind, settings) => {
   const runs = await board.page.locator(".board a.policy").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
   const offers = await board.page.locator('.board a[href^="/compare?run="]').count();
   check(offers === runs.length, `${board.name}: runs in the same rooms can be compared`, `${offers}`);
+  const order = await board.page.evaluate(() => {
+    const [card, table] = [".task-card", ".board"].map((selector) => document.querySelector(selector));
+    return (card.compareDocumentPosition(table) & Node.DOCUMENT_POSITION_FOLLOWING) !== 0;
+  });
+  check(order, `${board.name}: the gallery comes first`);
+  check((await board.page.locator(".open-tasks").count()) === 1, `${board.name}: subtasks without a success are named`);
+  await clips(board, best, kind);
   await board.page.keyboard.press("Tab");
   await look(board.name, board, settings);
 
   const run = await at(runs[0], "run");
   const squares = await run.page.locator(".sq").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
   check(squares.length >= 12, `${run.name}: a square for each episode`, `${squares.length}`);
+  const cards = await run.page.locator(".task-card").count();
+  check(cards === 12 && (await run.page.locator(".episode").count()) === 0, `${run.name}: each subtask once`, `${cards}`);
+  check((await run.page.locator("pre").last().textContent()).includes(`${address.replace(/\/$/, "")}/runs/`), `${run.name}: commands name this site`);
   await pictures(run);
   await look(run.name, run, settings);
 
@@ -135,6 +166,9 @@ await everywhere(async (kind, settings) => {
   await look(episode.name, episode, settings);
 
   const ids = runs.map((href) => href.split("/").pop());
+  const start = await at("/compare", "compare-start");
+  check((await start.page.locator(".partners a").count()) >= runs.length, `${start.name}: leads to a choice`);
+  await look(start.name, start, settings);
   const choose = await at(`/compare?run=${ids[0]}`, "choose");
   check((await choose.page.locator(".partners a").count()) > 0, `${choose.name}: offers those that share episodes`);
   await look(choose.name, choose, settings);

@@ -22,24 +22,23 @@ use summary::{run_lines, subtasks, summary};
 use crate::Results;
 use crate::tables::{conditions_line, seed_count};
 
-pub use episodes::Site;
+pub use episodes::{REPLAYS, Site};
 pub use markup::cause_class;
 pub use site::{SiteReport, episode_figure, site, task_cards};
 pub use style::STYLE;
 
 /// The report as one HTML page without links to replays.
 pub fn html(results: &Results) -> String {
-    page(results, &|_| false)
+    page(results, None)
 }
 
-/// The report as one HTML page for a folder. If the replay of an episode is next to its bag, under the bag's name with
-/// `.html`, the episode links to it.
+/// The report as one HTML page for a folder. An episode links to its replay, a file with the bag's name and `.html`, and shows its still,
+/// one with `.png`, where these are next to the bag or in the folder's [`REPLAYS`]. Stills are part of the page.
 pub fn html_in(results: &Results, folder: &Path) -> String {
-    page(results, &|replay| folder.join(replay).is_file())
+    page(results, Some(folder))
 }
 
-/// `has_replay` tells if a file exists, by its path relative to the page's folder.
-fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
+fn page(results: &Results, folder: Option<&Path>) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" \
@@ -48,12 +47,13 @@ fn page(results: &Results, has_replay: &dyn Fn(&str) -> bool) -> String {
     );
     headline(&mut out, results);
     if !results.subtasks.is_empty() {
+        out.push_str("<h2>Subtasks</h2>\n");
         subtasks(&mut out, results);
     }
     sections::extra_tasks(&mut out, results);
     sections::parts(&mut out, results);
     if !results.episodes.is_empty() {
-        episodes::section(&mut out, results, FigureSource::File(has_replay));
+        episodes::section(&mut out, results, FigureSource::File(folder));
     }
     sections::excluded(&mut out, results);
     sections::conditions(&mut out, results);

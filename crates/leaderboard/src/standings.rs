@@ -7,7 +7,7 @@ mod subtasks;
 mod summary;
 mod word;
 
-use std::cmp::Reverse;
+use std::cmp::{Ordering, Reverse};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -194,6 +194,15 @@ pub(crate) struct Table {
     pub division: Division,
     /// Rows of the table, the best first; never empty.
     pub places: Vec<RankedEntry>,
+}
+
+impl Table {
+    /// The order of tables by their first rows, the worse one first; one without a rank is below all others.
+    pub fn by_leader(&self, other: &Self) -> Ordering {
+        let merit = |table: &Self| table.places.first().map_or((0.0, 0.0), |place| place.standing.merit());
+        let ((lower, score), (other_lower, other_score)) = (merit(self), merit(other));
+        lower.total_cmp(&other_lower).then(score.total_cmp(&other_score))
+    }
 }
 
 /// A version of the benchmark, the latest one first, and a division.

@@ -1,13 +1,19 @@
 //! The episodes of each task, each with a figure.
 
 use std::fmt::Write;
+use std::path::Path;
 
 use fiatlux_proto::count;
 use fiatlux_rules::{CONTROL_DT, Protocol, Task, TaskSpec};
 
 use super::figure::{WIDTH, figure, height};
-use super::markup::{cause_class, escape, link, words};
+use super::markup::{base64, cause_class, escape, link, words};
 use crate::{EpisodeRow, Results};
+
+/// Folder of replays and stills in that of a run.
+pub const REPLAYS: &str = "replays";
+/// Maximum size of a still, bytes.
+const MAX_STILL: u64 = 400_000;
 
 /// Addresses for an episode. They are escaped when they are written.
 pub struct Site<'a> {
@@ -15,18 +21,13 @@ pub struct Site<'a> {
     pub episode: &'a dyn Fn(&EpisodeRow) -> String,
     /// Address of its figure as an SVG picture, see [`episode_figure`](super::episode_figure).
     pub figure: &'a dyn Fn(&EpisodeRow) -> String,
-    /// Address of the page with all episodes of a task, by the task's id.
-    pub task: &'a dyn Fn(&str) -> String,
-    /// Maximum number of episodes shown of each task.
-    pub most: usize,
 }
 
 /// The source of an episode's figure and replay.
 #[derive(Clone, Copy)]
 pub(super) enum FigureSource<'a> {
-    /// Figures are in the page itself and replays in files; tells if a file exists, by its path relative to the page's
-    /// folder.
-    File(&'a dyn Fn(&str) -> bool),
+    /// Figures are in the page itself, and replays and stills in files of the page's folder, if it has one.
+    File(Option<&'a Path>),
     /// Figures and replays have addresses on a site.
     Site(&'a Site<'a>),
 }
@@ -77,13 +78,17 @@ fn group(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, open: bool, pl
     }
     out.push_str("</span></summary><div class=\"inner\">");
     gate(out, spec);
-    cards(out, episodes, limit_n, place);
-    if let FigureSource::Site(site) = place
-        && episodes.len() > site.most
-    {
-        let address = escape(&(site.task)(id));
-        let _ = write!(out, "<p><a href=\"{address}\">All {}</a></p>", count(episodes.len(), "episode"));
+    if let FigureSource::File(folder) = place {
+        let shown = episodes.iter().filter(|episode| file_of(folder, episode, "html").is_some()).count();
+        if (1..episodes.len()).contains(&shown) {
+            let _ = write!(
+                out,
+                "<p class=\"small soft\">{shown} of {} episodes have a replay here; <code>fiatlux view BAG</code> shows the others.</p>",
+                episodes.len()
+            );
+        }
     }
+    cards(out, episodes, limit_n, place);
     out.push_str("</div></details>\n");
 }
 
@@ -109,14 +114,10 @@ pub(super) fn gate(out: &mut String, spec: Option<&TaskSpec>) {
     }
 }
 
-/// Writes a card for each episode, up to the limit of the place.
+/// Writes a card for each episode.
 pub(super) fn cards(out: &mut String, episodes: &[EpisodeRow], limit_n: f64, place: FigureSource<'_>) {
-    let most = match place {
-        FigureSource::File(_) => usize::MAX,
-        FigureSource::Site(site) => site.most,
-    };
     out.push_str("<div class=\"episodes\">");
-    episodes.iter().take(most).for_each(|episode| card(out, episode, limit_n, place));
+    episodes.iter().for_each(|episode| card(out, episode, limit_n, place));
     out.push_str("</div>");
 }
 
@@ -150,8 +151,15 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: FigureSourc
         }
     }
     out.push_str("</header>");
+    let replay = match place {
+        FigureSource::Site(site) => Some((site.episode)(episode)),
+        FigureSource::File(folder) => file_of(folder, episode, "html").map(|file| link(&file)),
+    };
     match place {
-        FigureSource::File(_) => out.push_str(&figure(&episode.series, &episode.end, limit_n)),
+        FigureSource::File(folder) => {
+            still(out, folder, episode, replay.as_deref());
+            out.push_str(&figure(&episode.series, &episode.end, limit_n));
+        }
         FigureSource::Site(site) => {
             // Loaded only when it comes into view: the server draws it from the bag.
             let lanes =
@@ -181,13 +189,6 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: FigureSourc
     if !notes.is_empty() {
         out.push_str("<br>");
     }
-    let replay = match place {
-        FigureSource::Site(site) => Some((site.episode)(episode)),
-        FigureSource::File(has_replay) => {
-            let file = format!("{}.html", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
-            has_replay(&file).then(|| link(&file))
-        }
-    };
     if let Some(address) = replay {
         let _ = write!(out, "<a href=\"{}\">3D replay</a> \u{b7} ", escape(&address));
     }
@@ -198,5 +199,31 @@ fn card(out: &mut String, episode: &EpisodeRow, limit_n: f64, place: FigureSourc
         escape(&episode.bag),
         escape(&episode.state_digest),
         escape(&short)
+    );
+}
+
+/// The file of an episode in the page's folder, by its path from there.
+fn file_of(folder: Option<&Path>, episode: &EpisodeRow, ending: &str) -> Option<String> {
+    let near = format!("{}.{ending}", episode.bag.strip_suffix(".mcap").unwrap_or(&episode.bag));
+    let name = near.rsplit('/').next().unwrap_or(&near);
+    let files = [format!("{REPLAYS}/{name}"), near.clone()];
+    files.into_iter().find(|file| folder.is_some_and(|folder| folder.join(file).is_file()))
+}
+
+/// The picture of an episode, which leads to its replay.
+fn still(out: &mut String, folder: Option<&Path>, episode: &EpisodeRow, replay: Option<&str>) {
+    let Some(file) = file_of(folder, episode, "png").and_then(|file| Some(folder?.join(file))) else { return };
+    let is_small = std::fs::metadata(&file).is_ok_and(|file| file.len() <= MAX_STILL);
+    let Some(png) = std::fs::read(&file).ok().filter(|png| is_small && png.starts_with(b"\x89PNG")) else { return };
+    let [before, after] = match replay {
+        Some(address) => [format!("<a class=\"still\" href=\"{}\">", escape(address)), "</a>".into()],
+        None => ["<div class=\"still\">".into(), "</div>".into()],
+    };
+    let _ = write!(
+        out,
+        "{before}<img src=\"data:image/png;base64,{}\" loading=\"lazy\" alt=\"The end of {} seed {}\">{after}",
+        base64(&png),
+        escape(&episode.task),
+        episode.seed
     );
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use fiatlux_bag::Patience;
 
-use super::episodes::{FigureSource, Site, cards, gate, legend, limit, section};
+use super::episodes::{FigureSource, Site, cards, gate, legend, limit};
 use super::figure::figure;
 use super::sections;
 use super::style::STYLE;
@@ -17,15 +17,16 @@ use crate::{EpisodeRow, GradeOptions, Results};
 pub struct SiteReport {
     /// Warnings for the reader, and cards with the main numbers.
     pub summary: String,
+    /// Scores and causes by subtask, as a figure and as a table, without a heading.
     pub subtasks: String,
-    /// Episodes by task, each with its figure.
-    pub episodes: String,
+    /// Tasks that are no subtasks, and the parts of the whole errand.
+    pub others: String,
     /// Bags that are not scored, conditions, versions, thresholds.
     pub conditions: String,
 }
 
 /// Renders the report in parts, for a page that adds a frame and [`STYLE`](super::STYLE).
-pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
+pub fn site(results: &Results) -> SiteReport {
     let part = |write: &dyn Fn(&mut String)| {
         let mut out = String::new();
         write(&mut out);
@@ -40,13 +41,10 @@ pub fn site(results: &Results, site: &Site<'_>) -> SiteReport {
             if !results.subtasks.is_empty() {
                 subtasks(out, results);
             }
+        }),
+        others: part(&|out| {
             sections::extra_tasks(out, results);
             sections::parts(out, results);
-        }),
-        episodes: part(&|out| {
-            if !results.episodes.is_empty() {
-                section(out, results, FigureSource::Site(site));
-            }
         }),
         conditions: part(&|out| {
             sections::excluded(out, results);

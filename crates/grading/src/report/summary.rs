@@ -119,7 +119,9 @@ fn violations_card(out: &mut String, results: &Results) {
 }
 
 pub(super) fn subtasks(out: &mut String, results: &Results) {
-    out.push_str("<h2>Subtasks</h2>\n<div class=\"panel wide scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a figure\">");
+    out.push_str(
+        "<div class=\"panel wide scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Subtasks as a figure\">",
+    );
     out.push_str(&overview::figure(results));
     let (protocol, success) = match results.score_strict {
         Some(_) => ("strict", "strict success"),

@@ -202,6 +202,28 @@ fn a_page_leads_to_replays() {
     assert!(report::html_in(&results, &folder.0).contains("<a href=\"a%20b.html\">3D replay</a>"));
 }
 
+/// Guards a page that shows and not only tells: a still for each episode that has one, a click away from its replay, in the page itself.
+#[test]
+fn a_page_has_stills_that_lead_to_replays() {
+    let folder = Folder::new("stills");
+    for seed in [0, 1, 2] {
+        let (head, all) = (header(Task::S02, seed), rows(Task::S02, seed, Story::Succeeds(30)));
+        begin(&bag(&folder, &format!("s{seed}")), &head, &all).finish(&result(&head, &all)).expect("finished");
+    }
+    let results = graded(&folder);
+    assert!(!report::html_in(&results, &folder.0).contains("<img"));
+    let replays = folder.0.join(report::REPLAYS);
+    std::fs::create_dir(&replays).expect("a folder");
+    for (name, content) in [("s0.png", b"\x89PNG" as &[u8]), ("s0.html", b"a replay"), ("s1.png", b"<script>")] {
+        std::fs::write(replays.join(name), content).expect("written");
+    }
+    let page = report::html_in(&results, &folder.0);
+    let still = "<a class=\"still\" href=\"replays/s0.html\"><img src=\"data:image/png;base64,iVBORw==\"";
+    assert!(page.contains(still) && page.contains("<a href=\"replays/s0.html\">3D replay</a>"), "{page}");
+    assert_eq!(page.matches("<img").count(), 1, "what is no picture is left out");
+    assert!(page.contains("1 of 3 episodes have a replay here; <code>fiatlux view BAG</code>"), "{page}");
+}
+
 /// Guards that a bag of an earlier protocol is refused by its version, not for its missing fields.
 #[test]
 fn bags_of_older_protocols_are_refused_with_the_remedy() {

@@ -1,4 +1,4 @@
-//! Draws pictures of a verified submission: the best success of each subtask. The time is limited, and pictures that
+//! Draws pictures of a submission while it is verified: the best success of each subtask. The time is limited, and pictures that
 //! fail are left out: nothing depends on them.
 
 use std::collections::BTreeMap;
@@ -23,19 +23,23 @@ const LIMIT: Duration = Duration::from_secs(30);
 pub(super) async fn draw_next(service: &Arc<Service>, stop: &Arc<AtomicBool>) -> Result<bool, StoreError> {
     let store = &service.store;
     let Some(id) = store.next_undrawn().await? else { return Ok(false) };
-    let mut drawn = Vec::new();
     if let Some(results) = store.results(id).await? {
+        let drawn = store.pictured(id).await?;
         for (task, row) in best(&results) {
+            if drawn.contains(task) {
+                continue;
+            }
             let Some(bag) = store.bag(id, task, row.seed, row.episode).await? else { continue };
             let Some(poster) = poster(id, bag, Arc::clone(stop)).await else { continue };
             let (still, clip) = (store.blobs.put(poster.still).await?, store.blobs.put(poster.clip).await?);
-            drawn.push((task.to_owned(), Picture { seed: row.seed, episode: row.episode, still, clip }));
+            let picture = Picture { seed: row.seed, episode: row.episode, still, clip };
+            store.set_picture(id, task, &picture).await?;
         }
     }
     // A service that stops draws the rest after its next start.
     if !stop.load(Ordering::Relaxed) {
-        store.set_drawn(id, &drawn).await?;
-        tracing::info!(submission = %id, pictures = drawn.len(), "drawn");
+        store.set_drawn(id).await?;
+        tracing::info!(submission = %id, "drawn");
     }
     Ok(true)
 }

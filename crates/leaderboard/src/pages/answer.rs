@@ -1,6 +1,7 @@
 //! Responses: pages with their Content-Security-Policy, files, and error pages.
 
 use std::error::Error;
+use std::net::{Ipv4Addr, Ipv6Addr};
 
 use askama::Template;
 use axum::body::Body;
@@ -99,6 +100,32 @@ fn page_with(template: &impl Template, policy: String) -> Response {
     answer
 }
 
+/// Where this site is, such as `https://board.example.org`, by the request: a name, an address or `localhost`, with a port or without.
+/// What else stands in `Host` is not shown.
+pub(super) fn site_of(asked: &HeaderMap) -> String {
+    let text = |name: &str| asked.get(name).and_then(|value| value.to_str().ok()).map(str::trim);
+    let is_host = |host: &&str| {
+        let (name, port) = match host.rsplit_once(':') {
+            Some((name, port)) if !port.ends_with(']') => (name, Some(port)),
+            _ => (*host, None),
+        };
+        let inner = name.strip_prefix('[').and_then(|name| name.strip_suffix(']'));
+        let is_name = inner.map_or_else(
+            || !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || b"-.".contains(&c)),
+            |address| address.parse::<Ipv6Addr>().is_ok(),
+        );
+        is_name && name.len() <= 253 && port.is_none_or(|port| port.parse::<u16>().is_ok())
+    };
+    let Some(host) = text("host").filter(is_host) else { return "https://ADDRESS-OF-THIS-SITE".into() };
+    let scheme = match text("x-forwarded-proto") {
+        Some(scheme @ ("http" | "https")) => scheme,
+        // A name without a port is behind a proxy, which has TLS.
+        _ if host.contains(':') || host == "localhost" || host.parse::<Ipv4Addr>().is_ok() => "http",
+        _ => "https",
+    };
+    format!("{scheme}://{host}")
+}
+
 pub(super) fn content(kind: &'static str, body: impl Into<Body>) -> Response {
     ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
 }
@@ -123,4 +150,37 @@ pub(super) fn unchanging(asked: &HeaderMap, kind: &'static str, text: &'static s
 /// The text of a replay's error, with `name` in place of the file's path, which visitors must not see.
 pub(super) fn without_path(error: &dyn Error, path: &std::path::Path, name: &str) -> String {
     fiatlux_cli::in_full(error).replace(&path.display().to_string(), name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards the commands on the pages: they name the site as the visitor reached it, and nothing that was smuggled into a header.
+    #[test]
+    fn the_site_is_named_as_it_was_asked_for() {
+        let nowhere = "https://ADDRESS-OF-THIS-SITE";
+        let cases = [
+            ("board.example.org", "", "https://board.example.org"),
+            ("board.example.org", "http", "http://board.example.org"),
+            ("board.example.org:8443", "https", "https://board.example.org:8443"),
+            ("127.0.0.1:8080", "", "http://127.0.0.1:8080"),
+            ("192.0.2.7", "", "http://192.0.2.7"),
+            ("localhost", "ftp", "http://localhost"),
+            ("[::1]:8080", "", "http://[::1]:8080"),
+            ("[::1;x]", "", nowhere),
+            ("a b", "", nowhere),
+            ("a$(rm)", "", nowhere),
+            ("<b>", "", nowhere),
+            ("a:99999", "", nowhere),
+            ("", "", nowhere),
+        ];
+        for (host, scheme, expected) in cases {
+            let mut asked = HeaderMap::new();
+            asked.insert(header::HOST, HeaderValue::from_str(host).expect("a value"));
+            asked.insert("x-forwarded-proto", HeaderValue::from_str(scheme).expect("a value"));
+            assert_eq!(site_of(&asked), expected, "{host}");
+        }
+        assert_eq!(site_of(&HeaderMap::new()), nowhere);
+    }
 }

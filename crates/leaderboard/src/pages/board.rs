@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use askama::Template;
 use axum::extract::{RawQuery, State};
+use axum::http::HeaderMap;
 use axum::response::Response;
+use fiatlux_rules::Task;
 
-use super::answer::{Problem, page};
+use super::answer::{Problem, page, site_of};
 use super::show;
 use super::state::{Board, Pages, Pair};
 use super::tasks::{Card, cards};
@@ -59,6 +61,8 @@ struct BoardPage<'a> {
     chosen: String,
     paper: &'static [PaperRow],
     cards: Vec<Card<'a>>,
+    /// Subtasks without a success.
+    open: Vec<Task>,
     unranked: &'a [Arc<Entry>],
     more_unranked: usize,
     min_rooms: usize,
@@ -72,8 +76,8 @@ impl BoardPage<'_> {
     }
 }
 
-/// The rankings: the first hosted table and the first replayed one, or the one that `?division=` chooses; `cells=clean` shows clean
-/// success rates instead of scores.
+/// The rankings: the hosted table and the replayed one with the best first row, or the one that `?division=` chooses; `cells=clean`
+/// shows clean success rates instead of scores.
 pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let board = pages.board().await?;
     let query = query.as_deref();
@@ -88,13 +92,15 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     let pairs: Vec<Pair> = tables.iter().flat_map(|table| shown_pairs(table, query)).collect();
     let tested = pages.tested(&pairs).await?;
     let sections: Vec<Section<'_>> = tables.into_iter().map(|table| section(&board, table, &tested, query)).collect();
+    let (cards, open) = best_and_open(&board);
     Ok(page(&BoardPage {
         choices: choices(&board, &sections),
         sections,
         by_score: show::asked(query, "cells").next() != Some("clean"),
         chosen: asked.map(|asked| format!("division={asked}&")).unwrap_or_default(),
         paper: &PAPER,
-        cards: cards(&board),
+        cards,
+        open,
         unranked: &board.unranked[..board.unranked.len().min(UNRANKED)],
         more_unranked: board.unranked.len().saturating_sub(UNRANKED),
         min_rooms: MIN_ROOMS,
@@ -102,11 +108,23 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     }))
 }
 
-/// The first table of each kind in the latest version of the benchmark.
+/// Of each kind the table with the best first row in the latest version of the benchmark; the better of the two first.
 fn first_tables(board: &Board) -> Vec<&Table> {
     let Some(latest) = board.tables.first().map(|table| table.version) else { return Vec::new() };
-    let first = |kind: Kind| board.tables.iter().find(|table| table.version == latest && table.division.table == kind);
-    [Kind::Hosted, Kind::Replayed].into_iter().filter_map(first).collect()
+    let of_kind = |kind: Kind| {
+        let tables = board.tables.iter().filter(|table| table.version == latest && table.division.table == kind);
+        // The first of equals.
+        tables.rev().max_by(|a, b| a.by_leader(b))
+    };
+    let mut found: Vec<&Table> = [Kind::Hosted, Kind::Replayed].into_iter().filter_map(of_kind).collect();
+    found.sort_by(|a, b| b.by_leader(a));
+    found
+}
+
+/// The subtasks with a success, and those without one.
+fn best_and_open(board: &Board) -> (Vec<Card<'_>>, Vec<Task>) {
+    let (best, open): (Vec<_>, Vec<_>) = cards(board).into_iter().partition(|card| !card.bests.is_empty());
+    (best, open.iter().map(|card| card.task).collect())
 }
 
 fn choices(board: &Board, sections: &[Section<'_>]) -> Vec<(Kind, Vec<DivisionChoice>)> {
@@ -173,6 +191,7 @@ fn row<'a>(board: &Board, table: &'a Table, tested: &BTreeMap<Pair, Neighbours>,
 #[derive(Template)]
 #[template(path = "about.html")]
 struct AboutPage {
+    site: String,
     /// Robots with divisions of their own.
     robots: [&'static str; fiatlux_rules::pins::RANKED_ROBOTS.len()],
     min_rooms: usize,
@@ -181,8 +200,9 @@ struct AboutPage {
 }
 
 /// The page that explains numbers, badges and divisions, and how to submit.
-pub(super) async fn about() -> Response {
+pub(super) async fn about(asked: HeaderMap) -> Response {
     page(&AboutPage {
+        site: site_of(&asked),
         robots: fiatlux_rules::pins::RANKED_ROBOTS,
         min_rooms: MIN_ROOMS,
         fixed_rooms: FIXED_ROOMS,
@@ -193,17 +213,21 @@ pub(super) async fn about() -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::standings::Standing;
-    use crate::standings::tables;
     use crate::standings::tests::{entry, hosted, results};
+    use crate::standings::{Standing, SubtaskResults, by_task, tables};
 
     /// The page of some policies, each with the number of subtasks it passes.
     fn shown(policies: &[(&str, usize)]) -> String {
-        let rows = policies.iter().zip(1..).map(|((name, passed), id)| {
-            let results = results(*passed);
-            (entry(id, name, &results), Standing::of(&results).expect("a row"))
-        });
-        let board = Board { tables: tables(rows.collect()), ..Board::default() };
+        let results = policies.iter().map(|(_, passed)| results(*passed));
+        let runs: Vec<_> = results
+            .zip(policies.iter().zip(1..))
+            .map(|(results, ((name, _), id))| (Arc::new(entry(id, name, &results)), results))
+            .collect();
+        let rows = runs.iter().map(|(entry, results)| (Arc::clone(entry), Standing::of(results).expect("a row")));
+        let tried: Vec<_> = runs.iter().map(|(_, results)| SubtaskResults::of(results)).collect();
+        let tried: Vec<_> = runs.iter().zip(&tried).map(|((entry, _), tried)| (entry, tried)).collect();
+        let board = Board { tables: tables(rows.collect()), tasks: by_task(&tried), ..Board::default() };
+        let (cards, open) = best_and_open(&board);
         let sections: Vec<_> =
             first_tables(&board).into_iter().map(|table| section(&board, table, &BTreeMap::new(), None)).collect();
         let page = BoardPage {
@@ -212,13 +236,33 @@ mod tests {
             by_score: true,
             chosen: String::new(),
             paper: &PAPER,
-            cards: Vec::new(),
+            cards,
+            open,
             unranked: &[],
             more_unranked: 0,
             min_rooms: MIN_ROOMS,
             fixed_rooms: FIXED_ROOMS,
         };
         page.render().expect("rendered")
+    }
+
+    /// Guards what a visitor sees first: the table whose leader is best, and not one of zeros, whatever its kind or place in the order.
+    #[test]
+    fn the_page_opens_on_the_best_table() {
+        let opened = |all: [(u64, fiatlux_grading::Results); 3]| {
+            let rows = all.iter().map(|(id, of)| (entry(*id, "p", of), Standing::of(of).expect("a row")));
+            let board = Board { tables: tables(rows.collect()), ..Board::default() };
+            let leaders = first_tables(&board).into_iter().map(|table| table.places[0].entry.id.0);
+            leaders.collect::<Vec<_>>()
+        };
+        let privileged = |passed| {
+            let mut results = hosted(passed);
+            results.conditions.observations = "privileged".into();
+            results
+        };
+        assert_eq!(opened([(1, hosted(0)), (2, privileged(5)), (3, results(0))]), [2, 3]);
+        assert_eq!(opened([(1, hosted(2)), (2, privileged(1)), (3, results(12))]), [3, 1]);
+        assert_eq!(opened([(1, hosted(4)), (2, privileged(4)), (3, results(4))]), [1, 3], "the first of equals");
     }
 
     /// Guards that the name of a policy is always shown as text.
@@ -237,6 +281,16 @@ mod tests {
             assert!(!page.contains(forbidden), "{forbidden}");
         }
         assert!(page.contains("h10") && page.contains("h0"), "both ends of the colours");
+    }
+
+    /// Guards that the gallery comes before the tables, and that nothing is announced where there is nothing.
+    #[test]
+    fn the_gallery_comes_first() {
+        let (some, all) = (shown(&[("a", 3)]), shown(&[("a", 12)]));
+        let at = |page: &str, text: &str| page.find(text).unwrap_or(usize::MAX);
+        assert!(at(&some, "task-card") < at(&some, "class=\"board\"") && at(&some, "class=\"board\"") < some.len());
+        assert!(some.contains("No success yet:") && some.matches("<li class=\"panel task-card\">").count() == 3);
+        assert!(!all.contains("No success yet:") && all.matches("<li class=\"panel task-card\">").count() == 12);
     }
 
     /// Guards that the page says of each badge what it proves and what it does not.

@@ -16,29 +16,48 @@ use super::state::Pages;
 use crate::{Entry, SubmissionId};
 
 const PAIRS: usize = 100;
+/// Runs to choose from on a page.
+const CHOICES: usize = 50;
 
 #[derive(Template)]
 #[template(path = "choose.html")]
 struct ChoosePage<'a> {
-    entry: &'a Entry,
-    /// Runs that share episodes with it, and the number of those.
-    others: Vec<(&'a Entry, usize)>,
+    /// The run that was chosen; then `others` share episodes with it, and else with any run.
+    entry: Option<&'a Entry>,
+    /// Runs, and the number of episodes that they share with the one that was chosen.
+    others: &'a [(&'a Entry, usize)],
+    page: usize,
+    pages: usize,
 }
 
-/// The runs that one run can be compared with, `?run=`: those that share episodes with it. Two runs, `?run=&run=`, lead
-/// to their comparison.
+/// The runs that one run can be compared with, `?run=`: those that share episodes with it. Without it, the runs to begin with. Two
+/// runs, `?run=&run=`, lead to their comparison.
 pub(super) async fn choose(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
-    let ids: Vec<&str> = show::asked(query.as_deref(), "run").collect();
-    let is_id = |id: &&str| id.parse::<SubmissionId>().is_ok();
-    match ids[..] {
-        [a, b] if a != b && ids.iter().all(is_id) => Ok(Redirect::to(&format!("/compare/{a}/{b}")).into_response()),
-        [one] => {
-            let entry = pages.open(one).await?;
-            let board = pages.board_with(entry.id).await?;
-            Ok(page(&ChoosePage { entry: &entry, others: board.partners(entry.id) }))
-        }
-        _ => Err(Problem::Asked("Start with Compare in a row of the table.".into())),
+    let query = query.as_deref();
+    let first = show::asked(query, "run").next();
+    let second = show::asked(query, "run").find(|id| Some(*id) != first);
+    let is_id = |id: &str| id.parse::<SubmissionId>().is_ok();
+    if let (Some(a), Some(b)) = (first, second)
+        && is_id(a)
+        && is_id(b)
+    {
+        return Ok(Redirect::to(&format!("/compare/{a}/{b}")).into_response());
     }
+    let entry = match first {
+        Some(id) => Some(pages.open(id).await?),
+        None => None,
+    };
+    let board = match &entry {
+        Some(entry) => pages.board_with(entry.id).await?,
+        None => pages.board().await?,
+    };
+    let others = match &entry {
+        Some(entry) => board.partners(entry.id),
+        None => board.comparable(),
+    };
+    let part = show::part(&others, CHOICES, query);
+    let shown = ChoosePage { entry: entry.as_ref(), others: part.shown, page: part.page, pages: part.pages };
+    Ok(page(&shown))
 }
 
 struct EpisodePair<'a> {

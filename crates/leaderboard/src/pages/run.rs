@@ -4,29 +4,30 @@ use std::sync::Arc;
 
 use askama::Template;
 use axum::extract::{Path, RawQuery, State};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use fiatlux_grading::report::{self, Site, SiteReport};
 use fiatlux_grading::{EpisodeRow, Results};
 use fiatlux_rules::Task;
 
-use super::answer::{Problem, page};
+use super::answer::{Problem, page, site_of};
 use super::key::Key;
 use super::show;
 use super::state::Pages;
 use crate::{Entry, SubmissionId};
 
-/// Maximum number of episodes of a task on the page of the run, and on the page of the task.
-const FEW: usize = 6;
+/// Maximum number of episodes on a page of a task.
 const MANY: usize = 24;
-/// Maximum number of squares in a row of the matrix.
+/// Maximum number of squares of a task.
 const SQUARES: usize = 64;
 
 /// Maximum number of runs that are offered for a comparison.
 pub(super) const PARTNERS: usize = 40;
 
-/// A row of the matrix: the episodes of one task.
+/// The episodes of one task, and the one that has pictures.
 struct TaskLine<'a> {
     task: Task,
+    pictured: Option<Key>,
     passed: usize,
     count: usize,
     squares: Vec<(Key, &'a EpisodeRow)>,
@@ -35,6 +36,7 @@ struct TaskLine<'a> {
 #[derive(Template)]
 #[template(path = "run.html")]
 struct RunPage<'a> {
+    site: String,
     entry: &'a Entry,
     results: &'a Results,
     report: SiteReport,
@@ -42,14 +44,16 @@ struct RunPage<'a> {
     place: Option<(Option<usize>, usize, String)>,
     /// Runs that share episodes with it, and the number of those.
     others: Vec<(&'a Entry, usize)>,
-    /// Subtasks with pictures of a success: the subtask, and the episode.
-    pictures: Vec<(Task, Key)>,
     lines: Vec<TaskLine<'a>>,
     /// An episode with a bag, for the commands on the page.
     example: Option<Key>,
 }
 
-pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn run(
+    State(pages): State<Arc<Pages>>,
+    asked: HeaderMap,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
     let (entry, results) = pages.run(&id).await?;
     let board = pages.board_with(entry.id).await?;
     let found = board.place(entry.id);
@@ -60,31 +64,26 @@ pub(super) async fn run(State(pages): State<Arc<Pages>>, Path(id): Path<String>)
     let others = board.partners(entry.id).into_iter().take(PARTNERS).collect();
     let picture = |task: Task| {
         let picture = board.picture(entry.id, task.short_id())?;
-        Some((task, Key { task, seed: picture.seed, episode: picture.episode }))
+        Some(Key { task, seed: picture.seed, episode: picture.episode })
     };
-    let pictures = Task::SUBTASKS.into_iter().filter_map(picture).collect();
-    let lines = results.episodes.chunk_by(|a, b| a.task == b.task).filter_map(line).collect();
+    let tasks = results.episodes.chunk_by(|a, b| a.task == b.task);
+    let lines = tasks.filter_map(|rows| line(rows, picture)).collect();
     let example = results.episodes.iter().find(|row| row.failure.is_none()).and_then(Key::of);
-    let report = in_addresses(entry.id, FEW, |site| report::site(&results, site));
-    Ok(page(&RunPage { entry: &entry, results: &results, report, place, others, pictures, lines, example }))
+    let (report, site) = (report::site(&results), site_of(&asked));
+    Ok(page(&RunPage { site, entry: &entry, results: &results, report, place, others, lines, example }))
 }
 
-fn line(rows: &[EpisodeRow]) -> Option<TaskLine<'_>> {
+fn line(rows: &[EpisodeRow], picture: impl Fn(Task) -> Option<Key>) -> Option<TaskLine<'_>> {
     let task = rows.first()?.task.parse().ok()?;
     let passed = rows.iter().filter(|row| row.strict_success.unwrap_or(row.clean)).count();
     let squares = rows.iter().take(SQUARES).filter_map(|row| Some((Key::of(row)?, row))).collect();
-    Some(TaskLine { task, passed, count: rows.len(), squares })
+    Some(TaskLine { task, pictured: picture(task), passed, count: rows.len(), squares })
 }
 
 /// Calls `report` with the addresses of a run's episodes.
-fn in_addresses<T>(id: SubmissionId, most: usize, report: impl FnOnce(&Site<'_>) -> T) -> T {
+fn in_addresses<T>(id: SubmissionId, report: impl FnOnce(&Site<'_>) -> T) -> T {
     let of = |row: &EpisodeRow| Key::of(row).map_or_else(String::new, |key| format!("/runs/{id}/episodes/{key}"));
-    report(&Site {
-        episode: &of,
-        figure: &|row| format!("{}/figure.svg", of(row)),
-        task: &|task| format!("/runs/{id}/tasks/{task}"),
-        most,
-    })
+    report(&Site { episode: &of, figure: &|row| format!("{}/figure.svg", of(row)) })
 }
 
 #[derive(Template)]
@@ -111,6 +110,6 @@ pub(super) async fn task(
         return Err(Problem::Nothing);
     }
     let part = show::part(&rows, MANY, query.as_deref());
-    let cards = in_addresses(entry.id, MANY, |site| report::task_cards(&results, part.shown, site));
+    let cards = in_addresses(entry.id, |site| report::task_cards(&results, part.shown, site));
     Ok(page(&TaskPage { entry: &entry, task, count: rows.len(), cards, page: part.page, pages: part.pages }))
 }

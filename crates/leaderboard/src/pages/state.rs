@@ -22,7 +22,7 @@ use crate::{Entry, Service, Stage, StoreError, SubmissionId};
 const FRESH: Duration = Duration::from_secs(1);
 /// Maximum age of tables that are shown while new ones are made. Later visitors wait for the new ones.
 const STALE: Duration = Duration::from_secs(10);
-/// Maximum number of cached replays, of at most 50 MB each.
+/// Maximum number of cached replays, of at most 30 MB each.
 const REPLAYS: usize = 4;
 /// Maximum number of cached results of tests on neighbours, about 100 bytes each.
 const NEIGHBOURS: usize = 1 << 14;
@@ -85,6 +85,12 @@ impl Board {
     /// The pictures of a submission's best success in a subtask.
     pub fn picture(&self, id: SubmissionId, task: &str) -> Option<&Picture> {
         self.pictures.get(&(id, task.to_owned()))
+    }
+
+    /// The entries that share episodes with another one, each with 0, latest first.
+    pub fn comparable(&self) -> Vec<(&Entry, usize)> {
+        let entries = self.entries.iter().rev().filter(|entry| self.sharing.contains(&entry.id));
+        entries.map(|entry| (&**entry, 0)).collect()
     }
 
     /// The other entries that share episodes with this one, and their numbers, latest first.

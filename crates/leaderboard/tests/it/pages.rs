@@ -79,6 +79,15 @@ fn every_page_is_there_and_lets_nothing_in() {
         assert!(!body.contains(" style=") && !body.contains("<style"), "{page}");
         assert!(!body.contains("<script>x") && !body.contains("<img src=x") && !body.contains("<b>A</b>"), "{page}");
     }
+    // The run's page says each subtask once, and commands name the site as it was asked for.
+    let (_, run) = answer(&board, &format!("/runs/{a}"));
+    assert_eq!(run.matches("<li class=\"panel task-card\">").count(), 12, "{run}");
+    assert_eq!(run.matches("class=\"sq ").count(), 12);
+    assert!(!run.contains("class=\"episode\"") && run.matches("<h2>Subtasks</h2>").count() == 1, "{run}");
+    assert!(run.contains(&format!("curl -OJ https://board/runs/{a}/episodes/")), "{run}");
+    let (_, about) = answer(&board, "/about");
+    assert!(about.contains("--to https://board --token") && !about.contains("THIS-SITE"), "{about}");
+
     let (_, table) = answer(&board, "/");
     // The unit tests of standings check their order.
     assert!([&a, &b].iter().all(|id| table.contains(&format!("/runs/{id}\""))), "{table}");
@@ -131,9 +140,7 @@ fn other_addresses_are_refused() {
         let (head, body) = answer(&board, &address);
         assert!(head.starts_with("http/1.1 404") && head.contains("default-src 'none'"), "{address}: {head}\n{body}");
     }
-    for address in ["/compare".to_owned(), format!("/compare?run={id}&run={id}")] {
-        assert_eq!(board.ask("GET", &address, None, b"").0, 400, "{address}");
-    }
+    assert_eq!(board.ask("GET", "/compare?run=x", None, b"").0, 404);
     for address in ["/page/style.css", "/page/main.js", "/page/pair.js", "/style/report.css", "/style/board.css"] {
         let (head, _) = answer(&board, address);
         let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap().to_owned();
@@ -165,7 +172,23 @@ fn a_comparison_is_offered_where_rooms_are_shared() {
     assert!(offers(&a).contains("No other run has played an episode of this one"));
     let (_, run) = answer(&board, &format!("/runs/{a}"));
     assert!(!run.contains("/compare/"), "{run}");
+    assert!(answer(&board, "/compare").1.contains("No two runs have played the same episode yet"));
     let [b, c] = with_two(&board, &crate::common::manifest());
+    // Without a run, and with one twice, the page leads to a choice.
+    let start = std::time::Instant::now();
+    let choice = loop {
+        let (head, choice) = answer(&board, "/compare");
+        assert!(head.starts_with("http/1.1 200"), "{head}");
+        // Tables are kept for seconds.
+        if choice.contains(&format!("href=\"/compare?run={b}\"")) {
+            break choice;
+        }
+        assert!(start.elapsed() < crate::common::PATIENCE, "{choice}");
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    };
+    assert!(!choice.contains(&format!("/compare?run={a}\"")), "it shares nothing: {choice}");
+    assert!(offers(&format!("{b}&run={b}")).contains(&format!("/compare/{b}/{c}")));
+    assert!(answer(&board, &format!("/compare?run={b}&run={c}")).0.starts_with("http/1.1 303"));
     // Tables are kept for seconds, but a new run is never missing from its own pages.
     assert!(offers(&c).contains(&format!("/compare/{c}/{b}")) && offers(&b).contains(&format!("/compare/{b}/{c}")));
     assert!(answer(&board, &format!("/runs/{b}/episodes/S05-s3-e0")).1.contains(&format!("/compare/{b}/{c}/episodes")));
