@@ -53,6 +53,11 @@ HOMES = [
         r"|crates/leaderboard/src/(jobs/server|pages/episode|store/blobs)\.rs|crates/replay/src/answers\.rs|crates/tls/src/certificate\.rs"
         r"|crates/cli/src/settings\.rs|bench/src/(camera|machine)\.rs|fiatlux/src/demonstrate_command/lerobot\.rs|python/src/bag\.rs|(.*/)?build\.rs|.*/examples/.*",
     ),
+    (
+        "writing to stdout or stderr, whose reader may have left or whose disk may be full",
+        r"\be?print(ln)?!|\bdbg!|\bio::std(out|err)\(",
+        r"crates/cli/.*|(.*/)?build\.rs|.*/(examples|benches)/.*",
+    ),
 ]
 
 
