@@ -100,6 +100,9 @@ class Baseline:
             raise ValueError(f"{file}: its contract lacks {error}; export a checkpoint of ppo again") from error
         self.__name__ = f"ppo:{network.name}"
 
+    def __repr__(self) -> str:
+        return f"<fiatlux.Baseline {self.__name__}: {self.robot}, {self._network.inputs} numbers of {', '.join(self.sensors)}>"
+
     def __call__(self, observation: Any) -> NDArray[np.float32]:
         """The mean action that answers an observation, as a dictionary of fields or as one vector."""
         if isinstance(observation, dict):

@@ -53,7 +53,11 @@ class Client:
             raise ValueError("server_key and known_servers: give one of them")
         endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint)
         files = [None if file is None else fspath(file) for file in (config, token, known_servers)]
+        self._link = ", ".join(endpoints) or fspath(config or "")
         self._client = _native.Client(endpoints, files[0], files[1], server_key, files[2])
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.Client of {self._link}>"
 
     @spelt_out(Settings)
     def run(

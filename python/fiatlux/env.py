@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import seed_of, size_of
+from ._pictures import Picture, picture
 from .kinematics import Contacts
-from .settings import Settings, complete, names_of, spelt_out
+from .settings import RenderMode, Sensor, Settings, complete, names_of, spelt_out
 from .spaces import Layout, ObservationForm, as_actions, joint_groups
 from .tasks import TASKS, Task
 
@@ -85,7 +86,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         task: str,
         *,
         observation: ObservationForm = "dict",
-        render_mode: str | None = None,
+        render_mode: RenderMode | None = None,
         render_size: tuple[int, int] = (640, 480),
         render_camera: str | None = None,
         **settings: "Unpack[Settings]",
@@ -150,7 +151,7 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
             info |= in_force(self._episode.summary())
         return self._observation(), reward, terminated, truncated, info
 
-    def look(self, sensors: Sequence[str]) -> Any:
+    def look(self, sensors: Sequence[Sensor | str]) -> Any:
         """Computes these sensors of the present row again, whatever their rate, and returns the observation; see
         :class:`fiatlux.Settings`. A look takes no time, as in a session in lockstep.
 
@@ -161,14 +162,18 @@ class Env(gymnasium.Env[Any, NDArray[np.float32]]):
         self._episode.look(names_of("sensors", sensors))
         return self._observation()
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Renders the present row as height x width x 3; returns ``None`` without a render mode."""
+    def render(self) -> Picture | None:
+        """Renders the present row as height x width x 3, an array that notebooks show; returns ``None`` without a render mode."""
         self._check_begun()
-        if self.render_mode is None:
-            return None
+        return None if self.render_mode is None else self._picture()
+
+    def _picture(self) -> Picture:
         width, height = self._render_size
-        pixels = self._episode.render(width, height, self._render_camera)
-        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()
+        return picture(self._episode.render(width, height, self._render_camera), width, height)
+
+    def _repr_png_(self) -> bytes | None:
+        """The present row in a notebook."""
+        return self._picture()._repr_png_() if self._begun and not self._closed else None
 
     def close(self) -> None:
         """Closes the environment; every later call raises an error."""

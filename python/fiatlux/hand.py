@@ -86,6 +86,9 @@ class HandActions:
         self.last = np.zeros((num_envs, ACTIONS))
         self.seen: dict[str, Array] = {}
 
+    def __repr__(self) -> str:
+        return f"<fiatlux.HandActions: {self.num_envs} worlds, {ACTIONS} numbers a decision>"
+
     def observe(self, fields: Mapping[str, Any]) -> None:
         """Takes an observation of all worlds, field by field."""
         names = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height")
@@ -274,6 +277,9 @@ class HandPolicy:
         self.__name__ = f"hand:{self._network.name}"
         self._hand: HandActions | None = None
         self._step = 0
+
+    def __repr__(self) -> str:
+        return f"<fiatlux.HandPolicy {self.__name__}>"
 
     def reset(self, info: Mapping[str, Any]) -> None:
         """Begins an episode."""

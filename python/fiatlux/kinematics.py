@@ -13,7 +13,7 @@ from . import _native
 from ._memory import check_memory
 from ._numbers import real, seed_of
 from .poses import rotate
-from .settings import ROBOTS, Gains
+from .settings import ROBOTS, Gains, Robot
 from .spaces import joint_groups
 
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ class Kinematics:
     """
 
     def __init__(
-        self, task: str | None = None, *, seed: int = 0, robot: str = ROBOTS[0], gains: Gains = "fiatlux"
+        self, task: str | None = None, *, seed: int = 0, robot: Robot = ROBOTS[0], gains: Gains = "fiatlux"
     ) -> None:
         self._native = _native.Kinematics(task, seed_of(seed), robot, gains)
         self._made_for = f"task={task!r}, seed={seed}, robot={robot!r}"

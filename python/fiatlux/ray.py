@@ -21,7 +21,7 @@ from .client import run_of
 from .env import Env
 from .evaluation import BagForm, Evaluation, collect, is_thin, of_results, play, steps
 from .policy import Player, PolicyLike, check_policy, is_stateful, settings_for
-from .settings import Settings, complete
+from .settings import Settings, complete, spelt_out
 from .spaces import ObservationForm
 from .tasks import SUBTASKS
 
@@ -37,6 +37,7 @@ LOST_NODES = 3
 """Number of times that an episode is restarted after its node was lost."""
 
 
+@spelt_out(Settings)
 def evaluate(
     policy: PolicyLike,
     tasks: Sequence[str] = SUBTASKS,
@@ -170,6 +171,7 @@ def _said(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[-1].strip()}"
 
 
+@spelt_out(Settings)
 def rollouts(
     policy: PolicyLike,
     task: str,
@@ -194,6 +196,7 @@ def rollouts(
             yield ray.get(reference)
 
 
+@spelt_out(Settings)
 def rollout(
     policy: PolicyLike, task: str, seed: int, max_steps: int | None = None, **settings: "Unpack[Settings]"
 ) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypedDict, TypeVar
+from typing import Any, Literal, NoReturn, TypedDict, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from . import _native
 from ._numbers import size_of, whole
 
-ROBOTS: tuple[str, ...] = tuple(_native.robots())
+Robot = Literal["g1_inspire", "g1_bare", "g1_dex3", "g1_inspire6", "inspire", "bare", "dex3", "inspire6"]
+"""Name of a robot, or of its hands."""
+
+ROBOTS: tuple[Robot, ...] = tuple(cast(list[Robot], _native.robots()))
 """Names of all robots. The first is the benchmark's."""
 
 
-def segments(robot: str = ROBOTS[0]) -> dict[int, str]:
+def segments(robot: Robot = ROBOTS[0]) -> dict[int, str]:
     """Names by label of what the sensors ``segmentation`` and ``chest_segmentation`` show: things, parts of the room, links of the
     robot. Label 0 is a pixel at which nothing is seen.
 
@@ -46,7 +49,7 @@ class Camera:
     near: float
 
 
-def cameras(robot: str = ROBOTS[0], image_size: tuple[int, int] = (256, 256)) -> dict[str, Camera]:
+def cameras(robot: Robot = ROBOTS[0], image_size: tuple[int, int] = (256, 256)) -> dict[str, Camera]:
     """The robot's cameras by the sensor whose picture they take, as ``SessionInfo.cameras`` describes them to clients.
 
     Raises:
@@ -59,10 +62,33 @@ def cameras(robot: str = ROBOTS[0], image_size: tuple[int, int] = (256, 256)) ->
     }
 
 
+RenderMode = Literal["rgb_array"]
 ActionForm = Literal["action", "joint_target"]
 Reward = Literal["benchmark", "training"]
 Protocol = Literal["strict", "published"]
 Gains = Literal["fiatlux", "sonic"]
+Sensor = Literal[
+    "proprioception",
+    "hand_contact",
+    "limb_contact",
+    "last_action",
+    "lidar",
+    "camera",
+    "features",
+    "flat",
+    "privileged",
+    "verdict",
+    "chest_camera",
+    "chest_depth",
+    "chest_segmentation",
+    "depth",
+    "goal",
+    "left_wrist_camera",
+    "right_wrist_camera",
+    "segmentation",
+]
+"""Name of a sensor; ``@`` and a rate may follow it."""
+End = Literal["success", "diverged", "fall", "tip", "crush", "drop", "unseated", "impact", "time-out"]
 Fixed = Literal["layout", "start", "hand-friction", "light", "tint", "noise", "episodes"]
 
 
@@ -93,20 +119,20 @@ class EpisodeSettings(TypedDict, total=False):
         action_delay: Time from the arrival of an action to its effect, ms: 0, 20, ... 100.
     """
 
-    sensors: Sequence[str] | None
+    sensors: Sequence[Sensor | str] | None
     privileged: bool
     action_form: ActionForm
     reward: Reward
     protocol: Protocol
     noise: bool
-    robot: str
+    robot: Robot
     gains: Gains
     image_size: tuple[int, int]
     weights: str | PathLike[str] | None
     fix: Sequence[Fixed]
     prop_scale: str | Mapping[str, float]
     thresholds: Mapping[str, float]
-    end_on: Sequence[str]
+    end_on: Sequence[End]
     action_delay: int
 
 
@@ -227,12 +253,22 @@ def by_preset(ranges: Mapping[str, Any] | str | None) -> dict[str, Any] | None:
     return {"preset": ranges["preset"], **ranges}
 
 
+_OF_VECTORS = {
+    **dict.fromkeys(("mass", "com_shift_m"), "an episode draws one factor for all bodies: robot_mass"),
+    **dict.fromkeys(("stiffness", "damping", "effort_limit"), "an episode draws one factor for all drives: gains"),
+    "light": "every episode draws its light but with fix=['light']",
+}
+"""Ranges that only vectors have, and what takes their place."""
+
+
 def _ranges(ranges: Mapping[str, Any], group: str = "") -> Iterator[str]:
     """Each range as the programs' flag has it."""
     for name, value in ranges.items():
         if name == "preset" and not group:
             yield str(value)
             continue
+        if name in _OF_VECTORS and not group:
+            raise ValueError(f"ranges: {name} is for vectors of worlds alone; {_OF_VECTORS[name]}")
         if isinstance(value, Mapping):
             if group:
                 raise ValueError(f"ranges: {group}{name} is a mapping; give (least, most)")

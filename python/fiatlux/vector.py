@@ -15,9 +15,21 @@ from numpy.typing import NDArray
 from . import _native
 from ._memory import check_memory
 from ._numbers import MAX_SEED, real, seed_of, seeds_of, size_of, whole
+from ._pictures import Picture, picture
 from .env import check_camera, in_force
 from .kinematics import Contacts
-from .settings import EpisodeSettings, Gains, by_preset, complete, names_of, refuse_argument, spelt_out
+from .settings import (
+    EpisodeSettings,
+    Gains,
+    RenderMode,
+    Robot,
+    Sensor,
+    by_preset,
+    complete,
+    names_of,
+    refuse_argument,
+    spelt_out,
+)
 from .spaces import Layout, ObservationForm, as_actions, joint_groups
 
 if TYPE_CHECKING:
@@ -41,6 +53,9 @@ def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     return found
 
 
+Autoreset = Literal["next_step", "same_step", "disabled", "NextStep", "SameStep", "Disabled"]
+"""A mode of Gymnasium's, by its name or its value."""
+
 Judgement = Callable[[Any, dict[str, Any]], tuple[Any, Any]]
 """A reward and an end of one's own over all worlds: from an observation and ``info`` to the rewards and to whether each episode ends.
 Either may be ``None``, for what the task says."""
@@ -54,14 +69,12 @@ class SharedSettings(TypedDict, total=False):
             container's limit of processors. Results do not depend on it.
         seed: Seed of the worlds' random streams.
         observation: Form of the observation, see :data:`fiatlux.spaces.ObservationForm`.
-        ranges: What varies between worlds, such as ``{"mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``; the keys are
-            ``hand_friction``, ``floor_friction``, ``mass``, ``com_shift_m``, ``stiffness``, ``damping``, ``effort_limit``,
-            ``friction`` (a range for each surface: ``floor``, ``room``, ``bench``, ``robot`` or a thing), ``thing_mass`` (a range for
-            each of ``ladder``, ``old_bulb``, ``fresh_bulb``), ``light`` (whether it is drawn), ``gravity``, m/s^2 downwards, and, in
-            the benchmark's tasks, ``action_delay``, ms, ``noise``, a factor of its width, and ``camera``, whose keys
-            :class:`fiatlux.Settings` lists, drawn for each episode. ``"real"`` stands for those of a
-            real robot, as does the key ``preset``, next to which other ranges override its own. :meth:`VectorEnv.drawn` has
-            what was drawn.
+        ranges: What varies between worlds, such as ``{"robot_mass": (0.9, 1.1), "hand_friction": (0.6, 1.2)}``, by the names of
+            :class:`fiatlux.Settings` and with their meaning: ``gravity``, ``floor_friction``, ``hand_friction``, ``robot_mass``,
+            ``gains``, ``friction``, ``thing_mass``, ``preset``, and, in the benchmark's tasks, ``action_delay``, ``noise`` and
+            ``camera``, drawn for each episode. Vectors alone draw for each of the robot's bodies the factor ``mass`` and the shift
+            ``com_shift_m`` (the largest, m), for each drive the factors ``stiffness``, ``damping`` and ``effort_limit``, and
+            ``light`` (true: it is drawn). :meth:`VectorEnv.drawn` has what was drawn.
         variations: Number of variations drawn for each start.
         disturbances: ``{"pushes": {"interval_s", "linear", "angular"}, "wrenches": {"link", "interval_s", "duration_s",
             "force_n", "torque_nm"}}``; missing keys have defaults.
@@ -90,9 +103,9 @@ class SharedSettings(TypedDict, total=False):
     contacts: bool
     copy: bool
     final_obs: bool
-    autoreset_mode: AutoresetMode | str
+    autoreset_mode: AutoresetMode | Autoreset
     judge: Judgement | None
-    render_mode: str | None
+    render_mode: RenderMode | None
     render_size: tuple[int, int]
     render_camera: str | None
 
@@ -345,7 +358,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self._observe(lambda observation: self._batch.end_episodes(marks, observation))
         return self._layout.show(self._observation, self.copies)
 
-    def look(self, sensors: Sequence[str], worlds: Any = None) -> Any:
+    def look(self, sensors: Sequence[Sensor | str], worlds: Any = None) -> Any:
         """Computes these sensors of the marked ``worlds`` (all by default) again, whatever their rate, and returns the observation of all,
         as :meth:`fiatlux.Env.look` does for one."""
         self._check_open()
@@ -538,20 +551,20 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         )
         return replace(rollout, observation=self._layout.show(seen, self.copies and not observations))
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+    def render(self) -> tuple[Picture, ...] | None:
         """A picture of each world, height x width x 3; ``None`` without ``render_mode="rgb_array"``."""
         self._check_begun()
         if self.render_mode is None:
             return None
         return tuple(self.render_world(world) for world in range(self.num_envs))
 
-    def render_world(self, world: int) -> NDArray[np.uint8]:
+    def render_world(self, world: int) -> Picture:
         """A picture of one world, height x width x 3, from where ``render_camera`` says."""
         self._check_begun()
         width, height = self._render_size
         number = whole("world", world, 0, self.num_envs - 1)
         pixels = self._batch.render(number, width, height, self._render_camera)
-        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()
+        return picture(pixels, width, height)
 
     @property
     def action_names(self) -> list[str]:
@@ -737,7 +750,7 @@ class WalkingVectorEnv(_Batch):
         reward_weights: Mapping[str, float] | None = None,
         noise: bool = True,
         scene: Literal["floor", "room"] = "floor",
-        robot: str = "g1_bare",
+        robot: Robot = "g1_bare",
         gains: Gains = "fiatlux",
         **shared: "Unpack[SharedSettings]",
     ) -> None:
@@ -795,7 +808,7 @@ class ClimbingVectorEnv(_Batch):
         carries: float = 0.0,
         reward_weights: Mapping[str, float] | None = None,
         noise: bool = True,
-        robot: str = "g1_bare",
+        robot: Robot = "g1_bare",
         gains: Gains = "fiatlux",
         **shared: "Unpack[SharedSettings]",
     ) -> None:

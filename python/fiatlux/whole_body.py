@@ -208,20 +208,32 @@ class WholeBody:
         return targets
 
     def joint_targets(
-        self, observation: Mapping[str, Any], *, arms: ArrayLike | None = None, **command: float
+        self,
+        observation: Mapping[str, Any],
+        *,
+        arms: ArrayLike | None = None,
+        vx: float = 0.0,
+        vy: float = 0.0,
+        wz: float = 0.0,
+        height: float = 0.75,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
     ) -> NDArray[np.float64]:
         """Returns targets of all joints, rad: legs and waist follow a command; call it once for each observation.
 
         Args:
             observation: Fields by name; those of proprioception and ``last_action`` are read.
             arms: Angles at which both arms are held, as of :meth:`hold_arms`; without them their targets stay, as those of the hands do.
-            command: ``vx`` to ``yaw``, as of a call of the controller itself.
+            vx, vy, wz, height, roll, pitch, yaw: As of a call of the controller itself.
 
         Raises:
             ValueError: As of :meth:`targets`, :meth:`hold_arms` and a call.
         """
         targets = self.targets(observation)
-        targets[:LEGS_AND_WAIST] = self(observation, **command)
+        targets[:LEGS_AND_WAIST] = self(
+            observation, vx=vx, vy=vy, wz=wz, height=height, roll=roll, pitch=pitch, yaw=yaw
+        )
         if arms is not None:
             targets[LEGS_AND_WAIST : LEGS_AND_WAIST + ARMS] = self.hold_arms(observation, arms)
         return targets

@@ -196,6 +196,8 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
     let ranges = Ranges {
         hand_friction: take(&settings, "hand_friction")?.or(nominal.hand_friction),
         floor_friction: take(&settings, "floor_friction")?.or(nominal.floor_friction),
+        robot_mass: take(&settings, "robot_mass")?.unwrap_or(nominal.robot_mass),
+        gains: take(&settings, "gains")?.unwrap_or(nominal.gains),
         mass: take(&settings, "mass")?.unwrap_or(nominal.mass),
         com_shift_m: take(&settings, "com_shift_m")?.unwrap_or(nominal.com_shift_m),
         stiffness: take(&settings, "stiffness")?.unwrap_or(nominal.stiffness),
@@ -206,8 +208,8 @@ pub(crate) fn ranges(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Ra
         light: take(&settings, "light")?.unwrap_or_default(),
         gravity: take(&settings, "gravity")?.or(nominal.gravity),
     };
-    let known = "hand_friction, floor_friction, mass, com_shift_m, stiffness, damping, effort_limit, friction, thing_mass, light, \
-                 gravity, action_delay, noise, camera, preset";
+    let known = "gravity, noise, action_delay, floor_friction, hand_friction, robot_mass, gains, friction, thing_mass, camera, \
+                 preset, and of each body or drive mass, com_shift_m, stiffness, damping, effort_limit, and light";
     nothing_left("ranges", &settings, known)?;
     Ok(Some(ranges))
 }

@@ -49,6 +49,8 @@ def write(path, change=lambda contract, tensors: None, sensors=("proprioception"
 def test_it_plays_with_its_own_sensors(tmp_path):
     policy = fiatlux.load_policy(write(tmp_path / "s02.safetensors"))
     assert policy.sensors == ["proprioception", "last_action"]
+    assert repr(policy).startswith("<fiatlux.Baseline ppo:s02.safetensors@")
+    assert repr(policy).endswith(": g1_inspire, 169 numbers of proprioception, last_action>")
     played = fiatlux.evaluate(policy, ["S02"], [0], max_steps=5)
     assert played.episodes[0]["steps"] == 5
     # The same actions in an environment of one's own.

@@ -99,10 +99,52 @@ def test_ranges_are_drawn_and_played_alike_by_the_service():
 
 
 @pytest.mark.parametrize(
+    "ranges",
+    [
+        {"robot_mass": (1.2, 1.2)},
+        {"gains": (0.7, 0.7)},
+        {"gravity": (9.0, 9.0)},
+        {"floor_friction": (0.5, 0.5)},
+        {"hand_friction": (0.6, 0.6)},
+        {"friction": {"ladder": (0.5, 0.5)}},
+        {"thing_mass": {"fresh_bulb": (1.2, 1.2)}},
+        "real",
+    ],
+)
+def test_a_range_has_one_name_and_one_meaning_in_env_and_vector(ranges):
+    settings = {"sensors": ["proprioception"], "noise": ranges == "real"}
+    plain = {"sensors": ["proprioception"], "noise": False}
+    env, bare = fiatlux.Env("S08", ranges=ranges, **settings), fiatlux.Env("S08", **plain)
+    worlds = fiatlux.VectorEnv("S08", 1, seeds=[1000], episodes=1, variations=1, ranges=ranges, **settings)
+    drawn, (_, info) = env.reset(seed=1000)[1]["drawn"]["varied"], worlds.reset()
+    bare.reset(seed=1000)
+    if ranges == "real":
+        of_episode = {"action_delay": "action_delay_ms"}
+        assert {of_episode.get(name, name) for name in drawn} <= set(info["drawn"])
+        return
+    name, value = next(iter(drawn.items()))
+    assert info["drawn"][name].tolist() == [value]
+    for action in actions():
+        for each in (env, bare):
+            each.step(action)
+        worlds.step(action[None])
+        for name, part in env.row().items():
+            np.testing.assert_allclose(worlds.row(0)[name], part, rtol=1e-6, atol=1e-6, err_msg=name)
+    differs = any(not np.array_equal(part, bare.row()[name]) for name, part in env.row().items())
+    assert differs == (not {"hand_friction", "friction.ladder"} & set(drawn)), "nothing touches the ladder here"
+
+
+@pytest.mark.parametrize(
     "settings, words",
     [
         ({"ranges": {"wind": (0, 1)}}, "ranges: 'wind' has no range"),
         ({"ranges": {"gravity": (10, 9)}}, "ranges: gravity is from 10 to 9"),
+        (
+            {"ranges": {"mass": (0.9, 1.1)}},
+            "mass is for vectors of worlds alone; .* one factor for all bodies: robot_mass",
+        ),
+        ({"ranges": {"stiffness": (0.9, 1.1)}}, "stiffness is for vectors .* one factor for all drives: gains"),
+        ({"ranges": {"light": True}}, "light is for vectors of worlds alone; every episode draws its light"),
         ({"ranges": {"gravity": 9.8}}, "ranges: gravity is 9.8; give"),
         ({"ranges": {"noise": (0.5, 2)}, "noise": False}, "noise=False; choose one"),
         ({"ranges": {"action_delay": (0, 40)}, "action_delay": 20}, "choose one of the two"),

@@ -110,6 +110,8 @@ def exported(path, change=lambda contract: None):
 
 def test_an_exported_policy_plays_and_begins_each_episode_anew(tmp_path):
     policy = fiatlux.HandPolicy(exported(tmp_path / "s08.safetensors"))
+    assert repr(policy).startswith("<fiatlux.HandPolicy hand:s08.safetensors@")
+    assert repr(HandActions(GRASP, 3)) == "<fiatlux.HandActions: 3 worlds, 10 numbers a decision>"
     first, second = (fiatlux.evaluate(policy, ["S08"], [0], max_steps=12).episodes[0] for _ in range(2))
     assert first["steps"] == 12 and first["state_digest"] == second["state_digest"]
     with pytest.raises(ValueError, match="as a dictionary of fields"):

@@ -59,6 +59,7 @@ def server(tmp_path):
 def test_an_episode_is_the_one_of_this_process(server):
     plain = fiatlux.evaluate(Waver, ["S05"], [3])
     client = fiatlux.Client(server.endpoint)
+    assert repr(client) == f"<fiatlux.Client of {server.endpoint}>"
     end = client.run(Waver, "S05", seed=3)
     # A session tells what the judge says that ended it.
     for name, theirs in (("end", "strict_end"), ("steps", "strict_steps"), ("success", "strict_success")):

@@ -25,6 +25,10 @@ pub struct Ranges {
     pub hand_friction: Option<[f64; 2]>,
     /// Friction between floor and soles; `None` leaves it unchanged.
     pub floor_friction: Option<[f64; 2]>,
+    /// Factor of the mass of the robot's bodies, all by the same; above 0.
+    pub robot_mass: [f64; 2],
+    /// Factor of stiffness and damping of the robot's drives, all by the same; at least 0.
+    pub gains: [f64; 2],
     /// Factor of the mass of each of the robot's bodies, above 0.
     pub mass: [f64; 2],
     /// Largest shift of the centre of mass of each of the robot's bodies along an axis, m, at most 1.
@@ -51,6 +55,8 @@ impl Ranges {
     pub const NOMINAL: Self = Self {
         hand_friction: None,
         floor_friction: None,
+        robot_mass: [1.0; 2],
+        gains: [1.0; 2],
         mass: [1.0; 2],
         com_shift_m: 0.0,
         stiffness: [1.0; 2],
@@ -63,7 +69,6 @@ impl Ranges {
     };
 
     /// With the ranges of a preset ([`fiatlux_rules::preset`]) that belong to a start: all but the delay of actions and the noise.
-    /// The robot's mass and gains vary as a body or drive each.
     #[must_use]
     pub fn with(mut self, preset: &[NamedRange]) -> Self {
         for &(name, range) in preset {
@@ -71,8 +76,8 @@ impl Ranges {
                 "gravity" => self.gravity = Some(range),
                 "floor_friction" => self.floor_friction = Some(range),
                 "hand_friction" => self.hand_friction = Some(range),
-                "robot_mass" => self.mass = range,
-                "gains" => (self.stiffness, self.damping) = (range, range),
+                "robot_mass" => self.robot_mass = range,
+                "gains" => self.gains = range,
                 name => {
                     let by_name = [("friction.", &mut self.friction), ("thing_mass.", &mut self.thing_mass)];
                     for (prefix, ranges) in by_name {
@@ -85,10 +90,12 @@ impl Ranges {
     }
 
     /// Name and value of each.
-    pub(crate) fn listed(&self) -> [(&'static str, String); 11] {
+    pub(crate) fn listed(&self) -> [(&'static str, String); 13] {
         [
             ("hand_friction", format!("{:?}", self.hand_friction)),
             ("floor_friction", format!("{:?}", self.floor_friction)),
+            ("robot_mass", format!("{:?}", self.robot_mass)),
+            ("gains", format!("{:?}", self.gains)),
             ("mass", format!("{:?}", self.mass)),
             ("com_shift_m", format!("{:?}", self.com_shift_m)),
             ("stiffness", format!("{:?}", self.stiffness)),
@@ -109,6 +116,7 @@ impl Ranges {
             ("hand_friction", self.hand_friction),
             ("floor_friction", self.floor_friction),
             ("gravity", self.gravity),
+            ("gains", Some(self.gains)),
             ("stiffness", Some(self.stiffness)),
             ("damping", Some(self.damping)),
         ];
@@ -118,8 +126,9 @@ impl Ranges {
             }
         }
         let thing_masses = self.thing_mass.values().map(|range| ("thing_mass", *range));
-        for (field, range) in [("mass", self.mass), ("effort_limit", self.effort_limit)].into_iter().chain(thing_masses)
-        {
+        let of_robot =
+            [("robot_mass", self.robot_mass), ("mass", self.mass), ("effort_limit", self.effort_limit)].into_iter();
+        for (field, range) in of_robot.chain(thing_masses) {
             if !is_range(range) || range[0] == 0.0 {
                 return refuse(field, "must be [least, most], above 0 and below 1e6");
             }
@@ -163,26 +172,45 @@ impl Ranges {
             let shapes = (0..scene.model.shapes().len()).map(ShapeId);
             variation.frictions.extend(shapes.filter(|id| touches(scene.owner(*id))).map(|id| (id, friction)));
         }
-        if self.mass != [1.0; 2] || self.com_shift_m != 0.0 {
+        let [robot_mass, gains] = [("robot_mass", self.robot_mass), ("gains", self.gains)].map(|(name, range)| {
+            if range == [1.0; 2] {
+                return 1.0;
+            }
+            let factor = within(range, random);
+            note(name, &[factor]);
+            factor
+        });
+        let each_body = self.mass != [1.0; 2] || self.com_shift_m != 0.0;
+        if each_body || robot_mass != 1.0 {
             let bodies = scene.model.bodies().iter().enumerate();
             for (index, _) in bodies.filter(|(_, body)| body.root == scene.robot_ids.root) {
-                let mass = within(self.mass, random);
-                let range = [-self.com_shift_m, self.com_shift_m];
-                let com_offset = Vector3::from_fn(|_, _| within(range, random));
-                note("mass", &[mass]);
-                note("com_shift_m", com_offset.as_slice());
-                variation.bodies.push((fiatlux_dynamics::BodyId(index), BodyVariation { mass, com_offset }));
+                let mut varied = BodyVariation { mass: robot_mass, com_offset: Vector3::zeros() };
+                if each_body {
+                    let mass = within(self.mass, random);
+                    let range = [-self.com_shift_m, self.com_shift_m];
+                    varied.mass *= mass;
+                    varied.com_offset = Vector3::from_fn(|_, _| within(range, random));
+                    note("mass", &[mass]);
+                    note("com_shift_m", varied.com_offset.as_slice());
+                }
+                variation.bodies.push((fiatlux_dynamics::BodyId(index), varied));
             }
         }
-        if [self.stiffness, self.damping, self.effort_limit] != [[1.0; 2]; 3] {
+        let each_drive = [self.stiffness, self.damping, self.effort_limit] != [[1.0; 2]; 3];
+        if each_drive || gains != 1.0 {
             for (body, _) in scene.model.drives() {
-                let stiffness = within(self.stiffness, random);
-                let damping = within(self.damping, random);
-                let effort_limit = within(self.effort_limit, random);
-                note("stiffness", &[stiffness]);
-                note("damping", &[damping]);
-                note("effort_limit", &[effort_limit]);
-                variation.drives.push((*body, DriveVariation { stiffness, damping, effort_limit }));
+                let mut varied = DriveVariation { stiffness: gains, damping: gains, effort_limit: 1.0 };
+                if each_drive {
+                    let stiffness = within(self.stiffness, random);
+                    let damping = within(self.damping, random);
+                    varied.stiffness *= stiffness;
+                    varied.damping *= damping;
+                    varied.effort_limit = within(self.effort_limit, random);
+                    note("stiffness", &[stiffness]);
+                    note("damping", &[damping]);
+                    note("effort_limit", &[varied.effort_limit]);
+                }
+                variation.drives.push((*body, varied));
             }
         }
         for (name, range) in &self.friction {
@@ -227,8 +255,8 @@ mod tests {
                     None => match name {
                         "floor_friction" => ranges.floor_friction,
                         "hand_friction" => ranges.hand_friction,
-                        "robot_mass" => Some(ranges.mass),
-                        "gains" => (ranges.stiffness == ranges.damping).then_some(ranges.damping),
+                        "robot_mass" => Some(ranges.robot_mass),
+                        "gains" => Some(ranges.gains),
                         _ => None,
                     },
                 };

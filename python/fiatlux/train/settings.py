@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from .. import _native
-from ..settings import ROBOTS, Protocol, Reward
+from ..settings import ROBOTS, Protocol, Reward, Robot
 from ..tasks import TASKS
 
 PARTS = ("history", "clock", "symmetry")
@@ -124,7 +124,7 @@ class Baseline(Settings):
     reward: Reward = _of("training", "training: the shaped reward; benchmark: what the task's score pays")
     protocol: Protocol = _of("published", "which judge ends an episode: published or strict")
     sensors: tuple[str, ...] = _of((), "sensors of the policy, such as lidar; without names, the task's usual ones")
-    robot: str = _of(ROBOTS[0], "robot")
+    robot: Robot = _of(ROBOTS[0], "robot")
     rooms: int = _of(16, "rooms over which the worlds are spread, from seed 1000 on", 1)
     episodes: int = _of(4, "start states in each room", 1)
     stagger: int = _of(
@@ -156,7 +156,7 @@ class Climb(Settings):
     std: float = _of(0.35, "standard deviation of an action at first", 0.01, 1)
     least_std: float = _of(0.05, "least standard deviation of an action", 0.001, 1)
     pushes: float = _of(0.1, "size of pushes, m/s an axis", 0)
-    robot: str = _of("g1_bare", "robot")
+    robot: Robot = _of("g1_bare", "robot")
     reward: tuple[str, ...] = _of((), "weights of the reward's terms that are not to be the usual ones, as NAME=WEIGHT")
 
     def __post_init__(self) -> None:

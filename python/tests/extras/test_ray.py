@@ -1,5 +1,6 @@
 """Tests evaluation and rollouts on a cluster of two nodes, one of which is killed."""
 
+import inspect
 import json
 import os
 import sys
@@ -25,6 +26,13 @@ class Waver:
 
     def __call__(self, observation):
         return self.rng.uniform(-0.1, 0.1, 53)
+
+
+def test_signatures_name_the_settings():
+    for call in (fiatlux.ray.evaluate, fiatlux.ray.rollouts, fiatlux.ray.rollout):
+        parts = inspect.signature(call).parameters
+        assert {"sensors", "protocol", "ranges"} <= set(parts)
+        assert not any(part.kind is part.VAR_KEYWORD for part in parts.values()), call
 
 
 class SlowWaver(Waver):
