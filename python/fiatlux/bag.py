@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._extras import missing
+from ._numbers import size_of, whole
+from ._pictures import Picture, picture, png
 from .settings import ActionForm
 from .spaces import Layout, ObservationForm
 
@@ -188,6 +190,28 @@ class Bag(Mapping[str, dict[str, Any]]):
             shape = (int(observation[f"{name}.height"][0]), int(observation[f"{name}.width"][0]), 3)
             found[name] = {int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)}
         return found
+
+    def render(self, row: int, *, size: tuple[int, int] = (640, 480), camera: str | None = None) -> Picture:
+        """A picture of a row, height x width x 3, which notebooks show; below 0 it counts from the end.
+
+        Args:
+            row: Number of the row.
+            size: Width and height, pixels.
+            camera: As ``render_camera`` of :class:`fiatlux.Env`.
+
+        Raises:
+            ValueError: There is no such row or camera.
+        """
+        rows = self.steps + 1
+        number = whole("row", row, -rows, rows - 1) % rows
+        width, height = size_of("size", size)
+        return picture(self._bag.render([number], width, height, camera)[0], width, height)
+
+    def _repr_png_(self) -> bytes:
+        """Four rows from the first to the last, from left to right, in a notebook."""
+        rows = sorted({self.steps * part // 3 for part in range(4)})
+        drawn = self._bag.render(rows, 320, 240)
+        return png(np.concatenate([picture(pixels, 320, 240) for pixels in drawn], axis=1))
 
     def __repr__(self) -> str:
         header, end = self.header, "whole" if self.is_whole else "cut"

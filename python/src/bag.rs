@@ -2,12 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use fiatlux_bag::{Bag as File, BagError, Completeness, Messages};
 use fiatlux_proto::v3::{ContactMeasure, EpisodeHeader};
 use fiatlux_proto::{DESCRIPTORS, Message};
+use fiatlux_render::Lighting;
 use fiatlux_rules::{RobotLayout, UnknownProtocol, manifest};
 use fiatlux_sensing::{Sensor, Sensors, Setup, term_messages};
+use fiatlux_wire::{light_of, read_row, robot_of, scene_of};
 use numpy::{IntoPyArray, PyArray1};
 use prost::Name;
 use prost_reflect::{DescriptorPool, DynamicMessage, MapKey, ReflectMessage, Value};
@@ -18,6 +21,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 use crate::build;
 use crate::fault::{failed, guarded, refused};
 use crate::numbers::Numbers;
+use crate::painter::Painter;
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
@@ -105,6 +109,36 @@ impl Bag {
         let rows = py.detach(|| guarded(read))?.map_err(|error| failed(&error))?;
         py.check_signals()?;
         Ok((fields, rows.into_pyarray(py)))
+    }
+
+    /// Pictures of rows, whose numbers rise, RGB, as of `Episode.render`.
+    #[pyo3(signature = (rows, width, height, camera=None))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        rows: Vec<usize>,
+        width: usize,
+        height: usize,
+        camera: Option<&str>,
+    ) -> PyResult<Vec<Bound<'py, PyBytes>>> {
+        let header = self.file.header();
+        let rebuild = || robot_of(header).and_then(|robot| scene_of(header, Arc::new(robot)));
+        let scene = Arc::new(guarded(rebuild)?.map_err(|error| failed(&error))?);
+        let (light, mut painter) = (Lighting::of(&light_of(header)), Painter::default());
+        let (mut wanted, mut pictures) = (rows.into_iter().peekable(), Vec::new());
+        for (number, state) in self.file.states().enumerate() {
+            let Some(next) = wanted.peek() else { break };
+            if number == *next {
+                let state = state.map_err(|error| failed(&error))?;
+                let row = read_row(&state, scene.robot_layout()).map_err(|error| failed(&error))?;
+                pictures.push(painter.paint(py, &scene, &row, &light, [width, height], camera)?);
+                wanted.next();
+            }
+        }
+        match wanted.next() {
+            Some(row) => Err(PyValueError::new_err(format!("rows: the bag has no row {row}"))),
+            None => Ok(pictures),
+        }
     }
 
     /// All messages of a topic as columns.

@@ -2,17 +2,20 @@
 
 import copy
 import inspect
+import io
 import pickle
 import signal
 import subprocess
 import sys
 import threading
-from typing import Any
+from typing import Any, get_args
 
 import fiatlux
 import gymnasium
 import numpy as np
 import pytest
+from fiatlux import _native, settings, vector
+from gymnasium.vector import AutoresetMode
 
 # Arguments that a type checker refuses.
 ENV: Any = fiatlux.Env
@@ -181,6 +184,22 @@ def test_signatures_name_the_settings():
     names = inspect.signature(fiatlux.VectorEnv).parameters
     assert {"ranges", "sensors", "privileged", "links", "num_threads"} <= set(names)
     assert names["observation"].default == "dict" and names["protocol"].default == "strict"
+    command = {name: part.default for name, part in inspect.signature(fiatlux.WholeBody.__call__).parameters.items()}
+    both = inspect.signature(fiatlux.WholeBody.joint_targets).parameters
+    assert {name: both[name].default for name in command} == command and len(command) == 9
+
+
+def test_types_list_the_names_that_there_are():
+    robots = set(fiatlux.ROBOTS)
+    assert set(get_args(settings.Robot)) == robots | {name.removeprefix("g1_") for name in robots}
+    for name in get_args(settings.Robot):
+        assert fiatlux.segments(name)
+    assert list(get_args(settings.Sensor)) == _native.sensors()
+    for argument, known in (("end_on", settings.End), ("fix", settings.Fixed)):
+        with pytest.raises(ValueError, match=f"known ones are {', '.join(get_args(known))}$"):
+            ENV("S05", **{argument: ["x"]})
+    assert list(get_args(settings.RenderMode)) == fiatlux.Env.metadata["render_modes"]
+    assert [vector._autoreset(name) for name in get_args(vector.Autoreset)] == [*AutoresetMode, *AutoresetMode]
 
 
 def test_reprs_say_what_it_is():
@@ -327,6 +346,47 @@ print(sum(part.nbytes for part in columns.values() if hasattr(part, "nbytes")), 
     size, taken = map(int, run.stdout.split())
     # A part of the file is in memory too.
     assert size > 6e6 and taken < 3 * size + 2e6, (size, taken)
+
+
+def test_pictures_are_shown_in_notebooks(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+
+    def shown(what):
+        return np.asarray(image.open(io.BytesIO(what._repr_png_())))
+
+    size = {"render_mode": "rgb_array", "render_size": (64, 48)}
+    env, actions = fiatlux.Env("S05", **size), iter(np.random.default_rng(0).uniform(-0.2, 0.2, (200, 53)))
+    assert env._repr_png_() is None, "no episode has begun"
+    env.reset(seed=1000)
+    pictures, ended = [env.render()], False
+    while not ended:
+        _, _, *ends, _ = env.step(next(actions))
+        ended = any(ends)
+        pictures.append(env.render())
+    for what in (env, pictures[-1]):
+        np.testing.assert_array_equal(shown(what), pictures[-1])
+    assert pictures[-1][0]._repr_png_() is None and (pictures[-1] / 2)._repr_png_() is None
+    worlds = fiatlux.VectorEnv("S05", 1, seeds=[1000], **size)
+    worlds.reset()
+    np.testing.assert_array_equal(shown(worlds.render()[0]), worlds.render_world(0))
+
+    again = iter(np.random.default_rng(0).uniform(-0.2, 0.2, (200, 53)))
+    fiatlux.evaluate(lambda _: next(again), ["S05"], [1000], out=tmp_path / "run")
+    (bag,) = fiatlux.Bag.below(tmp_path / "run")
+    assert bag.steps == len(pictures) - 1
+    for row in (0, 3, -1):
+        np.testing.assert_array_equal(bag.render(row, size=(64, 48)), pictures[row])
+    four = shown(bag)
+    assert four.shape == (240, 4 * 320, 3)
+    np.testing.assert_array_equal(four[:, -320:], bag.render(-1, size=(320, 240)))
+    assert bag.render(0, size=(32, 24), camera="camera").shape == (24, 32, 3)
+    for wrong, says in (
+        ({"row": bag.steps + 1}, "row is"),
+        ({"row": 0, "camera": "tail"}, "render_camera is 'tail'"),
+        ({"row": 0, "size": (0, 4)}, "size"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            bag.render(**wrong)
 
 
 def test_mujoco_has_the_same_poses():
