@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._numbers import size_of, whole
-
-Robot = Literal["g1_inspire", "g1_bare", "g1_dex3", "g1_inspire6", "inspire", "bare", "dex3", "inspire6"]
-"""Name of a robot, or of its hands."""
+from ._robots import Robot
 
 ROBOTS: tuple[Robot, ...] = tuple(cast(list[Robot], _native.robots()))
 """Names of all robots. The first is the benchmark's."""
