@@ -123,6 +123,7 @@ await everywhere(async (kind, settings) => {
   const best = board.page.locator(".task-card", { hasText: "S05" });
   check((await best.locator(".best").textContent()).includes("walk"), `${board.name}: S05 names the policy that succeeds`);
   const runs = await board.page.locator(".board a.policy").evaluateAll((links) => links.map((link) => link.getAttribute("href")));
+  const winner = (await best.locator(".best a").getAttribute("href")).replace(/\/tasks.*/, "");
   const offers = await board.page.locator('.board a[href^="/compare?run="]').count();
   check(offers === runs.length, `${board.name}: runs in the same rooms can be compared`, `${offers}`);
   const order = await board.page.evaluate(() => {
@@ -141,8 +142,10 @@ await everywhere(async (kind, settings) => {
   const cards = await run.page.locator(".task-card").count();
   check(cards === 12 && (await run.page.locator(".episode").count()) === 0, `${run.name}: each subtask once`, `${cards}`);
   check((await run.page.locator("pre").last().textContent()).includes(`${address.replace(/\/$/, "")}/runs/`), `${run.name}: commands name this site`);
-  await pictures(run);
   await look(run.name, run, settings);
+  const won = await at(winner, "run-won");
+  await pictures(won);
+  await look(won.name, won, settings);
 
   const subtask = await at("/tasks/S05", "subtask");
   const first = await subtask.page.locator(".of-task tr", { hasText: "walk" }).locator(".rank").textContent();
