@@ -98,9 +98,14 @@ fn commands_work(page: &str, expected: usize) {
         let mut line = ports
             .iter()
             .fold(line.replace("192.168.1.7", "127.0.0.1"), |line, (port, free)| line.replace(port, &free.to_string()));
-        if line.contains("fiatlux keys") || line.contains("sim-server --record") {
-            let flag = if line.contains("keys") { "--port " } else { "--listen tcp/127.0.0.1:" };
-            line += &format!(" {flag}{}", ports[0].1);
+        // Ports that the page leaves to the programs.
+        let flags = [
+            ("fiatlux keys", " --port ", 0),
+            ("sim-server --record", " --listen tcp/127.0.0.1:", 0),
+            ("scorer serve", " --http 127.0.0.1:", 1),
+        ];
+        for (_, flag, port) in flags.into_iter().filter(|(program, ..)| line.contains(program)) {
+            line += &format!("{flag}{}", ports[port].1);
         }
         if line.contains("BAG") {
             wait_until("a bag is recorded", PATIENCE, || !scratch.files("s0-e0.mcap").is_empty());

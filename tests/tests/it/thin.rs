@@ -49,7 +49,7 @@ fn thin_bags_give_what_full_ones_give() {
         let (code, said) = run("scorer", &["thin", "full"], folder);
         assert!(code == Some(0) && said.contains("1 of 1 bag made thin"), "{said}");
         let (code, said) = run("scorer", &["fill", "thin"], folder);
-        assert!(code == Some(0) && said.contains("1 of 1 bags are full now"), "{said}");
+        assert!(code == Some(0) && said.contains("1 of 1 bag made full"), "{said}");
         let (code, said) = run("scorer", &["fill", "full"], folder);
         assert_eq!(code, Some(0), "{said}");
         assert!(read(full) == recorded, "{policy}: a filled bag is not the recorded one");
