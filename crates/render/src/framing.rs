@@ -21,8 +21,11 @@ pub const FOLLOW_ELEVATION: f64 = 0.21;
 const FILLED: f64 = 0.86;
 /// Nearest that a camera comes to the pelvis, m along its axis.
 const NEAREST: f64 = 2.6;
-/// Distance by which a camera backs off to hold ladder and lamp besides robot and task, m.
-const BACK_OFF: f64 = 1.5;
+/// Height of a robot that stands, m, and the least share of the picture's height that it fills.
+const STANDING: f64 = 1.32;
+const ROBOT_SHARE: f64 = 0.5;
+/// Distance over the ground at which the robot works at the lamp, m.
+const AT_LAMP: f64 = 1.0;
 /// Time over which a camera's path is averaged, three times over, s.
 const AVERAGED_S: f64 = 1.0;
 /// Points around a robot, in its pelvis, m: above the head, below the feet, hands.
@@ -73,9 +76,9 @@ impl Spot {
 pub enum Focus {
     /// The ladder and the lamp.
     Ladder,
-    /// The crate; ladder and lamp where they are near.
+    /// The crate, and then ladder and lamp.
     Crate,
-    /// The fresh bulb on its bench; ladder and lamp where they are near.
+    /// The fresh bulb on its bench, and then ladder and lamp.
     Bench,
 }
 
@@ -89,19 +92,23 @@ impl Focus {
     }
 }
 
-/// Points of the robot and of what its task is about, world, m, and points of ladder and lamp.
-fn points_of(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 2] {
+/// Points of the robot, with the lamp where it works there, of what its task is about, and of ladder and lamp; world, m.
+fn points_of(spot: &Spot, focus: Focus) -> [Vec<Vector3<f64>>; 3] {
     let above_floor = |p: Vector3<f64>| Vector3::new(p.x, p.y, p.z.max(0.0));
-    let mut near: Vec<Vector3<f64>> =
+    let mut robot: Vec<Vector3<f64>> =
         ROBOT.iter().map(|p| above_floor((spot.pelvis * Point3::from(*p)).coords)).collect();
-    match focus {
-        Focus::Ladder => {}
-        Focus::Crate => near.extend(corners(CRATE).map(|p| spot.crate_ + p)),
-        Focus::Bench => near.extend(corners(BULB).map(|p| spot.fresh_bulb + p)),
-    }
+    let about = match focus {
+        Focus::Ladder => Vec::new(),
+        Focus::Crate => corners(CRATE).map(|p| spot.crate_ + p).collect(),
+        Focus::Bench => corners(BULB).map(|p| spot.fresh_bulb + p).collect(),
+    };
     let ladder = corners(LADDER).map(|p| above_floor((spot.ladder * Point3::from(p)).coords));
-    let lamp = corners([LAMP, LAMP, 2.0 * LAMP]).map(|p| spot.lamp + p - Vector3::z() * LAMP);
-    [near, ladder.chain(lamp).collect()]
+    let lamp: Vec<_> = corners([LAMP, LAMP, 2.0 * LAMP]).map(|p| spot.lamp + p - Vector3::z() * LAMP).collect();
+    let pelvis = spot.pelvis.translation.vector;
+    if (pelvis - spot.lamp).xy().norm() < AT_LAMP && pelvis.z > LADDER[2] / 2.0 {
+        robot.extend(&lamp);
+    }
+    [robot, about, ladder.chain(lamp).collect()]
 }
 
 /// Corners of a box on the floor: half its sides, and its height.
@@ -130,6 +137,11 @@ impl Aim {
         Self { axes: [ahead, left, ahead.cross(&left)], fov, aspect }
     }
 
+    /// Place of a point along the axis ahead, m.
+    pub fn ahead(&self, point: &Vector3<f64>) -> f64 {
+        point.dot(&self.axes[0])
+    }
+
     /// The nearest place, along the axes, from which all points are in the picture, m. They are in the middle where
     /// they do not fill it.
     pub fn fit(&self, points: &[Vector3<f64>]) -> [f64; 3] {
@@ -148,19 +160,22 @@ impl Aim {
         [across[0].min(upright[0]), across[1], upright[1]]
     }
 
-    /// As [`Aim::fit`] for what is held in a row, not too near to the robot.
+    /// As [`Aim::fit`] for the robot in a row: so far from it that a standing one fills half of the picture's height, or nearer
+    /// where that holds all; then as much of what its task is about as there is room for, and of ladder and lamp.
     pub fn fit_spot(&self, spot: &Spot, focus: Focus) -> [f64; 3] {
-        let [near, mut all] = points_of(spot, focus);
-        let tight = self.fit(&near);
-        all.extend(near);
-        let wide = self.fit(&all);
-        // From any place between the two, all that is near is in the picture.
-        let share = match focus {
-            Focus::Ladder => 1.0,
-            _ => (BACK_OFF / (tight[0] - wide[0]).max(BACK_OFF)).min(1.0),
-        };
-        let mut place = [0, 1, 2].map(|i| tight[i] + share * (wide[i] - tight[i]));
-        let pelvis = spot.pelvis.translation.vector.dot(&self.axes[0]);
+        let [robot, about, ladder] = points_of(spot, focus);
+        let pelvis = self.ahead(&spot.pelvis.translation.vector);
+        let mut place = self.fit(&robot);
+        let most = STANDING * self.axes[2].z / (2.0 * ROBOT_SHARE * libm::tan(self.fov / 2.0));
+        let mut held = robot;
+        for more in [about, ladder] {
+            held.extend(more);
+            let wide = self.fit(&held);
+            let (near, far) = (pelvis - place[0], pelvis - wide[0]);
+            // From any place between the two, all that was held before is in the picture.
+            let share = if far > near { ((most - near) / (far - near)).clamp(0.0, 1.0) } else { 1.0 };
+            place = [0, 1, 2].map(|i| place[i] + share * (wide[i] - place[i]));
+        }
         place[0] = place[0].min(pelvis - NEAREST);
         place
     }
@@ -168,7 +183,8 @@ impl Aim {
     /// One place from which the robot and what its task is about are in the picture in all of these rows.
     pub fn fit_all(&self, spots: &[Spot], focus: Focus) -> [f64; 3] {
         let points = |spot: &Spot| {
-            let [mut near, ladder] = points_of(spot, focus);
+            let [mut near, about, ladder] = points_of(spot, focus);
+            near.extend(about);
             near.extend(ladder.into_iter().filter(|_| focus == Focus::Ladder));
             near
         };
@@ -235,7 +251,8 @@ pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Fo
             renderer.render(visuals, row, &camera, light);
             let side = between(bearing, heading(&row.robot.pose)) - BEST_SIDE[0];
             let front = 1.0 + 0.5 * libm::exp(-(side / BEST_SIDE[1]).powi(2));
-            seen(&renderer) * front * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
+            let open = 1.0 - hidden(visuals, row, &camera, &renderer);
+            seen(&renderer) * front * open * open * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
         };
         rows.iter().map(of_row).sum::<f64>()
     };
@@ -250,6 +267,25 @@ fn is_behind_wall(row: &Row, bearing: f64) -> bool {
     let out = row.things[errand::FIXTURE].pose.rotation * Vector3::z();
     let towards_camera = Vector3::new(libm::cos(bearing), libm::sin(bearing), 0.0);
     out.z.abs() < 0.5 && out.dot(&towards_camera) < -0.01
+}
+
+/// Share of the robot's links that something else hides in the last picture.
+pub fn hidden(visuals: &Visuals, row: &Row, camera: &Camera, renderer: &Renderer) -> f64 {
+    let [width, height] = renderer.size();
+    let camera_from_world = camera.world_from_camera.inverse();
+    let links = visuals.robot.forward_kinematics(&row.joint_position, &row.robot.pose).unwrap_or_default();
+    let is_hidden = |link: &&Isometry3<f64>| {
+        let at = link.translation.vector;
+        let Some([u, v]) = camera.project(&at, width, height) else { return true };
+        if u < 0.0 || v < 0.0 || u >= width as f64 || v >= height as f64 {
+            return true;
+        }
+        let (u, v) = (u as usize, v as usize);
+        let away = (camera_from_world * Point3::from(at)).x;
+        !matches!(renderer.owner(u, v), Some(ShapeOwner::Robot(_)) | None)
+            && renderer.depth(u, v).is_some_and(|depth| depth < away)
+    };
+    links.iter().filter(is_hidden).count() as f64 / links.len().max(1) as f64
 }
 
 /// Amount that a picture shows: the size of the robot, and the presence of ladder, lamp, and the room behind.

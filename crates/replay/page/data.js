@@ -27,9 +27,6 @@ export async function bytesOf(address, name, read = () => {}) {
 
 // The bytes of a block of this page, which are compressed.
 async function unpacked(block) {
-  if (typeof DecompressionStream === "undefined") {
-    throw new Error("this browser cannot unpack the file. Open it with Chromium 89, Firefox 113, Safari 16.4 or newer, or its bag with `fiatlux view BAG`.");
-  }
   const text = atob(block.textContent.trim());
   const bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
@@ -79,7 +76,7 @@ export function unplaned(bytes, columns) {
 // The shapes by their digests, which the browser keeps for other episodes; of this episode alone where the server has forgotten
 // them.
 async function shapesOf(address, stage, read) {
-  if (isFile()) return readMeshes(stage, await bytesOf(address, "meshes.bin"));
+  if (isFile()) return readMeshes(stage, woven(await bytesOf(address, "meshes.bin")));
   try {
     const buffers = await Promise.all(stage.blocks.map(({ digest }) => bytesOf("/shapes", digest, read)));
     const parts = stage.blocks.map((block, index) => readMeshes(block, buffers[index]));
@@ -92,6 +89,14 @@ async function shapesOf(address, stage, read) {
   } catch {
     return readMeshes(stage, await bytesOf(address, "meshes.bin", read));
   }
+}
+
+// Numbers of four bytes, out of the first bytes of all, then the second ones, and so on.
+export function woven(buffer) {
+  const [from, to] = [new Uint8Array(buffer), new Uint8Array(buffer.byteLength)];
+  const count = from.length / 4;
+  for (let i = 0; i < from.length; i += 1) to[4 * (i % count) + Math.floor(i / count)] = from[i];
+  return to.buffer;
 }
 
 function readMeshes(stage, buffer) {

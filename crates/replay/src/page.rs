@@ -6,6 +6,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
+use crate::packed::small;
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Asset {
     pub name: &'static str,
@@ -46,6 +48,8 @@ const NAMES: [(&str, &str); 2] =
     [("three", "three.module.min.js"), ("three/addons/controls/OrbitControls.js", "OrbitControls.js")];
 
 const REPLAY: &str = include_str!("../page/replay.html");
+/// Starts a page that is a file of its own.
+const UNPACK: &str = include_str!("../page/unpack.js");
 /// The parts of a page with replays, see [`crate::site`].
 pub(crate) const ONE: &str = include_str!("../page/view.html");
 pub(crate) const PAIR: &str = include_str!("../page/pair.html");
@@ -114,29 +118,26 @@ fn put_together(html: &str, head: &str, back: &str, data: &str) -> String {
 
 /// The page of a replay as a single file with its data.
 pub(crate) fn file(data: &str) -> String {
-    put_together(REPLAY, &standalone_head(), "", data)
+    let mut blocks = data.to_owned();
+    for module in MODULES {
+        let also = NAMES.iter().filter(|(_, file)| module.name == *file).map(|(name, _)| format!(" {name}"));
+        let names = format!("{}{}", own_name(module.name), also.collect::<String>());
+        let text = STANDARD.encode(small(by_name(module.text).as_bytes()));
+        let _ = writeln!(blocks, "<script type=\"application/octet-stream\" data-names=\"{names}\">{text}</script>");
+    }
+    let _ = writeln!(blocks, "<script>{UNPACK}</script>");
+    put_together(REPLAY, &standalone_head(), "", &blocks)
 }
 
-/// The head of a self-contained file: its policy allows nothing but its own data.
+/// The head of a self-contained file: its policy allows nothing but its own scripts. The import map, which is only known once the modules
+/// are unpacked, has a nonce; text from a bag stands in blocks of base64 and cannot use it.
 fn standalone_head() -> String {
-    let files = MODULES.iter().map(|module| (own_name(module.name), data_address(module.text)));
-    let names = NAMES.iter().filter_map(|(name, file)| {
-        let module = MODULES.iter().find(|module| module.name == *file)?;
-        Some(((*name).to_owned(), data_address(module.text)))
-    });
-    let map = import_map(files.chain(names));
-    let start = format!("import \"{}\";", own_name("main.js"));
     let policy = format!(
-        "default-src 'none'; script-src '{}' '{}' data:; style-src '{}'; img-src data:; base-uri 'none'; form-action 'none'",
-        hash_of(&map),
-        hash_of(&start),
+        "default-src 'none'; script-src '{}' 'nonce-fiatlux' data:; style-src '{}'; img-src data:; base-uri 'none'; form-action 'none'",
+        hash_of(UNPACK),
         hash_of(STYLE.text)
     );
-    format!(
-        "<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n{ICON}<style>{}</style>\n\
-         <script type=\"importmap\">{map}</script>\n<script type=\"module\">{start}</script>",
-        STYLE.text
-    )
+    format!("<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n{ICON}<style>{}</style>", STYLE.text)
 }
 
 /// Import name of a module inside a file, where relative addresses do not work.
@@ -144,8 +145,8 @@ fn own_name(file: &str) -> String {
     format!("fiatlux/{file}")
 }
 
-/// A module as a `data:` address. Its imports of neighbouring files become imports by name.
-fn data_address(text: &str) -> String {
+/// A module whose imports of neighbouring files are imports by name.
+fn by_name(text: &str) -> String {
     let mut text = text.to_owned();
     for module in MODULES {
         for quote in ['"', '\''] {
@@ -153,7 +154,7 @@ fn data_address(text: &str) -> String {
             text = text.replace(&near, &format!("{quote}{far}{quote}"));
         }
     }
-    format!("data:text/javascript;base64,{}", STANDARD.encode(text))
+    text
 }
 
 fn import_map(entries: impl IntoIterator<Item = (String, String)>) -> String {
@@ -212,9 +213,7 @@ mod tests {
     #[test]
     fn a_file_imports_by_name_alone() {
         for module in MODULES {
-            let address = data_address(module.text);
-            let encoded = address.strip_prefix("data:text/javascript;base64,").expect("an address");
-            let text = String::from_utf8(STANDARD.decode(encoded).expect("base64")).expect("text");
+            let text = by_name(module.text);
             for neighbour in MODULES {
                 assert!(!text.contains(&format!("./{}", neighbour.name)), "{} imports {}", module.name, neighbour.name);
             }

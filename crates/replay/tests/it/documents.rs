@@ -10,7 +10,7 @@ use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::CompressedImage;
 use fiatlux_proto::v3::{EpisodeHeader, Sensor};
 use fiatlux_replay::{POSE, Poster, Replay, ReplayError, flag, standalone};
-use fiatlux_rules::{Task, errand};
+use fiatlux_rules::{Row, Task, errand};
 use fiatlux_wire::{state_message, time_of};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -137,8 +137,8 @@ fn joints_are_those_of_the_rows() {
     }
 }
 
-/// Guards the size of a file: an episode of 120 s is one of at most 8 MB. That of this test is a part of it, and its page is the same;
-/// the robot's restless joints are all that grows.
+/// Guards the size of a file: an episode of 120 s is one of at most 8 MB, also with joints as restless as here, and an episode of no time
+/// one of 1.2.
 #[test]
 fn a_file_is_small_and_the_same_each_time() {
     let played = play("size", Task::S05, 6);
@@ -155,10 +155,12 @@ fn a_file_is_small_and_the_same_each_time() {
     };
     assert_eq!(block("track.bin").1, replay.track());
     assert_eq!(block("joints.bin").1, replay.joints());
-    assert_eq!(block("meshes.bin").1, replay.meshes());
+    let (planes, count) = (block("meshes.bin").1, replay.meshes().len() / 4);
+    assert!(replay.meshes().iter().enumerate().all(|(at, byte)| planes[at % 4 * count + at / 4] == *byte));
     let rows = ["track.bin", "joints.bin"].map(|name| block(name).0).iter().sum::<usize>();
     let whole = (file.len() - rows) + rows * 6_001 / played.rows.len();
     assert!(whole < 8_000_000, "{whole} bytes for 120 s, {rows} for {} rows", played.rows.len());
+    assert!(file.len() - rows < 1_200_000, "{} bytes without rows", file.len() - rows);
 }
 
 /// Guards that memory is limited: in a long episode only some rows have poses, but all have their conditions.
@@ -266,4 +268,17 @@ fn a_poster_is_drawn_and_can_be_stopped() {
     assert!(poster.still.starts_with(b"\x89PNG") && !has(&poster.still, b"acTL"));
     assert!(poster.clip.starts_with(b"\x89PNG") && has(&poster.clip, b"acTL") && has(&poster.clip, b"fdAT"));
     assert!(matches!(Poster::draw(&played.bag, &Patience::new(|| false)), Err(ReplayError::Stopped { .. })));
+    // The still is of the end, where a goal is reached: of no other row.
+    let of_row = |name: &str, row: &Row| {
+        let bag = played.folder.join(name);
+        let mut writer = BagWriter::create(&bag, Bag::open(&played.bag).unwrap().header()).unwrap();
+        writer.message(topic::STATE, 0, &state_message(row).encode_to_vec()).unwrap();
+        writer.finish_cut("enough").unwrap();
+        Poster::draw(&bag, &Patience::new(|| true)).unwrap().still
+    };
+    let rows = &played.rows;
+    assert_eq!(of_row("end.mcap", rows.last().unwrap()), poster.still);
+    assert_ne!(of_row("earlier.mcap", &rows[rows.len() * 7 / 10]), poster.still);
+    let small = Poster::draw_still(&played.bag, &Patience::new(|| true)).unwrap();
+    assert!(small.starts_with(b"\x89PNG") && small.len() < poster.still.len());
 }
