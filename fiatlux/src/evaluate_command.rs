@@ -2,6 +2,7 @@
 
 mod external;
 mod outcome;
+mod pictures;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -199,7 +200,7 @@ pub fn run(args: &EvaluateArgs, policies: Policies) -> anyhow::Result<ExitCode> 
         }
         outcome => outcome?,
     };
-    finish(args.json, &options.out, &outcome, "the rest will be played by the same command")
+    finish(args.json, &options.out, &outcome, "the rest will be played by the same command", &stop)
 }
 
 /// The command line of this process, with the name of its program alone.

@@ -80,7 +80,7 @@ pub(super) fn run(args: &EvaluateArgs) -> anyhow::Result<ExitCode> {
     {
         fiatlux_cli::report(format!("stopped before the end; {again}"));
     }
-    finish(args.json, &options.out, &outcome?, &again)
+    finish(args.json, &options.out, &outcome?, &again, &stop)
 }
 
 /// Prints what is wrong with the flags, as clap does.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
 use fiatlux_grading::{Fault, report, tables};
@@ -9,7 +10,13 @@ use fiatlux_proto::count;
 use fiatlux_runs::Outcome;
 
 /// Writes and prints the outcome of an evaluation, and says how to continue if it was stopped.
-pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str) -> anyhow::Result<ExitCode> {
+pub(super) fn finish(
+    as_json: bool,
+    out: &Path,
+    outcome: &Outcome,
+    goes_on: &str,
+    stop: &AtomicBool,
+) -> anyhow::Result<ExitCode> {
     write_results(out, outcome)?;
     // What a stop interrupted is not lost: it is played again.
     let mut shown = outcome.results.clone();
@@ -20,6 +27,9 @@ pub(super) fn finish(as_json: bool, out: &Path, outcome: &Outcome, goes_on: &str
         fiatlux_cli::print(outcome.results.to_json()?)?;
     } else if !shown.episodes.is_empty() || !outcome.stopped {
         fiatlux_cli::print_painted(tables::text(&shown), tables::painted)?;
+    }
+    if super::pictures::draw(out, &outcome.results, stop) {
+        write_results(out, outcome)?;
     }
     for lost in &outcome.lost {
         fiatlux_cli::report(format!("lost: {lost}"));

@@ -59,6 +59,14 @@ fn results_do_not_depend_on_the_workers() {
     for name in ["results.json", "report.html"] {
         assert!(fs::read(one.join(name)).unwrap() == fs::read(two.join(name)).unwrap(), "{name} differs");
     }
+    // A still of each episode is in the report, one click from its replay.
+    let report = fs::read_to_string(one.join("report.html")).unwrap();
+    for episode in ["S01-s0-e0", "S01-s1-e0", "S08-s0-e0", "S08-s1-e0"] {
+        let still =
+            format!("<a class=\"still\" href=\"replays/{episode}.html\"><img src=\"data:image/png;base64,iVBOR");
+        assert!(report.contains(&still), "{episode}");
+        assert!(fs::read_to_string(one.join(format!("replays/{episode}.html"))).unwrap().contains("block-track.bin"));
+    }
     let written = bags(&one);
     assert_eq!(written.len(), 4);
     for ((left, _), (right, _)) in written.iter().zip(&bags(&two)) {

@@ -1,0 +1,63 @@
+//! Replays and stills of a run's episodes, to which its report leads.
+
+use std::fs;
+use std::num::NonZeroUsize;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+
+use anyhow::Context;
+use fiatlux_bag::{Bag, Patience};
+use fiatlux_cli::{in_full, write_whole};
+use fiatlux_grading::report::REPLAYS;
+use fiatlux_grading::{EpisodeRow, Results};
+use fiatlux_replay::{Poster, Replay, standalone};
+
+/// Maximum number of episodes that get them, as many of each task: a replay takes 1 to 2 MB and a second.
+const MAX_EPISODES: usize = 48;
+
+/// Writes the replay and the still of a run's first episodes into its folder, unless they are there or `stop` is set; true if it wrote
+/// some. Nothing depends on them: what cannot be drawn is said, and left out. Bags without rows are left out, because their episodes
+/// would be simulated again.
+pub(super) fn draw(out: &Path, results: &Results, stop: &AtomicBool) -> bool {
+    let episodes = chosen(results);
+    let (next, drawn) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let work = || {
+        while let Some(episode) = episodes.get(next.fetch_add(1, Ordering::Relaxed)) {
+            if stop.load(Ordering::Relaxed) {
+                return;
+            }
+            match draw_one(out, episode) {
+                Ok(true) => drawn.store(true, Ordering::Relaxed),
+                Ok(false) => {}
+                Err(error) => fiatlux_cli::report(format!("no replay of {}: {}", episode.bag, in_full(&*error))),
+            }
+        }
+    };
+    let threads = thread::available_parallelism().map_or(1, NonZeroUsize::get).min(episodes.len());
+    thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+    drawn.into_inner()
+}
+
+/// The first episodes of each task.
+fn chosen(results: &Results) -> Vec<&EpisodeRow> {
+    let tasks: Vec<_> = results.episodes.chunk_by(|a, b| a.task == b.task).collect();
+    let each = (MAX_EPISODES / tasks.len().max(1)).max(1);
+    tasks.into_iter().flat_map(|rows| rows.iter().filter(|row| row.failure.is_none()).take(each)).collect()
+}
+
+/// Draws an episode; false if it was drawn before, or is without rows.
+fn draw_one(out: &Path, episode: &EpisodeRow) -> anyhow::Result<bool> {
+    let bag = out.join(&episode.bag);
+    let place = out.join(REPLAYS).join(bag.file_name().unwrap_or_default());
+    let (replay, still) = (place.with_extension("html"), place.with_extension("png"));
+    let time = |file: &Path| fs::metadata(file).and_then(|file| file.modified()).ok();
+    let is_drawn = |file: &Path| time(file).is_some_and(|drawn| time(&bag).is_none_or(|recorded| recorded <= drawn));
+    if (is_drawn(&replay) && is_drawn(&still)) || Bag::open(&bag)?.is_thin() {
+        return Ok(false);
+    }
+    fs::create_dir_all(out.join(REPLAYS)).context("cannot make its folder")?;
+    write_whole(&replay, standalone(&Replay::open(&bag)?)).context("cannot be written")?;
+    write_whole(&still, Poster::draw_still(&bag, &Patience::new(|| true))?).context("its still cannot be written")?;
+    Ok(true)
+}
