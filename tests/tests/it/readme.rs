@@ -104,7 +104,7 @@ fn commands_work(page: &str, expected: usize) {
             ("sim-server --record", " --listen tcp/127.0.0.1:", 0),
             ("scorer serve", " --http 127.0.0.1:", 1),
         ];
-        for (_, flag, port) in flags.into_iter().filter(|(program, ..)| line.contains(program)) {
+        if let Some((_, flag, port)) = flags.into_iter().find(|(program, ..)| line.contains(program)) {
             line += &format!("{flag}{}", ports[port].1);
         }
         if line.contains("BAG") {
