@@ -39,6 +39,7 @@ mod lighting;
 mod mesh;
 mod occlusion;
 mod paint;
+mod people;
 mod raster;
 mod renderer;
 mod robot_meshes;

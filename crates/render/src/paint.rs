@@ -1,5 +1,7 @@
 //! Colours and finishes.
 
+use crate::visuals::Look;
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Paint {
@@ -80,9 +82,11 @@ impl Paint {
         !patterned && finishes[self as usize].mirror == 0.0
     }
 
-    pub(crate) fn finish(self) -> Finish {
+    pub(crate) fn finish(self, look: Look) -> Finish {
         // sRGB colour, mirror, sharpness, glow.
         let (rgb, mirror, sharpness, glow) = match self {
+            Paint::Aluminium if look == Look::Two => ([112, 118, 126], 0.55, 6, 0.0),
+            Paint::Steel if look == Look::Two => ([92, 97, 104], 0.09, 5, 0.0),
             Paint::Floor => ([136, 137, 140], 0.0, 0, 0.0),
             Paint::Wall => ([222, 217, 208], 0.0, 0, 0.0),
             Paint::Ceiling => ([226, 226, 222], 0.0, 0, 0.0),

@@ -9,6 +9,7 @@ use crate::lighting::PreparedLight;
 use crate::mesh::{Detail, Mesh, Triangle};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
+use crate::people::Touches;
 use crate::raster::{self, Corner, Four, SPARE};
 use crate::shade::{Lamp, Shader, Spot, Vec3, add, dot, floor, normalize, scale};
 use crate::shadow::ShadowMap;
@@ -49,7 +50,8 @@ pub struct Renderer {
     level: Level,
     shadow: ShadowMap,
     occlusion: Occlusion,
-    finishes: Vec<Finish>,
+    /// By the look.
+    finishes: [Vec<Finish>; 2],
     tone: Tone,
     /// Pixels that show nothing.
     empty: Vec<[u32; 2]>,
@@ -109,7 +111,7 @@ impl Renderer {
             level: Level::new(),
             shadow: ShadowMap::new(shadow),
             occlusion: Occlusion::new(w, h, cell),
-            finishes: Paint::ALL.iter().map(|paint| paint.finish()).collect(),
+            finishes: [Look::One, Look::Two].map(|look| Paint::ALL.iter().map(|paint| paint.finish(look)).collect()),
             tone: Tone::new(),
             empty: Vec::new(),
             image: Image::new(width, height),
@@ -135,10 +137,16 @@ impl Renderer {
         let light = lighting.prepared();
         let view = self.draw_row(visuals, row, camera);
         let lit_bulb = row.attachments[Bulb::Fresh as usize].seated;
-        let lamp = (lit_bulb && visuals.look() == Look::Two).then(|| Lamp::at(&row.things[errand::FRESH_BULB].pose));
+        let is_for_people = visuals.look() == Look::Two;
+        let lamp = (lit_bulb && is_for_people).then(|| Lamp::at(&row.things[errand::FRESH_BULB].pose));
+        let touches = is_for_people.then(|| Touches::of(visuals, row));
         let shaded = self.draw_shadows(visuals, &view, &light);
         self.find_occlusion(&view);
-        self.shade(rgb, &view, &light, lamp, shaded);
+        let look = visuals.look() as usize;
+        let finishes = std::mem::take(&mut self.finishes[look]);
+        let shader = Shader { light: &light, lamp, touches: touches.as_ref(), finishes: &finishes };
+        self.shade(rgb, &view, &shader, shaded);
+        self.finishes[look] = finishes;
     }
 
     /// Finds what a row shows at each pixel and how far away it is, without lighting it: [`Renderer::owner`] and
@@ -362,14 +370,13 @@ impl Renderer {
     }
 
     /// Lights every sample and averages those of a pixel.
-    fn shade(&mut self, rgb: &mut [u8], view: &View, light: &PreparedLight, lamp: Option<Lamp>, shaded: bool) {
-        let shader = Shader { light, lamp, finishes: &self.finishes };
-        if self.samples == 1 && lamp.is_none() {
+    fn shade(&mut self, rgb: &mut [u8], view: &View, shader: &Shader<'_>, shaded: bool) {
+        if self.samples == 1 && shader.touches.is_none() {
             let mut empty = std::mem::take(&mut self.empty);
-            self.shade_wide(rgb, &mut empty, &shader, view, shaded);
+            self.shade_wide(rgb, &mut empty, shader, view, shaded);
             self.empty = empty;
         } else {
-            self.shade_mean(rgb, &shader, view, shaded);
+            self.shade_mean(rgb, shader, view, shaded);
         }
     }
 
@@ -378,7 +385,7 @@ impl Renderer {
         let wide = WideShader {
             view,
             light: shader.light,
-            finishes: &self.finishes,
+            finishes: shader.finishes,
             surfaces: &self.surfaces,
             ids: &self.ids,
             depth: &self.depth,

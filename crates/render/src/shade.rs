@@ -1,9 +1,11 @@
 //! Light on one pixel.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::lighting::PreparedLight;
 use crate::paint::{Finish, Paint};
+use crate::people::Touches;
+use crate::view::single;
 
 pub(crate) type Vec3 = [f32; 3];
 
@@ -70,6 +72,18 @@ pub(crate) const GROUT: f32 = 0.006;
 /// Height of the skirting on the walls, m.
 pub(crate) const SKIRTING: f32 = 0.09;
 
+/// For people, mirrors show a darker ground, and a bright band between two heights of the ray, as of windows.
+const DARK: Vec3 = [0.30, 0.29, 0.28];
+const BAND: f32 = 1.1;
+const BAND_AT: [f32; 2] = [0.12, 0.5];
+
+/// Share of the bright band that a ray of that rise shows.
+fn band(rise: f32) -> f32 {
+    let at = ((rise - BAND_AT[0]) / (BAND_AT[1] - BAND_AT[0])).clamp(0.0, 1.0);
+    let share = 4.0 * at * (1.0 - at);
+    share * share
+}
+
 /// Geometry and light of a pixel.
 pub(crate) struct Spot {
     pub point: Vec3,
@@ -85,11 +99,13 @@ pub(crate) struct Spot {
     pub lit: f32,
 }
 
-/// The light of a burning bulb. It passes through what stands in its way.
+/// The light of a burning bulb. It passes through what stands in its way, but for the lamp's shade.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lamp {
     /// Middle of the glass, world, m.
     middle: Vec3,
+    /// Unit vector out of the socket.
+    out: Vec3,
 }
 
 impl Lamp {
@@ -101,33 +117,42 @@ impl Lamp {
     const STRENGTH: f32 = 1.5;
     /// Radius within which its light no longer grows, m.
     const RADIUS: f32 = 0.14;
+    /// Cosine, from the way out of the socket, beyond which the shade takes its light, and how far that reaches behind the glass, m.
+    const SHADED: (f32, f32) = (-0.5, 0.2);
     /// Light that its glow adds to a look straight at it, and the distance from it at which that has halved, m.
     const HALO: (f32, f32) = (0.55, 0.07);
 
     /// Of a bulb with that pose.
     pub(crate) fn at(bulb: &Isometry3<f64>) -> Self {
         let middle = bulb * Point3::new(0.0, 0.0, Self::GLASS);
-        Self { middle: [middle.x as f32, middle.y as f32, middle.z as f32] }
+        Self { middle: single(&middle.coords), out: single(&(bulb.rotation * Vector3::z())) }
     }
 
     /// Light that arrives at a point of a surface with that unit normal.
     fn on(&self, point: Vec3, normal: Vec3) -> Vec3 {
         let way = sub(self.middle, point);
         let square = dot(way, way).max(Self::RADIUS * Self::RADIUS);
-        let facing = (dot(normal, way) / square.sqrt()).max(0.0);
-        scale(Self::WARM, Self::STRENGTH * facing / square)
+        let distance = square.sqrt();
+        let facing = (dot(normal, way) / distance).max(0.0);
+        // Soft, as the glass is large.
+        let beside = ((-dot(way, self.out) / distance - Self::SHADED.0) / 0.2 + 0.5).clamp(0.0, 1.0);
+        let open = if distance > Self::SHADED.1 { beside } else { 1.0 };
+        scale(Self::WARM, Self::STRENGTH * facing * open / square)
     }
 
     /// Its glow on a look along a ray that ends at a distance, in lengths of the ray.
     fn halo(&self, eye: Vec3, ray: Vec3, distance: f32) -> Vec3 {
         let way = sub(self.middle, eye);
         let along = dot(way, ray) / dot(ray, ray);
-        if along <= 0.0 || along > distance + Self::RADIUS {
+        // What stands before the glass hides its glow, and less so close to it.
+        let length = dot(ray, ray).sqrt();
+        let seen = (1.0 - (along - distance) * length / Self::RADIUS).clamp(0.0, 1.0);
+        if along <= 0.0 || seen == 0.0 {
             return [0.0; 3];
         }
         let off = sub(way, scale(ray, along));
         let wide = dot(off, off) / (Self::HALO.1 * Self::HALO.1);
-        scale(Self::WARM, Self::HALO.0 / (1.0 + wide))
+        scale(Self::WARM, seen * Self::HALO.0 / (1.0 + wide))
     }
 }
 
@@ -135,6 +160,8 @@ impl Lamp {
 pub(crate) struct Shader<'a> {
     pub light: &'a PreparedLight,
     pub lamp: Option<Lamp>,
+    /// In pictures for people.
+    pub touches: Option<&'a Touches>,
     pub finishes: &'a [Finish],
 }
 
@@ -149,14 +176,19 @@ impl Shader<'_> {
             Paint::Wall if spot.point[2] < SKIRTING => base = scale(base, 0.62),
             _ => {}
         }
+        let mut under = 1.0;
+        if let Some(touches) = self.touches {
+            base = scale(base, touches.texture(paint, spot));
+            under = touches.under_feet(spot);
+        }
         if finish.tinted {
             base = product(base, light.room_tint);
         }
         let n = spot.normal;
         let up = 0.5 + 0.5 * n[2];
         let side = 1.0 + SIDE * (n[0] * light.dome_side[0] + n[1] * light.dome_side[1]);
-        let dome = scale(mix(GROUND, SKY, up), light.dome * side * spot.open);
-        let facing = dot(n, light.towards_key).max(0.0);
+        let dome = scale(mix(GROUND, SKY, up), light.dome * side * spot.open * under);
+        let facing = dot(n, light.towards_key).max(0.0) * under;
         let mut arriving = add(dome, scale(light.key, facing * spot.lit));
         if let Some(lamp) = &self.lamp {
             arriving = add(arriving, lamp.on(spot.point, n));
@@ -170,7 +202,12 @@ impl Shader<'_> {
             let grazing = grazing * grazing * grazing * grazing * grazing;
             let mirror = finish.mirror + (1.0 - finish.mirror) * 0.5 * grazing;
             let sky = (0.5 + 0.9 * mirrored[2]).clamp(0.0, 1.0);
-            let room = scale(mix(GROUND, SKY, sky * sky * (3.0 - 2.0 * sky)), light.dome * spot.open * mirror * 1.6);
+            let sky = sky * sky * (3.0 - 2.0 * sky);
+            let seen = match self.touches {
+                None => mix(GROUND, SKY, sky),
+                Some(_) => add(mix(DARK, SKY, sky), [BAND * band(mirrored[2]); 3]),
+            };
+            let room = scale(seen, light.dome * spot.open * mirror * 1.6);
             let mut shine = dot(mirrored, light.towards_key).max(0.0);
             if shine > 0.5 {
                 for _ in 0..finish.sharpness {

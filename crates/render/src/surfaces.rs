@@ -5,6 +5,7 @@ use fiatlux_world::ShapeOwner;
 use crate::Visuals;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
+use crate::visuals::Look;
 
 /// Frame that a surface moves with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +82,7 @@ pub struct PaintLook {
 /// All paints, by the index that triangles name.
 pub fn paints() -> Vec<PaintLook> {
     let look = |paint: Paint| {
-        let finish = paint.finish();
+        let finish = paint.finish(Look::Two);
         PaintLook {
             name: format!("{paint:?}"),
             colour: finish.colour,

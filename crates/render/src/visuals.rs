@@ -35,7 +35,8 @@ pub(crate) enum Look {
 /// The meshes of a scene, made from its shapes and sizes, and those of the user's own. Constant: one serves any number of renderers.
 #[derive(Debug, Clone)]
 pub struct Visuals {
-    robot: Arc<Robot>,
+    pub(crate) robot: Arc<Robot>,
+    pub(crate) world_from_bench: Option<Isometry3<f64>>,
     look: Look,
     /// Fine and coarse meshes of the same things in the same order.
     fine: Vec<Arc<Mesh>>,
@@ -63,6 +64,7 @@ impl Visuals {
     fn with_look(scene: &Scene, robot: Option<&RobotMeshes>, look: Look) -> Self {
         Self {
             robot: Arc::clone(&scene.robot),
+            world_from_bench: scene.world_from_bench,
             look,
             fine: meshes(scene, robot, Detail::Fine, look),
             coarse: meshes(scene, robot, Detail::Coarse, look),
@@ -93,10 +95,10 @@ impl Visuals {
 }
 
 fn meshes(scene: &Scene, robot: Option<&RobotMeshes>, detail: Detail, look: Look) -> Vec<Arc<Mesh>> {
-    let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail)];
+    let mut meshes = vec![room::floor(scene, detail), room::walls(scene, detail, look)];
     meshes.push(furniture(scene, ShapeOwner::Bench, detail));
     meshes.push(furniture(scene, ShapeOwner::CRATE, detail));
-    meshes.push(fixture::fixture(scene, detail));
+    meshes.push(fixture::fixture(scene, detail, look));
     meshes.push(ladder::ladder(scene, detail));
     meshes.push(bulb::bulb(scene, Bulb::Old, detail));
     meshes.push(bulb::bulb(scene, Bulb::Fresh, detail));

@@ -2,5 +2,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod frames;
+mod framing;
+mod looks;
 mod robot_meshes;
 mod variation;
