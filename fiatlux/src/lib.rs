@@ -10,6 +10,8 @@ pub mod keys;
 mod keys_command;
 mod label_command;
 mod lists_command;
+#[cfg(feature = "manual")]
+mod manual;
 mod network;
 mod part;
 #[cfg(feature = "programs")]
@@ -104,6 +106,10 @@ enum Command {
     /// When it is ready it prints one line on stdout; on an interrupt (SIGINT, SIGTERM) it exits with 0.
     #[command(after_help = "Example:\n  fiatlux router --config router.json5")]
     Router(network::RouterArgs),
+    /// Writes completions for shells and pages for `man`, of every program.
+    #[cfg(feature = "manual")]
+    #[command(hide = true, after_help = "Example:\n  fiatlux manual share")]
+    Manual(manual::ManualArgs),
 }
 
 /// The program `fiatlux`, which plays these policies. Results on stdout, progress and errors on stderr; exit code 0 ok, 1 failed,
@@ -134,6 +140,8 @@ pub fn run(policies: Policies) -> ExitCode {
         Command::Sensors(args) => args.print(lists_command::sensors()),
         Command::Robots(args) => args.print(lists_command::robots()),
         Command::Router(args) => network::router(args).map(|()| ExitCode::SUCCESS),
+        #[cfg(feature = "manual")]
+        Command::Manual(args) => manual::run(&args).map(|()| ExitCode::SUCCESS),
     };
     match done {
         Ok(code) => code,

@@ -52,6 +52,11 @@ enum Subcommand {
     List(list::ListArgs),
 }
 
+/// Its command line, for completions and pages of `man`.
+pub fn command() -> clap::Command {
+    <Cli as CommandFactory>::command()
+}
+
 /// The program `policy-client`: reads the arguments of this process.
 ///
 /// Exit code 0 ok, 1 failed, 2 usage, 3 a run that is not all played, or a recording that is cut.

@@ -155,6 +155,11 @@ struct CompareArgs {
     json: bool,
 }
 
+/// Its command line, for completions and pages of `man`.
+pub fn command() -> clap::Command {
+    <Cli as clap::CommandFactory>::command()
+}
+
 /// The program `scorer`: reads the arguments of this process.
 ///
 /// Exit code 0 ok, 1 failed, 2 usage, 3 done but some bags could not be scored, 4 an episode is not verified.

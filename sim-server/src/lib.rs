@@ -96,6 +96,11 @@ fn timestep(text: &str) -> Result<f64, String> {
 /// Exit code for data loss.
 const LOSS: u8 = 3;
 
+/// Its command line, for completions and pages of `man`.
+pub fn command() -> clap::Command {
+    fiatlux_cli::command_with_settings::<Cli>()
+}
+
 /// The program `sim-server`: reads the arguments of this process.
 ///
 /// Exit code 0 ok, 1 failed, 2 usage, 3 a recorder missed records.

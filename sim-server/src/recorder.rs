@@ -56,6 +56,11 @@ Examples:
 /// Exit code for data loss.
 const CUT: u8 = 3;
 
+/// Its command line, for completions and pages of `man`.
+pub fn command() -> clap::Command {
+    fiatlux_cli::command_with_settings::<Cli>()
+}
+
 /// The program `recorder`: reads the arguments of this process.
 ///
 /// Exit code 0 all bags whole, 1 failed, 2 usage, 3 some bags are cut or records lost.

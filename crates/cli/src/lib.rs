@@ -23,6 +23,6 @@ pub use parse::{check_examples, check_whole_numbers, parse, whole};
 pub use print::{failure, print, print_error, print_headed, print_painted, report, usage};
 pub use progress::ProgressLine;
 pub use prometheus::{PROMETHEUS_TEXT, metric_head};
-pub use settings::{check_example, parse_with_settings, parse_with_settings_from};
+pub use settings::{check_example, command_with_settings, parse_with_settings, parse_with_settings_from};
 pub use signal::{INTERRUPTED, stop_on_signal, wait_for};
 pub use whole_file::write_whole;

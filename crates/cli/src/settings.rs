@@ -45,7 +45,7 @@ pub fn parse_with_settings_from<C: Parser>(
     args: impl IntoIterator<Item = impl Into<OsString>>,
 ) -> Result<C, clap::Error> {
     let mut args: Vec<OsString> = args.into_iter().map(Into::into).collect();
-    let mut command = command::<C>();
+    let mut command = command_with_settings::<C>();
     // A required flag may be given in the file.
     let given = lenient(&command).try_get_matches_from(&args)?;
     if let Some(path) = given.get_one::<PathBuf>(SETTINGS) {
@@ -66,7 +66,7 @@ pub fn parse_with_settings_from<C: Parser>(
 /// # Errors
 /// The first mistake in the file.
 pub fn check_example<C: CommandFactory>(path: &Path) -> Result<(), String> {
-    let command = command::<C>();
+    let command = command_with_settings::<C>();
     let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
     let is_entry = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '));
     let live = |line: &str| match line.strip_prefix("# ").filter(|entry| is_entry(entry)) {
@@ -80,7 +80,8 @@ pub fn check_example<C: CommandFactory>(path: &Path) -> Result<(), String> {
     missing.map_or(Ok(()), |(key, _)| Err(format!("{}: the key '{key}' is missing", path.display())))
 }
 
-fn command<C: CommandFactory>() -> Command {
+/// The command with its flag `--settings`.
+pub fn command_with_settings<C: CommandFactory>() -> Command {
     let settings = Arg::new(SETTINGS)
         .long(SETTINGS)
         .value_name("FILE")
