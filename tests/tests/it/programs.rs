@@ -104,7 +104,9 @@ fn a_mistyped_name_makes_no_folder() {
     let teleop = ["teleop", "-e", &served, "--task", "S07"];
     let (sensor, robot) = (["--sensors", "camra"], ["--robot", "g1_inspier"]);
     let (camera, inspire) = ("did you mean 'camera'?", "did you mean 'g1_inspire'?");
-    let cases: [(&str, &[&str], &[&str], i32, &str); 15] = [
+    // A program, its command line, the name in it, and what it says.
+    type Case<'a> = (&'a str, &'a [&'a str], &'a [&'a str], i32, &'a str);
+    let cases: [Case<'_>; 15] = [
         ("fiatlux", &evaluate, &sensor, 2, camera),
         ("fiatlux", &evaluate, &robot, 2, inspire),
         ("fiatlux", &evaluate, &["--gains", "sonics"], 2, "did you mean 'sonic'?"),
