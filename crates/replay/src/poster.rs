@@ -48,7 +48,7 @@ pub struct Poster {
     pub clip: Vec<u8>,
 }
 
-/// What pictures of a bag are drawn from.
+/// The scene of a bag, as its pictures need it.
 struct Drawing {
     scene: Arc<Scene>,
     visuals: Visuals,

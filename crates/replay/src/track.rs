@@ -55,7 +55,7 @@ pub struct JointName {
     pub effort_limit: f64,
 }
 
-/// How the pose of a link follows from that of its parent and an angle.
+/// The pose of a link follows from this, the pose of its parent and an angle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LinkInfo {
     /// Index of the parent, which is smaller; `None` for the pelvis, whose pose is in the rows.

@@ -213,8 +213,9 @@ fn file_of(folder: Option<&Path>, episode: &EpisodeRow, ending: &str) -> Option<
 /// The picture of an episode, which leads to its replay.
 fn still(out: &mut String, folder: Option<&Path>, episode: &EpisodeRow, replay: Option<&str>) {
     let Some(file) = file_of(folder, episode, "png").and_then(|file| Some(folder?.join(file))) else { return };
-    let is_small = std::fs::metadata(&file).is_ok_and(|file| file.len() <= MAX_STILL);
-    let Some(png) = std::fs::read(&file).ok().filter(|png| is_small && png.starts_with(b"\x89PNG")) else { return };
+    let Some(png) = fiatlux_files::read(&file, MAX_STILL).ok().filter(|png| png.starts_with(b"\x89PNG")) else {
+        return;
+    };
     let [before, after] = match replay {
         Some(address) => [format!("<a class=\"still\" href=\"{}\">", escape(address)), "</a>".into()],
         None => ["<div class=\"still\">".into(), "</div>".into()],

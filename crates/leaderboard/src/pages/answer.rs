@@ -101,7 +101,7 @@ fn page_with(template: &impl Template, policy: String) -> Response {
 }
 
 /// Where this site is, such as `https://board.example.org`, by the request: a name, an address or `localhost`, with a port or without.
-/// What else stands in `Host` is not shown.
+/// Anything else in `Host` is not shown.
 pub(super) fn site_of(asked: &HeaderMap) -> String {
     let text = |name: &str| asked.get(name).and_then(|value| value.to_str().ok()).map(str::trim);
     let is_host = |host: &&str| {
