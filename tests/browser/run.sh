@@ -78,10 +78,10 @@ leaderboard() {
     node "$work/leaderboard.mjs" "$address" "$shots"
 }
 
-# Drives a task in a room by a test, and checks that its takes are kept, whole, of their own kind, and verified.
+# Drives a task in a room (its first one where none is named) by a test, and checks that its takes are kept, whole, of their own kind, and verified.
 drive() {
     local test="$1" task="$2" seed="$3" count="$4" takes="$work/takes-$1" driven port bag
-    "$fiatlux" teleop --task "$task" --seed "$seed" --out "$takes" --no-open >"$takes.address" 2>"$takes.log" &
+    "$fiatlux" teleop --task "$task" ${seed:+--seed "$seed"} --out "$takes" --no-open >"$takes.address" 2>"$takes.log" &
     driven=$!
     servers+=("$driven")
     node "$work/teleop.mjs" "$test" "$(first_line "$takes.address")" "$shots"
@@ -109,6 +109,7 @@ case "${ONLY:-all}" in
     replay) replays ;;
     leaderboard) leaderboard ;;
     teleop)
+        drive first S07 "" 1
         drive walk S07 65 2
         drive older S07 65 0
         drive headset S08 65 0
@@ -118,6 +119,7 @@ case "${ONLY:-all}" in
     *)
         replays
         leaderboard
+        drive first S07 "" 1
         drive walk S07 65 2
         drive older S07 65 0
         drive headset S08 65 0

@@ -1,8 +1,8 @@
 // Drives the robot from the page of `fiatlux teleop`, by keys, by a scripted gamepad, and by an emulated headset.
 //
-//   node teleop.mjs walk|older|headset|grab ADDRESS SCREENSHOTS
+//   node teleop.mjs first|walk|older|headset|grab ADDRESS SCREENSHOTS
 //
-// ADDRESS is what `fiatlux teleop --no-open` printed: of task S07 for `walk` and `older`, of S08 for `headset` and `grab`. Exit code 0 when every
+// ADDRESS is what `fiatlux teleop --no-open` printed: of task S07 for `first` (in its first room), `walk` and `older`, of S08 for `headset` and `grab`. Exit code 0 when every
 // check holds. `grab` steers in real time by what a software renderer shows, so that it depends on the machine: it has some attempts.
 
 import { readFile } from "node:fs/promises";
@@ -183,6 +183,112 @@ async function walk() {
   await telephone.page.screenshot({ path: `${screenshots}/teleop-telephone.png` });
   await fits(telephone);
   await close(telephone);
+}
+
+const GOAL_MS = 60_000;
+
+// The first room, by keys that are held; the arrow to the goal, the look through the robot's eye, a view without motion of its own,
+// and thumb sticks.
+async function first() {
+  const opened = await open("first", address, { ...KINDS.desktop, colorScheme: "light", reducedMotion: "reduce" }, origin);
+  const { page } = opened;
+  const until = (holds) => page.waitForFunction(holds, null, { timeout: PATIENCE_MS });
+  const look = () => page.evaluate(() => globalThis.fiatlux.look());
+  await becomes(page, "ready");
+  await until(() => globalThis.fiatlux.seen.live.state !== null && globalThis.fiatlux.goal()?.group.visible);
+  const off = await page.evaluate(() => {
+    const { goal, pose, seen } = globalThis.fiatlux;
+    const [x, y] = pose(0);
+    const [bx, by, bz] = pose(seen.live.doc.stage.frames.findIndex(({ name }) => name === "fresh_bulb"));
+    const { arrow, tip } = goal();
+    return { turn: Math.abs(Math.atan2(by - y, bx - x) - arrow.rotation.z), beside: Math.hypot(tip.position.x - bx, tip.position.y - by), above: tip.position.z - bz };
+  });
+  check(off.turn < 0.02 && off.beside < 0.01 && off.above > 0.2, "an arrow points to the bulb, and a tip stands above it", JSON.stringify(off));
+  await page.screenshot({ path: `${screenshots}/teleop-first.png` });
+
+  await page.locator("#eye").click();
+  await drawn(page);
+  const ahead = (await look()).rise;
+  await page.mouse.move(400, 300);
+  await page.mouse.down();
+  await page.mouse.move(400, 500, { steps: 8 });
+  await page.mouse.up();
+  await drawn(page);
+  const up = (await look()).rise;
+  check(up > ahead + 0.15, "a drag looks up through the robot's eye", `${ahead} to ${up}`);
+  await page.screenshot({ path: `${screenshots}/teleop-eye-up.png` });
+  for (let press = 0; press < 3; press += 1) await page.keyboard.press("PageDown");
+  await drawn(page);
+  check((await look()).rise < up - 0.3, "a key looks down", (await look()).rise);
+  await page.locator("#reset").click();
+  await page.locator("#eye").click();
+
+  await page.keyboard.press("Enter");
+  await becomes(page, "running");
+  const began = Date.now();
+  await byKeys(page);
+  await becomes(page, "ended");
+  const { end } = await status(page);
+  check(end === "success" && Date.now() - began < GOAL_MS, "keys that are held reach the goal of the first room in a minute", end);
+  console.log(`       the goal is reached after ${((Date.now() - began) / 1000).toFixed(1)} s`);
+  await drawn(page);
+  check(await page.evaluate(() => !globalThis.fiatlux.goal().group.visible), "the arrow is gone at the goal");
+  await page.keyboard.press("KeyP");
+  await becomes(page, "ready");
+
+  await page.keyboard.press("Enter");
+  await becomes(page, "running");
+  await page.keyboard.down("KeyQ");
+  const bearings = await page.evaluate(async () => {
+    const list = [];
+    for (const end = performance.now() + 5000; performance.now() < end; ) {
+      await new Promise(requestAnimationFrame);
+      list.push(globalThis.fiatlux.look().bearing);
+    }
+    return list;
+  });
+  await page.keyboard.up("KeyQ");
+  const turns = bearings.slice(1).map((bearing, index) => Math.abs(Math.atan2(Math.sin(bearing - bearings[index]), Math.cos(bearing - bearings[index]))));
+  const [jumps, drifts] = [turns.filter((turn) => turn > 0.3).length, turns.filter((turn) => turn > 0.005 && turn <= 0.3).length];
+  check(jumps > 0 && drifts === 0, "where less motion is wanted the view turns in steps", `${jumps} steps, ${drifts} slow turns`);
+  await page.keyboard.press("Enter");
+  await becomes(page, "ended");
+  await page.locator("#discard").click();
+  await becomes(page, "ready");
+  await close(opened);
+
+  const telephone = await open("thumbs", address, { ...KINDS.telephone, colorScheme: "dark" }, origin);
+  await thumbs(telephone);
+  await close(telephone);
+}
+
+// Two thumbs on the sticks of a telephone.
+async function thumbs({ page, context }) {
+  const touches = await context.newCDPSession(page);
+  const at = async (id, [x, y]) => {
+    const box = await page.locator(`#stick-${id}`).boundingBox();
+    return { x: box.x + box.width * (0.5 + 0.45 * x), y: box.y + box.height * (0.5 + 0.45 * y), id: id === "left" ? 1 : 2 };
+  };
+  const send = (type, touchPoints) => touches.send("Input.dispatchTouchEvent", { type, touchPoints });
+  const until = (holds) => page.waitForFunction(holds, null, { timeout: PATIENCE_MS });
+  await becomes(page, "ready");
+  await until(() => globalThis.fiatlux.seen.live.state !== null && globalThis.fiatlux.seen.drives);
+  await page.locator("#start").tap();
+  await becomes(page, "running");
+  await send("touchStart", [await at("left", [0, 0.9])]);
+  await until(() => globalThis.fiatlux.seen.live.state.velocity[0] < -0.2);
+  check(true, "the left thumb walks");
+  await send("touchStart", [await at("left", [0, 0.9]), await at("right", [-0.9, 0])]);
+  await until(() => globalThis.fiatlux.seen.live.state.velocity[2] > 0.3 && globalThis.fiatlux.seen.live.state.velocity[0] < -0.2);
+  check((await page.locator("#input").textContent()) === "thumb sticks", "both thumbs at once turn and walk, and the page says so");
+  await page.screenshot({ path: `${screenshots}/teleop-thumbs.png` });
+  await send("touchEnd", []);
+  await until(() => globalThis.fiatlux.seen.live.state.velocity.every((part) => part === 0));
+  check(await page.evaluate(() => !globalThis.fiatlux.seen.live.state.frozen), "a robot whose sticks are let go stands, and is driven still");
+  await page.locator("#start").tap();
+  await becomes(page, "ended");
+  await page.locator("#discard").tap();
+  await becomes(page, "ready");
 }
 
 // Browsers that lack something, each by a script that takes it away: the page drives all the same.
@@ -708,7 +814,7 @@ async function grab() {
   await close(opened);
 }
 
-const tests = { walk, older, headset, grab };
+const tests = { first, walk, older, headset, grab };
 if (!(what in tests)) throw new Error(`${what} is not a test; use one of ${Object.keys(tests).join(", ")}`);
 await tests[what]();
 await end();

@@ -14,8 +14,13 @@ export const CARD = {
     ["I K J L O U", "move it forwards, back, left, right, up, down"],
     ["↓ ↑ ← → . ,", "pitch, yaw, roll it"],
     ["Space", "close or open it"],
+    ["PgUp PgDn", "look up, down by the robot's eye"],
     ["Enter", "start, stop"],
     ["P Del N", "save, discard, next room"],
+  ],
+  "Thumb sticks on a touch screen": [
+    ["Left", "walk, step sideways"],
+    ["Right", "turn; rise, crouch"],
   ],
   Gamepad: [
     ["Left stick", "walk, step sideways"],

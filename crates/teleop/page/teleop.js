@@ -5,11 +5,13 @@ import * as THREE from "three";
 import { showCard } from "./card.js";
 import { fail, find, loading } from "./controls.js";
 import { Gamepad } from "./gamepad.js";
+import { Goal } from "./goal.js";
 import { Keyboard } from "./keyboard.js";
 import { Live, loadRoom } from "./live.js";
 import { numberOf } from "./measures.js";
 import { Socket } from "./socket.js";
 import { Stage } from "./stage.js";
+import { Sticks } from "./sticks.js";
 import { takeToken } from "./token.js";
 import { Headset } from "./webxr.js";
 import { element, seconds, words } from "./words.js";
@@ -21,6 +23,8 @@ const BEHIND = { turn: 0.6, rise: 0.55, away: 3.2 };
 const FOLLOWS = 0.08;
 // The view's steps where less motion is wanted, rad.
 const STEP = 0.6;
+// How far the look through the robot's eye can be turned to the sides, and down and up, rad; and by a key.
+const EYE = { turn: [-1.2, 1.2], rise: [-0.5, 1.8], key: 0.15 };
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const touch = matchMedia("(pointer: coarse)");
 const WORDS = { opening: "Building the room", ready: "Ready", running: "Running", ended: "Ended" };
@@ -29,6 +33,7 @@ find("late").remove();
 
 const keyboard = new Keyboard();
 const gamepad = new Gamepad();
+const sticks = new Sticks([find("stick-left"), find("stick-right")]);
 // For tests and the curious.
 const seen = { status: { phase: "opening", room: 0 }, drives: false, isOpen: false, reason: "Connecting", roundTrips: [], parts: [], pictures: [] };
 const KEPT = 50;
@@ -41,7 +46,9 @@ let newest = null;
 let arrived = 0;
 // Since when this page drives, in its own time.
 let since = Infinity;
-let [live, stage, headset, shownRoom, usesPad, usesEye, room] = [null, null, null, 0, false, false, Promise.resolve()];
+let [live, stage, headset, shownRoom, usesEye, room] = [null, null, null, 0, false, Promise.resolve()];
+// The device that drives: keys, a gamepad, or thumb sticks.
+let device = "keyboard";
 
 const socket = new Socket(token, {
   open: (isOpen, reason = "") => {
@@ -114,6 +121,7 @@ async function show() {
   attempt(() => {
     stage = new Stage(canvas, doc, meshes, live, ask);
     addGhosts();
+    goal = new Goal(doc.goal, stage.scene);
   });
   if (stage) {
     new ResizeObserver(ask).observe(canvas);
@@ -132,6 +140,7 @@ async function show() {
   document.documentElement.dataset.ready = "true";
 }
 
+let goal = null;
 // Where the hands are wanted, as frames of three axes.
 let ghosts = [];
 function addGhosts() {
@@ -158,6 +167,15 @@ function ask() {
 
 const position = [0, 0, 0];
 const quaternion = [0, 0, 0, 1];
+// How far the look through the robot's eye is turned from its own, rad.
+const eyeLook = { turn: 0, rise: 0 };
+function turnEye(turn, rise) {
+  const within = (angle, [low, high]) => Math.min(Math.max(angle, low), high);
+  eyeLook.turn = within(eyeLook.turn + turn, EYE.turn);
+  eyeLook.rise = within(eyeLook.rise + rise, EYE.rise);
+  ask();
+}
+
 // The place of the robot's eye, and how it is turned: it looks along its x axis.
 function eyePose() {
   const { eye } = live.doc;
@@ -170,6 +188,13 @@ function eyePose() {
     turn.multiply(new THREE.Quaternion(i, j, k, w));
   }
   return { at, turn };
+}
+
+// The place of the eye, and where its user looks from there.
+function eyeView() {
+  const { at, turn } = eyePose();
+  const ahead = new THREE.Vector3(1, 0, 0).applyAxisAngle(new THREE.Vector3(0, 1, 0), -eyeLook.rise).applyQuaternion(turn);
+  return { at, ahead: ahead.applyAxisAngle(new THREE.Vector3(0, 0, 1), eyeLook.turn) };
 }
 
 // Bearing of the robot that the view has turned to, rad.
@@ -217,23 +242,25 @@ function draw(frame) {
     axes.position.fromArray(position);
     axes.quaternion.fromArray(quaternion);
   });
+  const isNear = live.doc.measures.every((measure, index) => measure === null || live.state.criteria[index]);
+  goal.show(live, ["ready", "running"].includes(seen.status.phase) && !(isNear && live.doc.measures.some((measure) => measure !== null)));
   if (headset?.session && !frame) return;
   if (frame) {
     headset.place(frame, eyePose().at, heading());
     socket.input("webxr", headset.read(frame, seen.status.phase === "running", live.state.follows));
     headset.board.write(find("state").textContent, board(), headset.usesHands() ? boardButtons() : []);
   } else if (usesEye) {
-    const { at, turn } = eyePose();
+    const { at, ahead } = eyeView();
     stage.resize();
-    stage.camera.position.copy(at).add(new THREE.Vector3(0.05, 0, 0).applyQuaternion(turn));
-    stage.camera.lookAt(at.clone().add(new THREE.Vector3(1, 0, 0).applyQuaternion(turn)));
+    stage.camera.position.copy(at).addScaledVector(ahead, 0.05);
+    stage.camera.lookAt(at.add(ahead));
     const wide = live.doc.eye?.horizontal_fov ?? 1.2;
     stage.camera.fov = (360 / Math.PI) * Math.atan(Math.tan(wide / 2) / Math.max(stage.camera.aspect, 1));
     stage.camera.updateProjectionMatrix();
   } else {
     turnWithRobot();
   }
-  stage.draw(live.state.step, live.state, true);
+  stage.draw(live.state.step, live.state, !still.matches);
 }
 
 // The lines of a headset's board.
@@ -247,6 +274,7 @@ function board() {
 
 // The keys that begin, or go on after a take; empty while one runs.
 function hint({ phase }) {
+  const usesPad = device === "gamepad";
   if (phase === "ready") return usesPad ? "Press A to begin" : touch.matches ? "Press Start to begin" : "Press Enter to begin";
   if (phase !== "ended") return "";
   return usesPad ? "X: save, B: discard, Y: next room" : touch.matches ? "Save it, or discard it" : "P: save, Del: discard, N: next room";
@@ -310,7 +338,7 @@ function tell() {
   const facts = [`Seed ${live?.doc.seed ?? "?"}`, `take ${status.episode ?? "?"}`, `${status.kept ?? 0} kept`];
   if (status.bag) facts.push(`last: ${status.bag}`);
   find("facts").textContent = facts.join(", ");
-  find("input").textContent = headset?.session ? "headset" : usesPad ? "gamepad" : "keyboard";
+  find("input").textContent = headset?.session ? "headset" : device;
 }
 
 const order = (name) => () => {
@@ -322,6 +350,7 @@ for (const id of ["start", "save", "discard", "next", "eye", "reset", "headset"]
 find("start").addEventListener("click", () => order(seen.status.phase === "running" ? "stop" : "start")());
 for (const id of ["save", "discard", "next"]) find(id).addEventListener("click", order(id));
 find("reset").addEventListener("click", () => {
+  Object.assign(eyeLook, { turn: 0, rise: 0 });
   if (stage) lookFromBehind();
   ask();
 });
@@ -345,23 +374,48 @@ find("headset").addEventListener("click", () => {
   };
   headset.enter(draw, (button) => find(button).click(), ended).then(tell, (error) => fail(`The headset cannot be entered: ${error.message}`));
 });
-addEventListener("keydown", () => {
-  usesPad = false;
+addEventListener("keydown", (event) => {
+  device = "keyboard";
+  const up = { PageUp: 1, PageDown: -1 }[event.code];
+  if (!usesEye || !up || event.target.closest?.("aside")) return;
+  event.preventDefault();
+  turnEye(0, up * EYE.key);
 });
-// A page that is clicked drives again.
-find("view").addEventListener("pointerdown", () => {
+// The picture's element is another one in each room, and its surroundings stay.
+const picture = find("view").parentElement;
+let dragged = null;
+picture.addEventListener("pointerdown", (event) => {
+  // A page that is clicked drives again.
   if (!seen.drives) socket.send({ drive: true });
+  if (usesEye && event.target.id === "view") dragged = event.pointerId;
 });
+picture.addEventListener("pointermove", ({ pointerId, movementX, movementY }) => {
+  if (!usesEye || !stage || pointerId !== dragged) return;
+  const pixel = ((Math.PI / 180) * stage.camera.fov) / stage.canvas.clientHeight;
+  turnEye(movementX * pixel, movementY * pixel);
+});
+for (const kind of ["pointerup", "pointercancel"]) {
+  addEventListener(kind, ({ pointerId }) => {
+    if (pointerId === dragged) dragged = null;
+  });
+}
+
+function deviceNow() {
+  if (gamepad.isMoved()) return "gamepad";
+  if (sticks.isHeld()) return "thumb sticks";
+  return device === "gamepad" && !gamepad.pad() ? "keyboard" : device;
+}
 
 setInterval(() => {
   if (headset?.session) return;
-  const was = usesPad;
-  usesPad = (usesPad && gamepad.pad() !== null) || gamepad.isMoved();
-  if (was !== usesPad) tell();
+  const was = device;
+  device = deviceNow();
+  if (was !== device) tell();
   // The press by which a pad comes into use counts as one.
-  if (usesPad && !was) socket.input("gamepad", gamepad.atRest());
+  if (device === "gamepad" && was !== device) socket.input("gamepad", gamepad.atRest());
   const running = seen.status.phase === "running";
-  if (usesPad || (was && !usesPad)) socket.input("gamepad", gamepad.read(running));
+  if (device === "thumb sticks") socket.input("gamepad", sticks.read(running));
+  else if (device === "gamepad" || was === "gamepad") socket.input("gamepad", gamepad.read(running));
   else socket.input("keyboard", keyboard.read(running));
 }, INPUT_MS);
 
@@ -371,5 +425,11 @@ tell();
 globalThis.fiatlux = {
   seen,
   headset: () => headset,
+  goal: () => goal,
+  // Bearing and rise of where the picture's camera looks, rad.
+  look: () => {
+    const { x, y, z } = stage.camera.getWorldDirection(new THREE.Vector3());
+    return { bearing: Math.atan2(y, x), rise: Math.asin(z) };
+  },
   pose: (frame) => (live.poseAt(0, frame, position, quaternion), [...position, ...quaternion]),
 };

@@ -7,7 +7,8 @@
 //!
 //! [`Cockpit`] serves the page in `page/` to whoever has its token. Each input is a file in `src/inputs` and one in `page/`. A
 //! [`Frame`] is what all inputs say; the pilot, which reads no clock, turns it into commands. [`takes::play`] opens a session for
-//! each take, on a server of this process or elsewhere: one like any other, in real time, whose bag says that it is a take.
+//! each take, on a server of this process, which waits for its operator, or elsewhere, in real time. Its bag says that it is a
+//! take.
 #![allow(missing_docs)] // Used in this repository alone.
 mod command;
 mod frame;

@@ -1,4 +1,4 @@
-//! Numbers behind the gate's conditions, for the page: how far the robot still is from a place that a condition names.
+//! For the page: the place that a task is about, and numbers behind the gate's conditions, such as how far the robot still is from it.
 
 use fiatlux_replay::Stage;
 use fiatlux_rules::{Task, errand, manifest};
@@ -64,6 +64,41 @@ impl Measure {
             frame: stage.frames.iter().position(|frame| frame.name == *name),
             fixed: [pose.translation.x, pose.translation.y, pose.rotation.euler_angles().2],
             half,
+        })
+    }
+}
+
+/// Height of a tip above a lamp or a bulb, above a crate, and above a ladder, from their origins, m.
+const ABOVE: [f64; 3] = [0.35, 0.4, 2.1];
+
+/// The place that the page points at.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Goal {
+    /// The frame of the place, where it can move.
+    pub frame: Option<usize>,
+    /// Where it is otherwise, m.
+    pub fixed: [f64; 3],
+    /// Height above it at which a tip points down at it, m.
+    pub above: f64,
+}
+
+impl Goal {
+    /// The goal of a task; `None` for one that is about several places, or none.
+    pub fn of(task: Task, scene: &Scene, stage: &Stage) -> Option<Self> {
+        let [lamp, low, ladder] = ABOVE;
+        let (thing, above) = match task {
+            Task::S02 | Task::S09 | Task::S10 | Task::Climb => (errand::LADDER, ladder),
+            Task::S03 => (errand::OLD_BULB, lamp),
+            Task::S05 | Task::S06 => (errand::CRATE, low),
+            Task::S07 | Task::S08 => (errand::FRESH_BULB, lamp),
+            Task::S01 | Task::S11 => (errand::FIXTURE, lamp),
+            Task::S04 | Task::S12 | Task::Replace => return None,
+        };
+        let name = &manifest().things.get(thing)?.name;
+        Some(Self {
+            frame: stage.frames.iter().position(|frame| frame.name == *name),
+            fixed: scene.world_from(thing).translation.vector.into(),
+            above,
         })
     }
 }

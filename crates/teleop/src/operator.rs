@@ -8,6 +8,7 @@ use fiatlux_client::{Policy, PolicyError};
 use fiatlux_proto::v3::{Observation, Sensor, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_session::Command;
+use fiatlux_wbc::CONTROL_DT;
 
 use crate::NAME;
 use crate::frame::Order;
@@ -15,8 +16,10 @@ use crate::pilot::Pilot;
 use crate::station::{Phase, Station};
 use crate::view::{Timing, View};
 
-/// A take that no page has been open for this long is stopped, and kept.
+/// A take that no page has been open for this long pauses; on a server elsewhere, whose clock goes on, it is stopped, and kept.
 const MAX_EMPTY: Duration = Duration::from_secs(10);
+/// Time between two looks for a page while it pauses.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// Plays an episode as its operator asks.
 pub(crate) struct Operator {
@@ -31,11 +34,42 @@ pub(crate) struct Operator {
     has_started: bool,
     order: Option<Order>,
     is_abandoned: bool,
+    /// The operator's own clock, where the server waits for each action; `None` where the server has one.
+    pace: Option<Pace>,
+}
+
+/// Answers in real time.
+#[derive(Debug, Default)]
+struct Pace {
+    /// When the last answer was due.
+    due: Option<Instant>,
+}
+
+impl Pace {
+    /// Waits until the next answer is due. Whoever is a whole step late goes on from there.
+    fn keep(&mut self) {
+        let (period, now) = (Duration::from_secs_f64(CONTROL_DT), Instant::now());
+        let due = self.due.map_or(now, |due| due + period);
+        std::thread::sleep(due.saturating_duration_since(now));
+        self.due = Some(if now.saturating_duration_since(due) > period { now } else { due });
+    }
 }
 
 impl Operator {
-    pub fn new(station: Arc<Station>, quit: Arc<AtomicBool>, stop: Arc<AtomicBool>) -> Self {
-        Self { station, pilot: None, quit, stop, is_ready: false, has_started: false, order: None, is_abandoned: false }
+    /// `has_clock` says that the server steps in real time by itself; otherwise the operator does.
+    pub fn new(station: Arc<Station>, quit: Arc<AtomicBool>, stop: Arc<AtomicBool>, has_clock: bool) -> Self {
+        let pace = (!has_clock).then(Pace::default);
+        Self {
+            station,
+            pilot: None,
+            quit,
+            stop,
+            is_ready: false,
+            has_started: false,
+            order: None,
+            is_abandoned: false,
+            pace,
+        }
     }
 
     /// True if the clock was started.
@@ -110,8 +144,14 @@ impl Policy for Operator {
                 self.stop.store(true, Ordering::Relaxed);
             }
         }
-        if self.station.empty_for() > MAX_EMPTY {
-            self.is_abandoned = true;
+        match &mut self.pace {
+            None => self.is_abandoned |= self.station.empty_for() > MAX_EMPTY,
+            Some(pace) => {
+                while self.station.empty_for() > MAX_EMPTY && !self.quit.load(Ordering::Relaxed) {
+                    pace.due = None;
+                    std::thread::sleep(LOOK);
+                }
+            }
         }
         if self.is_abandoned || self.quit.load(Ordering::Relaxed) {
             self.stop.store(true, Ordering::Relaxed);
@@ -125,6 +165,9 @@ impl Policy for Operator {
         };
         if let Some(state) = view.state(observation, pilot.driven(), timing) {
             self.station.live.send_replace(Arc::new(state));
+        }
+        if let Some(pace) = &mut self.pace {
+            pace.keep();
         }
         Ok(command)
     }

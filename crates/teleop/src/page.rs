@@ -3,16 +3,18 @@
 use fiatlux_replay::site;
 
 /// Files by name, with their media types. What is not here is of the page of replays.
-const FILES: [(&str, &str, &str); 13] = [
+const FILES: [(&str, &str, &str); 15] = [
     ("board.js", JAVASCRIPT, include_str!("../page/board.js")),
     ("card.js", JAVASCRIPT, include_str!("../page/card.js")),
     ("door.js", JAVASCRIPT, include_str!("../page/door.js")),
     ("gamepad.js", JAVASCRIPT, include_str!("../page/gamepad.js")),
+    ("goal.js", JAVASCRIPT, include_str!("../page/goal.js")),
     ("hands.js", JAVASCRIPT, include_str!("../page/hands.js")),
     ("keyboard.js", JAVASCRIPT, include_str!("../page/keyboard.js")),
     ("live.js", JAVASCRIPT, include_str!("../page/live.js")),
     ("measures.js", JAVASCRIPT, include_str!("../page/measures.js")),
     ("socket.js", JAVASCRIPT, include_str!("../page/socket.js")),
+    ("sticks.js", JAVASCRIPT, include_str!("../page/sticks.js")),
     ("teleop.js", JAVASCRIPT, include_str!("../page/teleop.js")),
     ("token.js", JAVASCRIPT, include_str!("../page/token.js")),
     ("webxr.js", JAVASCRIPT, include_str!("../page/webxr.js")),

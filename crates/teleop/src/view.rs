@@ -9,7 +9,7 @@ use fiatlux_world::{EpisodeSpec, Scene};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Serialize;
 
-use crate::measures::Measure;
+use crate::measures::{Goal, Measure};
 use crate::pilot::Driven;
 
 /// First bytes of a state.
@@ -33,6 +33,7 @@ pub struct Document {
     pub criteria: Vec<String>,
     /// The number behind each of them, where there is one.
     pub measures: Vec<Option<Measure>>,
+    pub goal: Option<Goal>,
     pub task: String,
     pub name: String,
     pub instruction: String,
@@ -69,6 +70,7 @@ impl Document {
                 horizontal_fov: camera.horizontal_fov,
             }),
             measures: criteria.iter().map(|name| Measure::of(name, task, scene, &stage, spec)).collect(),
+            goal: Goal::of(task, scene, &stage),
             criteria,
             stage,
             task: task.short_id().into(),

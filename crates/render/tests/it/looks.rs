@@ -1,4 +1,4 @@
-//! What people are shown, and the robot's cameras are not: those keep the look of their version.
+//! Looks for people alone: the robot's cameras keep those of their version.
 
 use fiatlux_render::{Camera, Lighting, Renderer, Visuals};
 use fiatlux_rules::{Row, Task, errand};
@@ -45,7 +45,7 @@ fn the_room_is_closed_for_people() {
     assert!(renderer.depth(SIZE / 2, SIZE / 2).unwrap() > 4.0, "{:?}", renderer.depth(SIZE / 2, SIZE / 2));
 }
 
-/// A lamp has a shade about its socket, and one that looks sideways an arm and a rod up to the ceiling.
+/// A lamp has a shade about its socket; one that looks sideways has an arm and a rod up to the ceiling.
 #[test]
 fn the_lamp_has_a_shade_and_hangs_on_something() {
     for seed in 0..6 {

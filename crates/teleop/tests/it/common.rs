@@ -93,6 +93,17 @@ pub fn drive(task: &str, seed: u64, steps: u64, script: Script<'_>) -> Option<Ep
 
 /// The same with a robot.
 pub fn drive_robot(robot: &'static str, task: &str, seed: u64, steps: u64, script: Script<'_>) -> Option<EpisodeEnd> {
+    drive_take(robot, task, [seed, 0], steps, script)
+}
+
+/// The same in a take of a room: the layout's seed, and the episode's index.
+pub fn drive_take(
+    robot: &'static str,
+    task: &str,
+    [seed, episode]: [u64; 2],
+    steps: u64,
+    script: Script<'_>,
+) -> Option<EpisodeEnd> {
     let link = fiatlux_carrier::memory();
     let options = ServerOptions { name: "teleop".into(), workers: 1, ..ServerOptions::default() };
     let server = Server::start(link.clone(), options).expect("a server");
@@ -110,7 +121,7 @@ pub fn drive_robot(robot: &'static str, task: &str, seed: u64, steps: u64, scrip
         ..OpenRequest::default()
     };
     let mut client = Client::open(&link, Some("teleop"), request).expect("a session");
-    let end = match client.run_episode(0, &mut policy, &mut |_| (), &stop) {
+    let end = match client.run_episode(episode, &mut policy, &mut |_| (), &stop) {
         Ok(end) => Some(end),
         Err(ClientError::Stopped) => None,
         Err(error) => panic!("{error:?}"),

@@ -3,6 +3,7 @@
 mod attack;
 mod common;
 mod drive;
+mod first_room;
 mod grab;
 mod page;
 mod takes;

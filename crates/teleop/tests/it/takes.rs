@@ -32,6 +32,15 @@ fn until(page: &mut Page, phase: &str) -> serde_json::Value {
     }
 }
 
+/// The step of the next state.
+fn step(page: &mut Page) -> u32 {
+    loop {
+        if let Message::Binary(state) = page.read().expect("a message") {
+            return u32::from_le_bytes(state[4..8].try_into().expect("four bytes"));
+        }
+    }
+}
+
 fn order(page: &mut Page, order: &str) {
     page.send(Message::text(format!(r#"{{"order":"{order}"}}"#))).expect("sent");
 }
@@ -98,5 +107,38 @@ fn takes_are_kept_whole_whatever_the_page_does() {
     let results = grade(std::slice::from_ref(&out), &options, &|_| {}).expect("graded");
     let ends: Vec<_> = results.episodes.iter().map(|row| row.end.as_str()).collect();
     assert_eq!((ends, results.conditions.ranked), (vec!["stopped", "stopped"], false));
+    std::fs::remove_dir_all(out).expect("removed");
+}
+
+/// A take that no page has been open for pauses after 10 s, and goes on with the next page.
+#[test]
+fn a_take_pauses_while_no_page_is_open() {
+    let out = std::env::temp_dir().join(format!("fiatlux-pause-{}", std::process::id()));
+    let station = Arc::new(Station::default());
+    let cockpit = Cockpit::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &[], Arc::clone(&station));
+    let cockpit = cockpit.expect("a free port");
+    let (url, quit) = (cockpit.url(), Arc::new(AtomicBool::new(false)));
+    let options = TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out: out.clone() };
+    let kept = std::thread::scope(|scope| {
+        scope.spawn(|| cockpit.serve(&quit).expect("it serves"));
+        let played = scope.spawn(|| takes::play(&options, &station, &quit));
+        let mut page = open(&url);
+        until(&mut page, "ready");
+        order(&mut page, "start");
+        until(&mut page, "running");
+        hold(&mut page, "", Duration::from_millis(300));
+        drop(page);
+        std::thread::sleep(Duration::from_secs(15));
+        let mut page = open(&url);
+        let paused = step(&mut page);
+        assert!(paused < 11 * 50, "it went on for {paused} steps");
+        hold(&mut page, "", Duration::from_secs(1));
+        while step(&mut page) < paused + 30 {}
+        order(&mut page, "stop");
+        assert_eq!(until(&mut page, "ended")["end"], "stopped");
+        quit.store(true, Ordering::Relaxed);
+        played.join().expect("no panic").expect("takes")
+    });
+    check_bag(&kept.bags[0]).expect("whole");
     std::fs::remove_dir_all(out).expect("removed");
 }
