@@ -319,16 +319,17 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   await Promise.resolve(new Function(readFileSync(join(ROOT, "replay/page/unpack.js"), "utf8"))());
   const said = elements.get("late").textContent ?? "";
   check(said.includes("Firefox 113") && said.includes("fiatlux view BAG"), "a browser that cannot unpack says what to do", said);
-  check(same([...new Uint8Array(woven(new Uint8Array([1, 5, 2, 6, 3, 7, 4, 8]).buffer))], [1, 2, 3, 4, 5, 6, 7, 8]), "shapes are woven together");
+  check(same([...new Uint8Array(woven(new Uint8Array([1, 5, 9, 2, 6, 10, 3, 7, 11, 4, 8, 12]).buffer))], [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]), "shapes are woven together");
   define("DecompressionStream", DecompressionStream);
   elements.delete("block-track.bin");
 
-  // Rows of a pelvis, a link that turns a quarter about z 1 m ahead of it, one fixed 1 m further on, a bulb, and one force.
+  // Rows of a pelvis, a link that turns a quarter about z 1 m ahead of it, one fixed to that, a bulb, and one force.
   {
     const grid = { pose: 1 / 131072, force: 1 / 256, effort: 1 / 512 };
     const pose = (...numbers) => numbers.map((number) => Math.round(number / grid.pose));
     const forces = [{ by: "floor", frame: 0 }];
-    const rows = [0, 1].map((row) => [...pose(row, 0, 1, Math.SQRT1_2, 0, 0, Math.SQRT1_2), ...pose((row * Math.PI) / 2), ...pose(5, 6, -7, 1, 0, 0, 0), -256, 512, 128 + row]);
+    const turns = [[Math.SQRT1_2, 0, 0, Math.SQRT1_2], [0.5, 0.5, 0.5, 0.5]];
+    const rows = [0, 1].map((row) => [...pose(row, 0, 1, ...turns[row]), ...pose((row * Math.PI) / 2), ...pose(5, 6, -7, 1, 0, 0, 0), -256, 512, 128 + row]);
     const width = rows[0].length;
     const zigzag = rows[0].flatMap((_, column) => rows.map((numbers, row) => numbers[column] - (row > 0 ? rows[0][column] : 0))).map((change) => ((change << 1) ^ (change >> 31)) >>> 0);
     const planes = [0, 8, 16, 24].flatMap((bits) => zigzag.map((number) => (number >>> bits) & 255));
@@ -337,7 +338,7 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
     const links = [
       { parent: null, at: [0, 0, 0, 1, 0, 0, 0], joint: null, axis: [0, 0, 0] },
       { parent: 0, at: [1, 0, 0, 1, 0, 0, 0], joint: 0, axis: [0, 0, 1] },
-      { parent: 1, at: [1, 0, 0, 1, 0, 0, 0], joint: null, axis: [0, 0, 0] },
+      { parent: 1, at: [1, 2, 3, 1, 0, 0, 0], joint: null, axis: [0, 0, 0] },
     ];
     const track = new Track({ rows: 2, kept: 2, width, pose: 7, stride: 1, span: [0, 1], control_dt: 0.02, forces, joints: [{}], grid, links }, buffer);
     const at = (row, frame) => {
@@ -345,9 +346,9 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
       track.poseAt({ from: row, to: row, blend: 0 }, frame, position, []);
       return position.map((number) => Number(number.toFixed(4)));
     };
-    // The pelvis looks along y: ahead is y, and after the quarter turn -x.
-    check(same([at(0, 0), at(0, 1), at(0, 2), at(0, 3)], [[0, 0, 1], [0, 1, 1], [0, 2, 1], [5, 6, -7]]), "links follow from the pelvis and the joints", at(0, 2));
-    check(same([at(1, 0), at(1, 1), at(1, 2), at(1, 3)], [[1, 0, 1], [1, 1, 1], [0, 1, 1], [5, 6, -7]]), "and turn with their joint", at(1, 2));
+    // The pelvis turns x to y; then x to y, y to z and z to x, after the link's quarter.
+    check(same([at(0, 0), at(0, 1), at(0, 2), at(0, 3)], [[0, 0, 1], [0, 1, 1], [-2, 2, 4], [5, 6, -7]]), "links follow from the pelvis and the joints", at(0, 2));
+    check(same([at(1, 0), at(1, 1), at(1, 2), at(1, 3)], [[1, 0, 1], [1, 1, 1], [4, -1, 2], [5, 6, -7]]), "and turn with their joint", at(1, 2));
     check(same([...track.force({ from: 1 }, 0)], [-1, 2, 129 / 256]) && Math.abs(track.angles[1] - Math.PI / 2) < 1e-5, "forces and angles of a row");
   }
 
