@@ -252,7 +252,7 @@ pub fn best_bearing(visuals: &Visuals, light: &Lighting, rows: &[Row], focus: Fo
             let side = between(bearing, heading(&row.robot.pose)) - BEST_SIDE[0];
             let front = 1.0 + 0.5 * libm::exp(-(side / BEST_SIDE[1]).powi(2));
             let open = 1.0 - hidden(visuals, row, &camera, &renderer);
-            seen(&renderer) * front * open * open * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
+            seen(&renderer, focus) * front * open * open * if is_behind_wall(row, bearing) { 0.5 } else { 1.0 }
         };
         rows.iter().map(of_row).sum::<f64>()
     };
@@ -288,12 +288,18 @@ pub fn hidden(visuals: &Visuals, row: &Row, camera: &Camera, renderer: &Renderer
     links.iter().filter(is_hidden).count() as f64 / links.len().max(1) as f64
 }
 
-/// Amount that a picture shows: the size of the robot, and the presence of ladder, lamp, and the room behind.
-fn seen(renderer: &Renderer) -> f64 {
+/// Amount that a picture shows: the size of the robot, and the presence of what its task is about, ladder, lamp, and the room behind.
+fn seen(renderer: &Renderer, focus: Focus) -> f64 {
     let [width, height] = TRIAL;
-    let (mut robot, mut ladder, mut lamp, mut room) = (0, 0, 0, 0);
+    let (mut robot, mut about, mut ladder, mut lamp, mut room) = (0, 0, 0, 0, 0);
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-        match renderer.owner(x, y) {
+        let owner = renderer.owner(x, y);
+        about += i32::from(match focus {
+            Focus::Ladder => owner == Some(ShapeOwner::LADDER),
+            Focus::Crate => owner == Some(ShapeOwner::CRATE),
+            Focus::Bench => owner == Some(ShapeOwner::FRESH_BULB) || owner == Some(ShapeOwner::Bench),
+        });
+        match owner {
             Some(ShapeOwner::Robot(_)) => robot += 1,
             Some(ShapeOwner::LADDER) => ladder += 1,
             Some(ShapeOwner::FIXTURE | ShapeOwner::OLD_BULB | ShapeOwner::FRESH_BULB) => lamp += 1,
@@ -303,7 +309,7 @@ fn seen(renderer: &Renderer) -> f64 {
     }
     let share = |pixels: i32| f64::from(pixels) / (width * height) as f64;
     let there = |pixels: i32, enough: i32| f64::from(pixels.min(enough)) / f64::from(enough);
-    share(robot).sqrt() + 0.06 * there(ladder, 20) + 0.06 * there(lamp, 4) + 0.02 * share(room)
+    share(robot).sqrt() + 0.2 * there(about, 40) + 0.06 * there(ladder, 20) + 0.06 * there(lamp, 4) + 0.02 * share(room)
 }
 
 #[cfg(test)]

@@ -12,9 +12,10 @@ const FOV: f64 = 0.6;
 const SIZE: [usize; 2] = [384, 216];
 
 /// By default the robot fills at least half of the picture's height, all of it is in the picture, and almost nothing is in front of
-/// it: a rail of the ladder, at most.
+/// it: a rail of the ladder, at most. What its task is about is seen, too.
 #[test]
 fn the_robot_is_at_half_the_height_and_nothing_hides_it() {
+    let mut unseen = Vec::new();
     for task in Task::ALL {
         for seed in 0..2 {
             let (scene, row) = stage(task, seed);
@@ -31,10 +32,19 @@ fn the_robot_is_at_half_the_height_and_nothing_hides_it() {
             let [top, bottom] = [rows[0], rows[rows.len() - 1]];
             let height = (bottom - top) as f64 / SIZE[1] as f64;
             let hidden = hidden(&visuals, &row, &camera, &renderer);
-            println!("{task} {seed}: {height:.2} of the height, {hidden:.2} hidden");
+            let about = match focus {
+                Focus::Crate => vec![ShapeOwner::CRATE],
+                Focus::Bench => vec![ShapeOwner::Bench, ShapeOwner::FRESH_BULB],
+                Focus::Ladder => vec![ShapeOwner::LADDER],
+            };
+            let pixels = (0..SIZE[0] * SIZE[1]).map(|at| renderer.owner(at % SIZE[0], at / SIZE[0]));
+            let about = pixels.filter(|owner| owner.is_some_and(|owner| about.contains(&owner))).count();
+            unseen.extend((about < 100).then_some((task, seed)));
+            println!("{task} {seed}: {height:.2} of the height, {hidden:.2} hidden, {about} pixels of its task");
             assert!((0.47..0.86).contains(&height), "{task} {seed}: {height}");
             assert!(top > 0 && bottom < SIZE[1] - 1, "{task} {seed}: rows {top} to {bottom}");
             assert!(hidden < 0.12, "{task} {seed}: {hidden} is hidden");
         }
-    }
+    } // A crate at the other end of the room.
+    assert!(unseen.len() <= 1, "{unseen:?} do not show what they are about");
 }
