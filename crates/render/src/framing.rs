@@ -294,11 +294,12 @@ fn seen(renderer: &Renderer, focus: Focus) -> f64 {
     let (mut robot, mut about, mut ladder, mut lamp, mut room) = (0, 0, 0, 0, 0);
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         let owner = renderer.owner(x, y);
-        about += i32::from(match focus {
-            Focus::Ladder => owner == Some(ShapeOwner::LADDER),
-            Focus::Crate => owner == Some(ShapeOwner::CRATE),
-            Focus::Bench => owner == Some(ShapeOwner::FRESH_BULB) || owner == Some(ShapeOwner::Bench),
-        });
+        // A bulb is a few pixels.
+        about += match focus {
+            Focus::Ladder => i32::from(owner == Some(ShapeOwner::LADDER)),
+            Focus::Crate => i32::from(owner == Some(ShapeOwner::CRATE)),
+            Focus::Bench => 20 * i32::from(owner == Some(ShapeOwner::FRESH_BULB)),
+        };
         match owner {
             Some(ShapeOwner::Robot(_)) => robot += 1,
             Some(ShapeOwner::LADDER) => ladder += 1,
