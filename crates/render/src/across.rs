@@ -1,7 +1,7 @@
 //! The frame across the key light.
 
 use crate::raster::Corner;
-use crate::shade::{Vec3, dot};
+use crate::single::{Vec3, dot};
 
 /// The frame of the map: two axes across the light and one towards it.
 #[derive(Debug, Clone)]

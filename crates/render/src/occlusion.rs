@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x8};
 
 use crate::raster::LANES;
-use crate::shade::Vec3;
+use crate::single::Vec3;
 use crate::wide::vector::{self as wide, floor, greater, lesser};
 
 /// Reach of the occlusion, m.

@@ -1,6 +1,6 @@
 //! Colours and finishes.
 
-use crate::visuals::Look;
+use crate::look::Look;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]

@@ -5,8 +5,9 @@ use nalgebra::Isometry3;
 
 use crate::Visuals;
 use crate::paint::Paint;
-use crate::shade::{MIN_SLANT, SKIRTING, Spot, TILE, dot, floor};
-use crate::view::SinglePose;
+use crate::single::SinglePose;
+use crate::single::{dot, floor};
+use crate::spot::{MIN_SLANT, SKIRTING, Spot, TILE};
 
 /// Length and height of the wall's blocks, and the width of a joint between them, m.
 const BLOCK: [f32; 2] = [0.4, 0.2];

@@ -6,18 +6,21 @@ use fiatlux_world::ShapeOwner;
 use nalgebra::Isometry3;
 
 use crate::lighting::PreparedLight;
+use crate::look::Look;
 use crate::mesh::{Detail, Mesh, Triangle};
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
 use crate::people::Touches;
 use crate::raster::{self, Corner, Four, SPARE};
-use crate::shade::{Lamp, Shader, Spot, Vec3, add, dot, floor, normalize, scale};
+use crate::shade::{Lamp, Shader};
 use crate::shadow::ShadowMap;
+use crate::single::{SinglePose, single};
+use crate::single::{Vec3, add, dot, floor, normalize, scale};
+use crate::spot::Spot;
 use crate::tone::Tone;
 use crate::transform::{Projected, Seen};
-use crate::view::{SinglePose, View, single};
+use crate::view::View;
 use crate::visible::{Painter, Surface};
-use crate::visuals::Look;
 use crate::wide::WideShader;
 use crate::{Camera, Image, Lighting, Visuals};
 

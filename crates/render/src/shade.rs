@@ -5,58 +5,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::lighting::PreparedLight;
 use crate::paint::{Finish, Paint};
 use crate::people::Touches;
-use crate::view::single;
-
-pub(crate) type Vec3 = [f32; 3];
-
-#[inline(always)]
-pub(crate) fn dot(a: Vec3, b: Vec3) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-pub(crate) fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-pub(crate) fn add(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-#[inline(always)]
-pub(crate) fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-pub(crate) fn scale(a: Vec3, by: f32) -> Vec3 {
-    [a[0] * by, a[1] * by, a[2] * by]
-}
-
-#[inline]
-fn product(a: Vec3, b: Vec3) -> Vec3 {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
-}
-
-#[inline]
-pub(crate) fn mix(a: Vec3, b: Vec3, share: f32) -> Vec3 {
-    add(a, scale(sub(b, a), share))
-}
-
-#[inline]
-pub(crate) fn normalize(a: Vec3) -> Vec3 {
-    scale(a, 1.0 / dot(a, a).max(1e-30).sqrt())
-}
-
-/// The next whole number below; for values within +-2^22.
-#[inline]
-pub(crate) fn floor(x: f32) -> f32 {
-    // Adding this rounds to a whole number, at a fraction of the cost of a checked cast.
-    const WHOLE: f32 = 1.5 * (1 << 23) as f32;
-    let near = (x + WHOLE) - WHOLE;
-    if near > x { near - 1.0 } else { near }
-}
+use crate::single::{Vec3, add, dot, floor, mix, normalize, product, scale, single, sub};
+use crate::spot::{GROUT, MIN_SLANT, SKIRTING, Spot, TILE};
 
 /// Light of the dome from above, from below (off the floor), and how much its brighter side adds; linear.
 pub(crate) const SKY: Vec3 = [0.97, 1.0, 1.05];
@@ -66,12 +16,6 @@ pub(crate) const SIDE: f32 = 0.14;
 pub(crate) const HAZE: [Vec3; 2] = [[0.60, 0.65, 0.71], [0.70, 0.78, 0.88]];
 /// The floor fades into the haze between these distances from the world's origin, m.
 pub(crate) const FADE: [f32; 2] = [6.5, 13.0];
-/// Side of a floor tile and width of a joint between tiles, m.
-pub(crate) const TILE: f32 = 0.5;
-pub(crate) const GROUT: f32 = 0.006;
-/// Height of the skirting on the walls, m.
-pub(crate) const SKIRTING: f32 = 0.09;
-
 /// For people, mirrors show a darker ground, and a bright band between two heights of the ray, as of windows.
 const DARK: Vec3 = [0.30, 0.29, 0.28];
 const BAND: f32 = 1.1;
@@ -82,21 +26,6 @@ fn band(rise: f32) -> f32 {
     let at = ((rise - BAND_AT[0]) / (BAND_AT[1] - BAND_AT[0])).clamp(0.0, 1.0);
     let share = 4.0 * at * (1.0 - at);
     share * share
-}
-
-/// Geometry and light of a pixel.
-pub(crate) struct Spot {
-    pub point: Vec3,
-    /// Unit normal of the surface.
-    pub normal: Vec3,
-    /// From the eye; of any length above 0.
-    pub ray: Vec3,
-    /// Width of the pixel on a surface that faces it, m.
-    pub footprint: f32,
-    /// Share of the dome that is not occluded.
-    pub open: f32,
-    /// Share of the key light that arrives.
-    pub lit: f32,
 }
 
 /// The light of a burning bulb. It passes through what stands in its way, but for the lamp's shade.
@@ -249,9 +178,6 @@ pub(crate) fn is_clear(point: Vec3) -> bool {
     let most = FADE[0] - 0.2;
     point[0] * point[0] + point[1] * point[1] < most * most
 }
-
-/// Cosine of the flattest look at the floor that widens a pixel.
-pub(crate) const MIN_SLANT: f32 = 0.05;
 
 /// Brightness of the tiled floor, smoothed over a pixel of that footprint.
 fn tiles(point: Vec3, normal: Vec3, ray: Vec3, footprint: f32) -> f32 {

@@ -6,7 +6,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8};
 use crate::across::Across;
 use crate::mesh::Triangle;
 use crate::raster::{self, Canvas, Four, LANES, SPARE, Setup};
-use crate::shade::{Vec3, add, cross, dot, normalize, scale};
+use crate::single::{Vec3, add, cross, dot, normalize, scale};
 use crate::transform::Projected;
 use crate::wide::vector as wide;
 

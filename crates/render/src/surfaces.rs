@@ -3,9 +3,9 @@
 use fiatlux_world::ShapeOwner;
 
 use crate::Visuals;
+use crate::look::Look;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
-use crate::visuals::Look;
 
 /// Frame that a surface moves with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

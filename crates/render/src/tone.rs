@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, u32x8};
 
 use crate::paint::encode;
-use crate::shade::Vec3;
+use crate::single::Vec3;
 
 /// Exposure before the tone curve.
 const EXPOSURE: f32 = 0.92;

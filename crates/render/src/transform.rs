@@ -5,8 +5,9 @@ use fearless_simd::{Level, dispatch};
 
 use crate::across::Across;
 use crate::raster::Corner;
-use crate::shade::{Vec3, dot};
-use crate::view::{SinglePose, View};
+use crate::single::SinglePose;
+use crate::single::{Vec3, dot};
+use crate::view::View;
 
 /// The vertices of a mesh as the camera sees them, by number.
 #[derive(Debug, Clone, Default)]
@@ -167,7 +168,7 @@ fn see(
     let (ahead, left, up) = (&mut ahead[..count], &mut left[..count], &mut up[..count]);
     let (u, v, depth) = (&mut to.u[..count], &mut to.v[..count], &mut to.depth[..count]);
     for i in 0..count {
-        let way = crate::shade::sub(pose.point([xs[i], ys[i], zs[i]]), view.eye);
+        let way = crate::single::sub(pose.point([xs[i], ys[i], zs[i]]), view.eye);
         let at = [dot(view.axes[0], way), dot(view.axes[1], way), dot(view.axes[2], way)];
         let corner = view.project(at);
         [ahead[i], left[i], up[i]] = at;

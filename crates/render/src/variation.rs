@@ -6,7 +6,7 @@ use fiatlux_world::{CameraVariation, Random, Stream};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
 use crate::paint::{Paint, encode, linear};
-use crate::shade::{Vec3, add, floor, scale};
+use crate::single::{Vec3, add, floor, scale};
 use crate::view::View;
 use crate::{Camera, Renderer};
 

@@ -1,10 +1,10 @@
-//! Camera and poses in single precision.
+//! The camera in single precision.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 
 use crate::Camera;
 use crate::raster::Corner;
-use crate::shade::{Vec3, add, dot, scale, sub};
+use crate::single::{Vec3, add, dot, scale, single, sub};
 
 /// The camera as the rasteriser takes it.
 pub(crate) struct View {
@@ -74,32 +74,5 @@ impl View {
             let slope = (self.middle[i] + 0.5) / self.focal[i];
             at[i + 1].abs() - slope * at[0] <= radius * (1.0 + slope * slope).sqrt()
         })
-    }
-}
-
-pub(crate) fn single(v: &Vector3<f64>) -> Vec3 {
-    [v.x as f32, v.y as f32, v.z as f32]
-}
-
-pub(crate) struct SinglePose {
-    rows: [Vec3; 3],
-    shift: Vec3,
-}
-
-impl SinglePose {
-    pub(crate) fn new(pose: &Isometry3<f64>) -> Self {
-        let matrix = pose.rotation.to_rotation_matrix();
-        let rows = [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)] as f32));
-        Self { rows, shift: single(&pose.translation.vector) }
-    }
-
-    #[inline(always)]
-    pub(crate) fn point(&self, p: Vec3) -> Vec3 {
-        add(self.vector(p), self.shift)
-    }
-
-    #[inline(always)]
-    pub(crate) fn vector(&self, v: Vec3) -> Vec3 {
-        [dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)]
     }
 }

@@ -5,7 +5,7 @@ use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
 use crate::paint::Paint;
 use crate::raster::{Canvas, Plane, Setup};
-use crate::shade::{Vec3, normalize, scale};
+use crate::single::{Vec3, normalize, scale};
 
 /// A visible triangle: what is needed to light its pixels.
 #[derive(Debug, Clone)]

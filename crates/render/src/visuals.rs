@@ -20,17 +20,9 @@ use nalgebra::{Isometry3, Vector3};
 use shapes::{frame_of, shapes};
 
 use crate::RobotMeshes;
+use crate::look::Look;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
-
-/// Appearance of things. The bytes of a sensor's pictures depend on it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Look {
-    /// Things as the robot's cameras see them: part of the benchmark's version.
-    One,
-    /// Things as people see them: the robot's own surfaces, a lamp that lights what is near it.
-    Two,
-}
 
 /// The meshes of a scene, made from its shapes and sizes, and those of the user's own. Constant: one serves any number of renderers.
 #[derive(Debug, Clone)]

@@ -7,7 +7,8 @@ use fiatlux_world::{Scene, SceneConfig, SceneKind, SceneSpec, StartOptions, star
 use nalgebra::Vector3;
 
 use super::*;
-use crate::visuals::{Look, robot::links};
+use crate::look::Look;
+use crate::visuals::robot::links;
 use crate::{Camera, HEAD_PIXELS, Lighting, Renderer, Visuals};
 
 /// A binary STL file of each link that has a look of its own.

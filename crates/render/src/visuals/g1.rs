@@ -3,7 +3,8 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Look, lofts};
+use super::lofts;
+use crate::look::Look;
 use crate::mesh::Mesh;
 use crate::paint::Paint;
 

@@ -3,8 +3,9 @@ use std::sync::Arc;
 use fiatlux_robot::{Robot, Shape};
 use fiatlux_world::ShapeOwner;
 
-use super::{Look, g1, shapes};
+use super::{g1, shapes};
 use crate::RobotMeshes;
+use crate::look::Look;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 

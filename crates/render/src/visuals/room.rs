@@ -1,8 +1,8 @@
 use fiatlux_world::{Scene, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
-use super::Look;
 use super::shapes::shapes;
+use crate::look::Look;
 use crate::mesh::{Detail, Frame, Mesh};
 use crate::paint::Paint;
 

@@ -3,7 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8};
 
-use crate::shade::Vec3;
+use crate::single::Vec3;
 
 pub(crate) type Wide<S> = f32x8<S>;
 pub(crate) type Wide3<S> = [f32x8<S>; 3];
