@@ -59,6 +59,13 @@ pub(super) fn message(pose: &Isometry3<f64>) -> Pose {
     }
 }
 
+/// Sensed angles of all joints, rad.
+pub(super) fn angles(policy: &'static str, observation: &Observation, q0: &[f64]) -> Result<Vec<f64>, PolicyError> {
+    let sensed = observation.proprioception.as_ref();
+    let sensed = sensed.ok_or(PolicyError::Sensor { policy, sensor: "proprioception" })?;
+    Ok(sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect())
+}
+
 /// Converts observations for controllers.
 pub(super) struct Senses {
     /// Name of the policy, for its errors.

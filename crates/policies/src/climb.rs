@@ -61,9 +61,6 @@ const RATES: [f64; 2] = [2.0, 1.6];
 const TOP: [f64; 3] = ladder_numbers::TOP_POINT;
 /// From a ladder's height of another part on, the plan is made to fit.
 const OTHER_HEIGHT: f64 = 0.002;
-/// Part of its largest effort with which a finger presses on a bulb at most, and that by which the average of its angle goes to the
-/// sensed one in each control step.
-const PRESSES: f64 = 0.9;
 /// Work of a search in a control step.
 const SLICE: u32 = 40_000;
 /// Speed of the plan's time where a network follows it.
@@ -261,8 +258,8 @@ impl Policy for Climb {
             ..*own
         });
         let gains = Gains(gains.collect());
-        let holds = matches!(task, "S04" | "S10");
-        let hold = if holds { grip::Hold::new(&info.joints, PRESSES) } else { grip::Hold::default() };
+        let carries = grip::Carrying::of_task(task);
+        let hold = carries.map(|carries| grip::Hold::new(&info.joints, carries, &walker.targets)).unwrap_or_default();
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
         let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
@@ -274,7 +271,7 @@ impl Policy for Climb {
             |start: &Keyframe| (start.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
         let looks = self.climber.is_none() && !self.at_start;
         let here = world_from_plan.inverse() * pelvis;
-        let taken_up = if looks { nearest(&plan, &here, &angles(first, &q0)?) } else { None };
+        let taken_up = if looks { nearest(&plan, &here, &body::angles("climb", first, &q0)?) } else { None };
         let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
         if let Some(time) = taken_up {
             let rest = rest_of(&plan, time);
@@ -311,7 +308,7 @@ impl Policy for Climb {
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("climb"))?;
         let (world_from_plan, pelvis) = placed(observation)?;
-        let angles = angles(observation, &episode.q0)?;
+        let angles = body::angles("climb", observation, &episode.q0)?;
         if episode.player.is_none() && episode.goes_down {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }
@@ -321,7 +318,7 @@ impl Policy for Climb {
             let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
                 if let Command::JointTarget(targets) = &mut goes_on {
-                    episode.hold.write(&episode.walker.targets, &angles, targets);
+                    episode.hold.write(&angles, targets);
                 }
                 return Ok(goes_on);
             }
@@ -353,13 +350,6 @@ fn placed(observation: &Observation) -> Result<(Isometry3<f64>, Isometry3<f64>),
     let world_from_ladder = body::pose("climb", seen.ladder.as_ref())?;
     let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
     Ok((world_from_plan, body::pose("climb", seen.robot.as_ref())?))
-}
-
-/// Angles of all joints, rad.
-fn angles(observation: &Observation, q0: &[f64]) -> Result<Vec<f64>, PolicyError> {
-    let sensed = observation.proprioception.as_ref();
-    let sensed = sensed.ok_or(PolicyError::Sensor { policy: "climb", sensor: "proprioception" })?;
-    Ok(sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect())
 }
 
 /// The time at which a plan has a robot that is already on its way where it is, s; `None` at its start, or far from all postures.
@@ -524,7 +514,7 @@ impl Episode {
         player.moves = self.moves;
         (player.pace, player.lean) = (self.pace, world_from_plan.rotation * self.lean);
         let mut targets = player.step(pelvis, angles).map_err(PolicyError::of("climb"))?.to_vec();
-        self.hold.write(&self.walker.targets, angles, &mut targets);
+        self.hold.write(angles, &mut targets);
         Ok(targets)
     }
 }

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use fiatlux_client::{Command, PolicyError};
 use fiatlux_proto::v3::{Chunk, Observation, SessionInfo};
 use fiatlux_rules::Thresholds;
+use fiatlux_skills::grip::{Carrying, Hold};
 use fiatlux_skills::{Slew, towards};
 use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network, Swing};
 
-use crate::WholeBody;
+use crate::{WholeBody, body};
 
 /// Sensors that it reads.
 pub(crate) const SENSORS: [&str; 3] = ["proprioception", "hand_contact", "last_action"];
@@ -25,6 +26,9 @@ pub(crate) struct Gait {
     body: WholeBody,
     /// `None` where the policy moves the arms.
     swing: Option<Swing>,
+    /// Hands that carry keep their grip.
+    hold: Hold,
+    q0: Vec<f64>,
     /// Where the policy wants arms and hands, rad, as far as it said.
     wanted: Vec<f64>,
     /// Least and greatest angles of all joints, rad.
@@ -47,7 +51,17 @@ impl Gait {
     ) -> Result<Self, PolicyError> {
         let body = WholeBody::own(policy, network, info, first)?;
         let swing = Some(Swing::new(&body.targets));
-        Ok(Self { body, swing, wanted: Vec::new(), limits: Vec::new(), is_free: [true; 2], velocity: [0.0; 3] })
+        let carries = info.task.as_ref().and_then(|task| Carrying::of_task(&task.task));
+        Ok(Self {
+            hold: carries.map(|carries| Hold::new(&info.joints, carries, &body.targets)).unwrap_or_default(),
+            body,
+            swing,
+            q0: info.joints.iter().map(|joint| joint.q0).collect(),
+            wanted: Vec::new(),
+            limits: Vec::new(),
+            is_free: [true; 2],
+            velocity: [0.0; 3],
+        })
     }
 
     /// Starts an episode in which the policy moves arms and hands, and the robot may bend low where it stands.
@@ -62,7 +76,8 @@ impl Gait {
     ) -> Result<Self, PolicyError> {
         let body = WholeBody::own(policy, network, info, first)?.bending_low();
         let limits = info.joints.iter().map(|joint| [joint.lower, joint.upper]).collect();
-        Ok(Self { body, swing: None, wanted: Vec::new(), limits, is_free: [true; 2], velocity: [0.0; 3] })
+        let (hold, q0) = (Hold::default(), Vec::new());
+        Ok(Self { body, swing: None, hold, q0, wanted: Vec::new(), limits, is_free: [true; 2], velocity: [0.0; 3] })
     }
 
     /// Wants other targets of arms and hands, rad, to which each step comes nearer.
@@ -87,6 +102,9 @@ impl Gait {
         }
         for (joint, (target, wanted)) in (MOVED..).zip(self.body.targets.iter_mut().skip(MOVED).zip(&self.wanted)) {
             *target = towards(*target, *wanted, RATES[usize::from(joint >= BODY)]);
+        }
+        if !self.hold.is_empty() {
+            self.hold.write(&body::angles("walk", observation, &self.q0)?, &mut self.body.targets);
         }
         self.body.step(observation, &command)
     }

@@ -93,7 +93,7 @@ const NEAR_M: f64 = 0.4;
 const PLACED: (f64, f64) = (0.05, 0.1);
 const WAITS_M: f64 = 0.5;
 /// Distance at which it goes back there instead of putting the ladder down, m.
-const MAX_OFF_M: f64 = 0.12;
+const MAX_OFF_M: f64 = 0.07;
 /// Roll and yaw of a shoulder, outwards, and angle of an elbow, rad, all other angles of an arm being zero: hanging beside the
 /// body, and with the forearms pressed against the front rails from inside, so that the ladder turns and swings with the robot.
 const HANGING: [f64; 3] = [0.12, 0.0, 1.2];

@@ -1,4 +1,4 @@
-//! How things look.
+//! Looks of things.
 
 /// Appearance of things. The bytes of a sensor's pictures depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -17,6 +17,35 @@ const SENSED: f64 = 0.1;
 /// Control steps in which hands that press on get used to what they hold.
 const SETTLES: u32 = 100;
 
+/// Torque from which on a joint is taken to press on what the hand holds, N m.
+const IDLE: f64 = 0.06;
+
+/// A way of carrying a bulb.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Carrying {
+    /// Share of their largest effort with which fingers press at most.
+    pub presses: f64,
+    /// Share of its first torque that a joint keeps where it closes farther: without, what creeps in the hand slips out of it.
+    pub keeps: f64,
+}
+
+impl Carrying {
+    /// Of an old bulb, as it comes from the socket: the little fingers are below it. With 0.9 one that came to lie against the palm was
+    /// pressed with twice the force, and broke.
+    pub const OLD: Self = Self { presses: 0.9, keeps: 0.6 };
+    /// Of a fresh bulb, between thumb and fingers.
+    pub const FRESH: Self = Self { presses: 0.9, keeps: 0.9 };
+
+    /// In a task, by its short name; `None` where no bulb is carried.
+    pub fn of_task(task: &str) -> Option<Self> {
+        match task {
+            "S04" | "S05" => Some(Self::OLD),
+            "S09" | "S10" => Some(Self::FRESH),
+            _ => None,
+        }
+    }
+}
+
 /// A joint whose angles in the open and the closed hand are nearer to each other says nothing about how far it is closed, rad.
 const MOVES: f64 = 0.2;
 
@@ -174,19 +203,43 @@ impl Grip {
     }
 }
 
-/// Hands that press on as they do at the start, but not with all that their drives have.
+/// Hands that press on as they do at first, but not with all that their drives have.
+///
+/// A held bulb creeps, and fingers that follow it come nearer to their targets: such a joint presses on with much of its first torque.
 #[derive(Debug, Clone, Default)]
 pub struct Hold {
-    /// Each joint with the most that it presses with, N m, and its sensed angle, averaged, rad.
-    joints: Vec<(HandJoint, f64, Option<f64>)>,
+    joints: Vec<HeldJoint>,
     /// Control steps so far.
     steps: u32,
 }
 
+#[derive(Debug, Clone)]
+struct HeldJoint {
+    joint: HandJoint,
+    /// The most that it presses with, N m, and the share of its first torque that it keeps.
+    most: f64,
+    keeps: f64,
+    /// First target, rad.
+    start: f64,
+    /// Sensed angles, averaged: of the first control steps, and of late, rad.
+    first: f64,
+    now: f64,
+    /// The torque that it keeps, N m, with its sign; 0 until it is known.
+    kept: f64,
+}
+
 impl Hold {
-    /// With a share of what the drives can do.
-    pub fn new(joints: &[Joint], share: f64) -> Self {
-        let joint = |(joint, _): (HandJoint, &str)| (joint, share * joints[joint.index].effort_limit, None);
+    /// With these targets of all joints, rad, as far as they may press.
+    pub fn new(joints: &[Joint], carrying: Carrying, start: &[f64]) -> Self {
+        let joint = |(joint, _): (HandJoint, &str)| HeldJoint {
+            joint,
+            start: start.get(joint.index).copied().unwrap_or_default(),
+            most: carrying.presses * joints[joint.index].effort_limit,
+            keeps: carrying.keeps,
+            first: 0.0,
+            now: 0.0,
+            kept: 0.0,
+        };
         Self { joints: HandJoint::all(joints).map(joint).collect(), steps: 0 }
     }
 
@@ -195,21 +248,39 @@ impl Hold {
         self.joints.is_empty()
     }
 
-    /// Writes the targets of the hands' joints: those of the start as far as they may press, by what is sensed at first, rad. After that a
-    /// finger that gives way presses more, or what is held would wander.
-    pub fn write(&mut self, start: &[f64], sensed: &[f64], targets: &mut [f64]) {
+    /// Writes the targets of the hands' joints: the first ones as far as they may press, by what is sensed at first, rad. After that a
+    /// finger that gives way presses more, or what is held would wander; and one that closes farther presses on.
+    pub fn write(&mut self, sensed: &[f64], targets: &mut [f64]) {
         self.steps = self.steps.saturating_add(1);
-        for (joint, torque, average) in &mut self.joints {
-            let (Some(target), Some(start), Some(sensed)) =
-                (targets.get_mut(joint.index), start.get(joint.index), sensed.get(joint.index))
-            else {
+        for held in &mut self.joints {
+            let (Some(target), Some(sensed)) = (targets.get_mut(held.joint.index), sensed.get(held.joint.index)) else {
                 continue;
             };
-            let angle = average.get_or_insert(*sensed);
-            if self.steps < SETTLES {
-                *angle += SENSED * (sensed - *angle);
+            if self.steps == 1 {
+                (held.first, held.now) = (*sensed, *sensed);
             }
-            *target = joint.bounded(*start, *angle, *torque);
+            held.now += SENSED * (sensed - held.now);
+            if self.steps < SETTLES {
+                held.first += SENSED * (sensed - held.first);
+            }
+            *target = held.joint.bounded(held.start, held.first, held.most);
+            if self.steps == SETTLES {
+                held.kept = held.keeps(*target);
+            }
+            let pressing = held.now + held.kept / held.joint.stiffness;
+            if held.kept > 0.0 {
+                *target = target.max(pressing);
+            } else if held.kept < 0.0 {
+                *target = target.min(pressing);
+            }
         }
+    }
+}
+
+impl HeldJoint {
+    /// The torque that it keeps where this is its target, rad.
+    fn keeps(&self, target: f64) -> f64 {
+        let torque = self.joint.stiffness * (target - self.first);
+        if torque.abs() > IDLE { self.keeps * torque } else { 0.0 }
     }
 }

@@ -1,7 +1,7 @@
 //! Plays the errand by `expert` in rooms, the last included, and prints how far it came in each and a funnel:
-//! `cargo run -p fiatlux-policies --example errand -- replace 1000..1063`. A subtask in place of `replace` begins at that subtask's start,
-//! under the rules of `replace`: `S02 1000..1003`. With `trace` it prints each second where robot and bulbs are and what the robot
-//! touches; with `end` five times a second, and the last 30 s of rooms without success alone.
+//! `cargo run -p fiatlux-policies --example errand -- replace 1000..1063`, or `replace fresh:64` for a rate. A subtask in place of `replace`
+//! begins at that subtask's start, under the rules of `replace`: `S02 1000..1003`. With `trace` it prints each second where robot and bulbs are and what the robot
+//! touches; with `end` five times a second in the last 30 s of rooms without success, and as each subtask begins.
 #![allow(missing_docs)]
 
 mod play;
@@ -9,6 +9,7 @@ mod play;
 use std::collections::VecDeque;
 use std::error::Error;
 
+use fiatlux_client::SeedList;
 use fiatlux_rules::{Bulb, CONTROL_DT, SeedOwner, Task, errand};
 use fiatlux_world::{ShapeOwner, World};
 use nalgebra::Isometry3;
@@ -17,6 +18,8 @@ use play::play;
 /// Force from which on a contact is printed, N.
 const FELT: f64 = 1.0;
 /// Control steps between the lines of `trace` and of `end`, and how many of the latter are printed.
+/// Force on a bulb that is printed whenever it is felt, N: soon it breaks.
+const PRESSED: f64 = 40.0;
 const EVERY: [u64; 2] = [50, 10];
 const LINES: usize = 150;
 
@@ -25,17 +28,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [start, seeds, rest @ ..] = arguments.as_slice() else { return Err("START FIRST..LAST [trace] [end]".into()) };
     let [traces, shows_end] = ["trace", "end"].map(|word| rest.iter().any(|given| given == word));
     let start: Task = start.parse()?;
-    let seeds = SeedOwner::training_rooms(seeds)?;
+    let seeds: Vec<u64> = match seeds.parse::<SeedList>() {
+        Ok(drawn) if drawn.fresh => drawn.seeds,
+        _ => SeedOwner::training_rooms(seeds)?.collect(),
+    };
     let mut funnel = Vec::new();
     let mut rooms = 0;
     for seed in seeds {
         let mut lines = VecDeque::new();
+        let mut task = String::new();
         let played = play(start, seed, |world, stage| {
             let is_due = |every: u64| world.row().step.is_multiple_of(every);
             if traces && is_due(EVERY[0]) {
                 println!("{}", state(world, stage));
             }
-            if shows_end && is_due(EVERY[1]) {
+            let now = stage.split(' ').next().unwrap_or_default();
+            if shows_end && now != task {
+                task = now.to_owned();
+                println!("{seed} {} begins", state(world, stage));
+            }
+            if shows_end && (is_due(EVERY[1]) || presses_a_bulb(world)) {
                 lines.push_back(state(world, stage));
                 lines.drain(..lines.len().saturating_sub(LINES));
             }
@@ -67,6 +79,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+fn is_bulb(owner: &ShapeOwner) -> bool {
+    [ShapeOwner::OLD_BULB, ShapeOwner::FRESH_BULB].contains(owner)
+}
+
+/// A bulb is soon pressed until it breaks.
+fn presses_a_bulb(world: &World) -> bool {
+    world.dynamics().contacts().iter().any(|contact| {
+        let owners = [contact.shape_a, contact.shape_b].map(|shape| world.scene().owner(shape));
+        contact.force.norm() > PRESSED && owners.iter().any(is_bulb)
+    })
+}
+
 /// Where robot and bulbs are in the world and the robot in the ladder's frame, how the ladder leans, and what the robot touches
 /// besides the floor and with its soles.
 fn state(world: &World, stage: &str) -> String {
@@ -92,7 +116,9 @@ fn state(world: &World, stage: &str) -> String {
         let owners = [contact.shape_a, contact.shape_b].map(|shape| scene.owner(shape));
         let is_robots = |owner: &ShapeOwner| matches!(owner, ShapeOwner::Robot(_));
         let names = owners.map(name);
-        if owners.iter().any(is_robots) && names.iter().all(|name| !name.contains("ankle")) {
+        if owners.iter().any(|owner| is_robots(owner) || is_bulb(owner))
+            && names.iter().all(|name| !name.contains("ankle"))
+        {
             text += &format!(", {} {} {:.0} N", names[0], names[1], contact.force.norm());
         }
     }

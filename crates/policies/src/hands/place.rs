@@ -50,6 +50,7 @@ struct Stand {
     ahead: f64,
     left: f64,
     margin: f64,
+    right: f64,
     tolerance: f64,
     heading: f64,
     speed: f64,
@@ -191,7 +192,8 @@ impl Place {
                 let pelvis = glass - world_from_side.rotation * Vector3::new(stand.ahead, stand.left, 0.0);
                 let spot = Spot { glass: glass.coords.xy(), pelvis: pelvis.coords.xy(), facing };
                 let cap = world_from_side.inverse() * self.cap(&spot, &hand_from_bulb);
-                let is_inside = aside.abs() < wide - stand.margin
+                let is_inside = aside < wide - stand.margin
+                    && aside > stand.right - wide
                     && cap.x.abs() < deep - 0.5 * stand.margin
                     && cap.y.abs() < wide - stand.margin;
                 let cost = (spot.pelvis - here).norm() + TURN_COST * wrapped(facing - looks).abs();

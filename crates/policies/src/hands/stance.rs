@@ -23,6 +23,8 @@ pub(super) const REST: ArmAngles = [-0.8, -1.2, 0.0, 0.0, 0.5, 0.6, 0.5];
 const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
 /// Postures of the arm from which it is searched where a lean is changed.
 const IMPROVES: usize = 2;
+/// Gap that the arm keeps while the robot leans otherwise, m.
+const SWEPT: f64 = 0.02;
 /// Room of the joints, rad, and gap, m, from which on more of it is not worth more.
 const MAX_ROOM: f64 = 0.35;
 const MAX_GAP: f64 = 0.02;
@@ -178,11 +180,9 @@ impl<J: Judge> Thinker<J> {
         if self.retries.changes_lean(stance.error, &self.lean) {
             stance = self.improve(arm, stance).await?;
             if stance.command != before.command {
-                let way = if self.manner.clears_for_change {
-                    Some(self.way_to_haven(arm, &before.command, &stance).await)
-                } else {
-                    None
-                };
+                let clears = self.manner.clears_for_change
+                    || !self.sweeps_clear(arm, &before.command, &stance.command, &from).await;
+                let way = if clears { Some(self.way_to_haven(arm, &before.command, &stance).await) } else { None };
                 return Ok(Found::Change(before.command, stance, way));
             }
         }
@@ -238,6 +238,20 @@ impl<J: Judge> Thinker<J> {
             }
         }
         Ok(best)
+    }
+
+    /// The arm, as it is, strikes nothing while the robot goes from one command to another.
+    async fn sweeps_clear(&self, arm: &mut RightArm, from: &BodyCommand, to: &BodyCommand, angles: &ArmAngles) -> bool {
+        arm.assume(from, angles);
+        let began = arm.gap(angles, self.manner.apart).await;
+        let least = began.min(SWEPT) - 1e-3;
+        for share in [0.25, 0.5, 0.75, 1.0] {
+            arm.assume(&between(from, to, share), angles);
+            if arm.gap(angles, self.manner.apart).await < least {
+                return false;
+            }
+        }
+        true
     }
 
     async fn way_to_haven(&self, arm: &mut RightArm, before: &BodyCommand, stance: &Stance) -> Vec<ArmAngles> {

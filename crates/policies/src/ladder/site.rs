@@ -6,8 +6,8 @@ use super::{HALF, Place};
 use fiatlux_skills::path::{Map, Point, rectangle, wrapped};
 
 /// Distances of the ladder's centre from the fixture, m: below the ceiling, and from a wall, which the rear feet must not touch. It is put
-/// down a few centimetres short of there.
-const STANDOFF: (f64, f64) = (0.48, 0.58);
+/// down 3 to 4 cm short of there.
+const STANDOFF: (f64, f64) = (0.47, 0.58);
 /// Headings that are compared below the ceiling.
 const HEADINGS: u32 = 36;
 /// Room that the ladder's centre should have, and the places before its steps and behind its legs, y of its frame and m.

@@ -2,7 +2,7 @@
 
 use fiatlux_proto::v3::Joint;
 use fiatlux_robot::{BODY, Robot};
-use fiatlux_skills::grip::{FINGERS, Finger, Grip, HandBodies, Hold, finger, grasp_of, side};
+use fiatlux_skills::grip::{Carrying, FINGERS, Finger, Grip, HandBodies, Hold, finger, grasp_of, side};
 
 const STIFFNESS: f64 = 2.0;
 
@@ -54,13 +54,15 @@ fn a_torque_bounds_what_closes_and_not_what_opens() {
     }
 }
 
+const CARRYING: Carrying = Carrying { presses: 0.8, keeps: 0.6 };
+
 #[test]
 fn a_hold_keeps_its_targets_near_the_fingers() {
     let robot = Robot::by_name("g1_inspire").unwrap();
     let all = joints(&robot);
     let (start, sensed) = (vec![1.0; all.len()], vec![0.2; all.len()]);
     let mut targets = vec![7.0; all.len()];
-    Hold::new(&all, 0.8).write(&start, &sensed, &mut targets);
+    Hold::new(&all, CARRYING, &start).write(&sensed, &mut targets);
     assert!(targets[..BODY].iter().all(|target| *target == 7.0), "the body is not its");
     assert!(targets[BODY..].iter().all(|target| (target - 0.2 - 0.8 * 0.5 / STIFFNESS).abs() < 1e-12), "{targets:?}");
 }
@@ -71,15 +73,21 @@ fn a_hold_stays_where_it_is_once_it_has_settled() {
     let robot = Robot::by_name("g1_inspire").unwrap();
     let all = joints(&robot);
     let (start, mut targets) = (vec![1.0; all.len()], vec![0.0; all.len()]);
-    let mut hold = Hold::new(&all, 0.8);
+    let mut hold = Hold::new(&all, CARRYING, &start);
     let mut after = |hold: &mut Hold, steps: u32, angle: f64| {
-        (0..steps).for_each(|_| hold.write(&start, &vec![angle; all.len()], &mut targets));
+        (0..steps).for_each(|_| hold.write(&vec![angle; all.len()], &mut targets));
         targets[BODY]
     };
     let first = after(&mut hold, 1, 0.2);
     let settled = after(&mut hold, 98, 0.3);
     assert!(settled > first + 0.09, "{first} {settled}");
-    assert_eq!(after(&mut hold, 100, 0.5), settled);
+    // Opened, it presses more.
+    assert_eq!(after(&mut hold, 100, 0.2), settled);
+    // Closed farther, it would press less: it keeps six tenths of its torque.
+    let closed = after(&mut hold, 200, 0.5);
+    assert!((closed - 0.5 - 0.6 * 0.8 * 0.5 / STIFFNESS).abs() < 1e-3, "{closed}");
+    // And its first target again where it opens.
+    assert_eq!(after(&mut hold, 200, 0.3), settled);
 }
 
 #[test]
