@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use fiatlux_proto::v3::{Observation, Pose, SessionInfo};
+use fiatlux_proto::v3::{self, Observation, Pose, SessionInfo};
 use fiatlux_wbc::{BodyCommand, Joint, Network, Proprioception, Sensed, WbcError};
 
 use fiatlux_client::PolicyError;
@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 /// Joints of a session, in the form in which controllers compare them with their own.
 pub(super) fn joints(info: &SessionInfo) -> Vec<Joint> {
-    let joint = |joint: &fiatlux_proto::v3::Joint| Joint {
+    let joint = |joint: &v3::Joint| Joint {
         name: joint.name.clone(),
         q0: joint.q0,
         stiffness: joint.stiffness,
@@ -32,7 +32,7 @@ pub(super) fn staged(policy: &'static str, info: &SessionInfo, first: &Observati
     if first.proprioception.is_none() {
         return Err(PolicyError::Sensor { policy, sensor: "proprioception" });
     }
-    let target = |(joint, action): (&fiatlux_proto::v3::Joint, &f32)| joint.q0 + info.action_scale * f64::from(*action);
+    let target = |(joint, action): (&v3::Joint, &f32)| joint.q0 + info.action_scale * f64::from(*action);
     Ok(info.joints.iter().zip(&first.last_action).map(target).collect())
 }
 
@@ -59,11 +59,20 @@ pub(super) fn message(pose: &Isometry3<f64>) -> Pose {
     }
 }
 
+/// The proprioception of an observation.
+///
+/// # Errors
+/// The observation has no proprioception.
+pub(super) fn sensed<'a>(
+    policy: &'static str,
+    observation: &'a Observation,
+) -> Result<&'a v3::Proprioception, PolicyError> {
+    observation.proprioception.as_ref().ok_or(PolicyError::Sensor { policy, sensor: "proprioception" })
+}
+
 /// Sensed angles of all joints, rad.
-pub(super) fn angles(policy: &'static str, observation: &Observation, q0: &[f64]) -> Result<Vec<f64>, PolicyError> {
-    let sensed = observation.proprioception.as_ref();
-    let sensed = sensed.ok_or(PolicyError::Sensor { policy, sensor: "proprioception" })?;
-    Ok(sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect())
+pub(super) fn angles(sensed: &v3::Proprioception, q0: &[f64]) -> Vec<f64> {
+    sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect()
 }
 
 /// Converts observations for controllers.
@@ -83,9 +92,7 @@ impl Senses {
     /// # Errors
     /// The observation has no proprioception.
     pub fn read(&mut self, observation: &Observation) -> Result<Sensed<'_>, PolicyError> {
-        let body = observation.proprioception.as_ref();
-        let body = body.ok_or(PolicyError::Sensor { policy: self.policy, sensor: "proprioception" })?;
-        Ok(self.sensed.read(body))
+        Ok(self.sensed.read(sensed(self.policy, observation)?))
     }
 }
 

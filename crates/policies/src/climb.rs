@@ -271,7 +271,8 @@ impl Policy for Climb {
             |start: &Keyframe| (start.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
         let looks = self.climber.is_none() && !self.at_start;
         let here = world_from_plan.inverse() * pelvis;
-        let taken_up = if looks { nearest(&plan, &here, &body::angles("climb", first, &q0)?) } else { None };
+        let taken_up =
+            if looks { nearest(&plan, &here, &body::angles(body::sensed("climb", first)?, &q0)) } else { None };
         let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
         if let Some(time) = taken_up {
             let rest = rest_of(&plan, time);
@@ -308,7 +309,7 @@ impl Policy for Climb {
     fn act(&mut self, observation: &Observation) -> Result<Command, PolicyError> {
         let episode = self.episode.as_mut().ok_or_else(|| PolicyError::not_reset("climb"))?;
         let (world_from_plan, pelvis) = placed(observation)?;
-        let angles = body::angles("climb", observation, &episode.q0)?;
+        let angles = body::angles(body::sensed("climb", observation)?, &episode.q0);
         if episode.player.is_none() && episode.goes_down {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }

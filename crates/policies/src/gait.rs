@@ -23,6 +23,8 @@ const SETTLES: u64 = 25;
 
 /// A body that walks.
 pub(crate) struct Gait {
+    /// Name of the policy, for its errors.
+    policy: &'static str,
     body: WholeBody,
     /// `None` where the policy moves the arms.
     swing: Option<Swing>,
@@ -53,6 +55,7 @@ impl Gait {
         let swing = Some(Swing::new(&body.targets));
         let carries = info.task.as_ref().and_then(|task| Carrying::of_task(&task.task));
         Ok(Self {
+            policy,
             hold: carries.map(|carries| Hold::new(&info.joints, carries, &body.targets)).unwrap_or_default(),
             body,
             swing,
@@ -77,7 +80,17 @@ impl Gait {
         let body = WholeBody::own(policy, network, info, first)?.bending_low();
         let limits = info.joints.iter().map(|joint| [joint.lower, joint.upper]).collect();
         let (hold, q0) = (Hold::default(), Vec::new());
-        Ok(Self { body, swing: None, hold, q0, wanted: Vec::new(), limits, is_free: [true; 2], velocity: [0.0; 3] })
+        Ok(Self {
+            policy,
+            body,
+            swing: None,
+            hold,
+            q0,
+            wanted: Vec::new(),
+            limits,
+            is_free: [true; 2],
+            velocity: [0.0; 3],
+        })
     }
 
     /// Wants other targets of arms and hands, rad, to which each step comes nearer.
@@ -104,7 +117,7 @@ impl Gait {
             *target = towards(*target, *wanted, RATES[usize::from(joint >= BODY)]);
         }
         if !self.hold.is_empty() {
-            self.hold.write(&body::angles("walk", observation, &self.q0)?, &mut self.body.targets);
+            self.hold.write(&body::angles(body::sensed(self.policy, observation)?, &self.q0), &mut self.body.targets);
         }
         self.body.step(observation, &command)
     }

@@ -18,7 +18,7 @@ pub fn host_of(headers: &HeaderMap) -> &str {
 }
 
 /// The name in `name:port`, without the brackets of an IPv6 address; `None` if it is not one of that form.
-fn name_of(authority: &str) -> Option<&str> {
+pub fn name_of(authority: &str) -> Option<&str> {
     let is_number = |port: &str| port.bytes().all(|byte| byte.is_ascii_digit()) && port.parse::<u16>().is_ok();
     let is_port =
         |rest: &str| rest.is_empty() || rest.strip_prefix(':').is_some_and(|port| port.is_empty() || is_number(port));

@@ -10,7 +10,7 @@ use axum::response::Response;
 
 pub use crate::connections::{Connection, connection_of, serve};
 pub use crate::download::download;
-pub use crate::hosts::{host_of, is_own, is_same_origin};
+pub use crate::hosts::{host_of, is_own, is_same_origin, name_of};
 use crate::page::{Head, MODULES, ONE, PAIR, STYLE};
 
 /// Headers of every answer.

@@ -257,11 +257,11 @@ impl Hold {
                 continue;
             };
             if self.steps == 1 {
-                (held.first, held.now) = (*sensed, *sensed);
+                held.now = *sensed;
             }
             held.now += SENSED * (sensed - held.now);
             if self.steps < SETTLES {
-                held.first += SENSED * (sensed - held.first);
+                held.first = held.now;
             }
             *target = held.joint.bounded(held.start, held.first, held.most);
             if self.steps == SETTLES {

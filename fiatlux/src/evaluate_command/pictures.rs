@@ -8,7 +8,7 @@ use std::thread;
 
 use anyhow::Context;
 use fiatlux_bag::{Bag, Patience};
-use fiatlux_cli::{in_full, write_whole};
+use fiatlux_cli::{ProgressLine, in_full, write_whole};
 use fiatlux_grading::report::REPLAYS;
 use fiatlux_grading::{EpisodeRow, Results};
 use fiatlux_replay::{Poster, Replay, standalone};
@@ -22,20 +22,27 @@ const MAX_EPISODES: usize = 48;
 pub(super) fn draw(out: &Path, results: &Results, stop: &AtomicBool) -> bool {
     let episodes = chosen(results);
     let (next, drawn) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let line = ProgressLine::default();
     let work = || {
-        while let Some(episode) = episodes.get(next.fetch_add(1, Ordering::Relaxed)) {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(episode) = episodes.get(index) else { return };
+            line.show(|| format!("replay {} of {}", index + 1, episodes.len()));
             if stop.load(Ordering::Relaxed) {
                 return;
             }
             match draw_one(out, episode) {
                 Ok(true) => drawn.store(true, Ordering::Relaxed),
                 Ok(false) => {}
-                Err(error) => fiatlux_cli::report(format!("no replay of {}: {}", episode.bag, in_full(&*error))),
+                Err(error) => line.write_over(|| {
+                    fiatlux_cli::report(format!("no replay of {}: {}", episode.bag, in_full(&*error)));
+                }),
             }
         }
     };
     let threads = thread::available_parallelism().map_or(1, NonZeroUsize::get).min(episodes.len());
     thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+    line.clear();
     drawn.into_inner()
 }
 

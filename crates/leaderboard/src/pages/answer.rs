@@ -8,6 +8,7 @@ use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use data_encoding::HEXLOWER;
+use fiatlux_replay::site::{host_of, name_of};
 use sha2::{Digest, Sha256};
 
 use crate::StoreError;
@@ -103,21 +104,15 @@ fn page_with(template: &impl Template, policy: String) -> Response {
 /// Where this site is, such as `https://board.example.org`, by the request: a name, an address or `localhost`, with a port or without.
 /// Anything else in `Host` is not shown.
 pub(super) fn site_of(asked: &HeaderMap) -> String {
-    let text = |name: &str| asked.get(name).and_then(|value| value.to_str().ok()).map(str::trim);
-    let is_host = |host: &&str| {
-        let (name, port) = match host.rsplit_once(':') {
-            Some((name, port)) if !port.ends_with(']') => (name, Some(port)),
-            _ => (*host, None),
-        };
-        let inner = name.strip_prefix('[').and_then(|name| name.strip_suffix(']'));
-        let is_name = inner.map_or_else(
-            || !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || b"-.".contains(&c)),
-            |address| address.parse::<Ipv6Addr>().is_ok(),
-        );
-        is_name && name.len() <= 253 && port.is_none_or(|port| port.parse::<u16>().is_ok())
+    let host = host_of(asked).trim();
+    let is_name = |name: &str| match host.starts_with('[') {
+        true => name.parse::<Ipv6Addr>().is_ok(),
+        false => !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || b"-.".contains(&c)),
     };
-    let Some(host) = text("host").filter(is_host) else { return "https://ADDRESS-OF-THIS-SITE".into() };
-    let scheme = match text("x-forwarded-proto") {
+    if !name_of(host).is_some_and(|name| is_name(name) && name.len() <= 253) || host.ends_with(':') {
+        return "https://ADDRESS-OF-THIS-SITE".into();
+    }
+    let scheme = match asked.get("x-forwarded-proto").and_then(|value| value.to_str().ok()).map(str::trim) {
         Some(scheme @ ("http" | "https")) => scheme,
         // A name without a port is behind a proxy, which has TLS.
         _ if host.contains(':') || host == "localhost" || host.parse::<Ipv4Addr>().is_ok() => "http",
@@ -173,6 +168,8 @@ mod tests {
             ("a$(rm)", "", nowhere),
             ("<b>", "", nowhere),
             ("a:99999", "", nowhere),
+            ("a:", "", nowhere),
+            ("[board]", "", nowhere),
             ("", "", nowhere),
         ];
         for (host, scheme, expected) in cases {
@@ -182,5 +179,10 @@ mod tests {
             assert_eq!(site_of(&asked), expected, "{host}");
         }
         assert_eq!(site_of(&HeaderMap::new()), nowhere);
+        let mut twice = HeaderMap::new();
+        for host in ["board.example.org", "evil.example"] {
+            twice.append(header::HOST, HeaderValue::from_static(host));
+        }
+        assert_eq!(site_of(&twice), nowhere);
     }
 }

@@ -1,7 +1,7 @@
 //! Plays the errand by `expert` in rooms, the last included, and prints how far it came in each and a funnel:
 //! `cargo run -p fiatlux-policies --example errand -- replace 1000..1063`, or `replace fresh:64` for a rate. A subtask in place of `replace`
-//! begins at that subtask's start, under the rules of `replace`: `S02 1000..1003`. With `trace` it prints each second where robot and bulbs are and what the robot
-//! touches; with `end` five times a second in the last 30 s of rooms without success, and as each subtask begins.
+//! begins at that subtask's start, under the rules of `replace`: `S02 1000..1003`. With `trace` it prints each second where robot and bulbs
+//! are and what the robot touches; with `end` five times a second in the last 30 s of rooms without success, and as each subtask begins.
 #![allow(missing_docs)]
 
 mod play;
@@ -10,16 +10,16 @@ use std::collections::VecDeque;
 use std::error::Error;
 
 use fiatlux_client::SeedList;
-use fiatlux_rules::{Bulb, CONTROL_DT, SeedOwner, Task, errand};
+use fiatlux_rules::{Bulb, CONTROL_DT, SeedOwner, Task, Thresholds, errand};
 use fiatlux_world::{ShapeOwner, World};
 use nalgebra::Isometry3;
 use play::play;
 
 /// Force from which on a contact is printed, N.
 const FELT: f64 = 1.0;
+/// Share of the force that breaks a bulb from which on it is printed in each step.
+const PRESSED: f64 = 0.8;
 /// Control steps between the lines of `trace` and of `end`, and how many of the latter are printed.
-/// Force on a bulb that is printed whenever it is felt, N: soon it breaks.
-const PRESSED: f64 = 40.0;
 const EVERY: [u64; 2] = [50, 10];
 const LINES: usize = 150;
 
@@ -85,9 +85,10 @@ fn is_bulb(owner: &ShapeOwner) -> bool {
 
 /// A bulb is soon pressed until it breaks.
 fn presses_a_bulb(world: &World) -> bool {
+    let pressed = PRESSED * Thresholds::default().fragility_n;
     world.dynamics().contacts().iter().any(|contact| {
         let owners = [contact.shape_a, contact.shape_b].map(|shape| world.scene().owner(shape));
-        contact.force.norm() > PRESSED && owners.iter().any(is_bulb)
+        contact.force.norm() > pressed && owners.iter().any(is_bulb)
     })
 }
 

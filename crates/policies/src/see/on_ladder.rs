@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{Arms, Body};
 use fiatlux_dynamics::Site;
-use fiatlux_proto::v3::{Chunk, Observation, Privileged, Proprioception, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Privileged, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_room::{fixture, ladder, start};
 use fiatlux_rules::Task;
@@ -19,7 +19,7 @@ use super::finds::Found;
 use super::posture::Posture;
 use super::reckoning::{Goes, Reckoning};
 use crate::Climb;
-use crate::body::message;
+use crate::body::{angles, message, sensed};
 use crate::hands::{Hands, hand_link};
 
 /// Height of the pelvis from which a task begins on the platform, m, and from which pictures say where the robot is.
@@ -102,7 +102,7 @@ impl OnLadder {
         );
         let reckoning = Reckoning::new(body, up, SPREAD);
         let mut reckoning = reckoning.ok_or_else(|| unfit("the robot has no LiDAR; use another robot"))?;
-        let sensed = sensed(first)?;
+        let sensed = sensed("see", first)?;
         if f64::from(sensed.base_height) < UP_M && !reckoning.search(sensed, &angles(sensed, &q0), &first.lidar) {
             return Err(unfit("the LiDAR does not see the ladder; begin before it or on it"));
         }
@@ -129,7 +129,7 @@ impl OnLadder {
         observation: &Observation,
         find: impl FnOnce() -> Option<Found>,
     ) -> Result<Command, PolicyError> {
-        let sensed = sensed(observation)?;
+        let sensed = sensed("see", observation)?;
         let angles = angles(sensed, &self.q0);
         let scan = (!observation.lidar.is_empty()).then_some(observation.lidar.as_slice());
         let (goes, rests) = match &self.plays {
@@ -234,12 +234,4 @@ fn socket(at_wall: bool) -> Isometry3<f64> {
         (UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI), fixture::STANDOFF_CEILING)
     };
     Isometry3::from_parts(Vector3::new(0.0, distance, fixture::HEIGHT).into(), turn)
-}
-
-fn sensed(observation: &Observation) -> Result<&Proprioception, PolicyError> {
-    observation.proprioception.as_ref().ok_or(PolicyError::Sensor { policy: "see", sensor: "proprioception" })
-}
-
-fn angles(sensed: &Proprioception, q0: &[f64]) -> Vec<f64> {
-    sensed.joint_position.iter().zip(q0).map(|(turned, q0)| f64::from(*turned) + q0).collect()
 }

@@ -62,16 +62,21 @@ fn bags(out: &Path) -> Vec<String> {
     names
 }
 
+/// A cockpit at a free port, its station, and options of takes in a folder of that name.
+fn begin(name: &str) -> (Arc<Station>, Cockpit, TakeOptions) {
+    let out = std::env::temp_dir().join(format!("fiatlux-{name}-{}", std::process::id()));
+    let station = Arc::new(Station::default());
+    let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+    let cockpit = Cockpit::bind(any, &[], Arc::clone(&station)).expect("a free port");
+    (station, cockpit, TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out })
+}
+
 /// The page is lost and comes back, one take is discarded, one is running when the program ends: what is kept is whole, and is
 /// graded as a take alone.
 #[test]
 fn takes_are_kept_whole_whatever_the_page_does() {
-    let out = std::env::temp_dir().join(format!("fiatlux-takes-{}", std::process::id()));
-    let station = Arc::new(Station::default());
-    let any = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let cockpit = Cockpit::bind(any, &[], Arc::clone(&station)).expect("a free port");
-    let (url, quit) = (cockpit.url(), Arc::new(AtomicBool::new(false)));
-    let options = TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out: out.clone() };
+    let (station, cockpit, options) = begin("takes");
+    let (url, quit, out) = (cockpit.url(), Arc::new(AtomicBool::new(false)), options.out.clone());
     let kept = std::thread::scope(|scope| {
         scope.spawn(|| cockpit.serve(&quit).expect("it serves"));
         let played = scope.spawn(|| takes::play(&options, &station, &quit));
@@ -113,12 +118,8 @@ fn takes_are_kept_whole_whatever_the_page_does() {
 /// A take that no page has been open for pauses after 10 s, and goes on with the next page.
 #[test]
 fn a_take_pauses_while_no_page_is_open() {
-    let out = std::env::temp_dir().join(format!("fiatlux-pause-{}", std::process::id()));
-    let station = Arc::new(Station::default());
-    let cockpit = Cockpit::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &[], Arc::clone(&station));
-    let cockpit = cockpit.expect("a free port");
-    let (url, quit) = (cockpit.url(), Arc::new(AtomicBool::new(false)));
-    let options = TakeOptions { task: Task::S07, seed: 4, robot: "g1_inspire".into(), out: out.clone() };
+    let (station, cockpit, options) = begin("pause");
+    let (url, quit, out) = (cockpit.url(), Arc::new(AtomicBool::new(false)), options.out.clone());
     let kept = std::thread::scope(|scope| {
         scope.spawn(|| cockpit.serve(&quit).expect("it serves"));
         let played = scope.spawn(|| takes::play(&options, &station, &quit));
