@@ -3,6 +3,21 @@
 import { bytesOf, lastUpTo } from "./data.js";
 import { element, seconds } from "./words.js";
 
+// A picture that a canvas can draw, also where there is no createImageBitmap.
+async function unpacked(blob) {
+  if (typeof createImageBitmap === "function") return createImageBitmap(blob);
+  const ended = (one, begin) =>
+    new Promise((done, failed) => {
+      [one.onload, one.onerror] = [done, failed];
+      begin();
+    });
+  const [reader, image] = [new FileReader(), new Image()];
+  await ended(reader, () => reader.readAsDataURL(blob));
+  // The page's rules allow no other address of a picture.
+  await ended(image, () => (image.src = reader.result));
+  return image;
+}
+
 export class Pictures {
   constructor(root, track, address) {
     this.track = track;
@@ -43,7 +58,7 @@ export class Pictures {
     this.isBusy = true;
     const moment = seconds(this.steps[index], this.track.dt);
     try {
-      const picture = await createImageBitmap(this.blobs[index]);
+      const picture = await unpacked(this.blobs[index]);
       [this.canvas.width, this.canvas.height] = [picture.width, picture.height];
       this.canvas.getContext("2d").drawImage(picture, 0, 0);
       this.said.textContent = `Head camera at ${moment}`;
