@@ -616,7 +616,7 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         """Values drawn for the present episodes, arrays over all worlds by name.
 
         ``seed`` and ``episode`` are those of the start; names that begin with ``light.`` are its light. The others are the keys of
-        ``ranges``, with an axis of bodies or drives where each has its own number, and ``noise`` and ``action_delay_ms``. What a
+        ``ranges``, with an axis of bodies or drives where each has its own number, and ``noise`` and ``action_delay`` (ms). What a
         world did not draw is NaN.
         """
         self._check_open()

@@ -65,7 +65,7 @@ def test_what_was_drawn_is_in_info():
     for name, (low, high) in [
         ("gravity", (9.5, 10.0)),
         ("noise", (0.5, 1.5)),
-        ("action_delay_ms", (0, 40)),
+        ("action_delay", (0, 40)),
         ("thing_mass.ladder", (0.9, 1.1)),
         ("thing_mass.fresh_bulb", (0.8, 1.2)),
         ("friction.floor", (0.6, 1.0)),

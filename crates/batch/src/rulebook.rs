@@ -393,7 +393,7 @@ impl Task for Rulebook {
         let noise = if self.noise.is_some() { self.noise_scale } else { 0.0 };
         let cameras = self.of_cameras();
         let cameras = camera_ranges().filter_map(|name| Some((name, *cameras.get(name)?)));
-        [("action_delay_ms", steps as f64 * CONTROL_DT * 1e3), ("noise", noise)].into_iter().chain(cameras).collect()
+        [("action_delay", steps as f64 * CONTROL_DT * 1e3), ("noise", noise)].into_iter().chain(cameras).collect()
     }
 
     fn save(&self) -> Result<Vec<u8>, TaskError> {
