@@ -1,5 +1,6 @@
-"""Compares the rates in README and the book with docs/figures.toml: .ci/figures.py [--write]."""
+"""Compares the rates in README, the book and its pictures with docs/figures.toml: .ci/figures.py [--write]."""
 
+import hashlib
 import math
 import pathlib
 import re
@@ -7,6 +8,9 @@ import sys
 import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+# A result as `fiatlux evaluate` prints it, and the figure that each policy's is.
+RESULT = re.compile(r"^(\w+): (\d+)/(\d+) strict", re.MULTILINE)
+RESULTS = {"expert": "expert_first_rooms"}
 MARK = re.compile(r"<!--= ([\w.]+) (\w+) -->(.*?)<!--/-->", re.DOTALL)
 
 
@@ -72,6 +76,37 @@ def check(page: str, content: str, figures: dict) -> tuple[str, list[str]]:
     return filled, wrong
 
 
+def quoted(page: str, content: str, figures: dict) -> list[str]:
+    """What is wrong in results that a page quotes from a terminal, where no comment can be."""
+    wrong = []
+    for policy, *said in RESULT.findall(content):
+        right = text(figures, RESULTS[policy], "of") if policy in RESULTS else "in no figure"
+        if " of ".join(said) != right:
+            wrong.append(f"{page}: the result of {policy} is {right}, the page quotes {' of '.join(said)}")
+    return wrong
+
+
+def version() -> int:
+    """The benchmark's version."""
+    return int(re.search(r"BENCHMARK_VERSION: u32 = (\d+)", (ROOT / "crates/rules/src/lib.rs").read_text())[1])
+
+
+def pictured(folder: pathlib.Path, figures: dict) -> list[str]:
+    """What is wrong in the pictures of scores: docs/pictures/figures.toml says which figures each one shows."""
+    drawn = tomllib.loads((folder / "figures.toml").read_text())
+    wrong = []
+    for name, entry in drawn.items():
+        again = f"{name}: draw it anew, deploy/pictures.sh {entry['part']}"
+        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != entry["sha256"]:
+            wrong.append(f"{again}: it is not the picture that docs/pictures/figures.toml is of")
+        if entry["version"] != version():
+            wrong.append(f"{again}: it is of version {entry['version']} of the benchmark, which has version {version()}")
+        for figure, said in entry["figures"].items():
+            if said != (right := text(figures, figure, "of")):
+                wrong.append(f"{again}: it shows {said} for {figure}, which is {right}")
+    return wrong
+
+
 def main() -> None:
     figures = tomllib.loads((ROOT / "docs/figures.toml").read_text())
     faults, used = [], set()
@@ -82,7 +117,8 @@ def main() -> None:
         if "--write" in sys.argv and filled != content:
             path.write_text(filled)
             wrong = check(str(path), filled, figures)[1]
-        faults += wrong
+        faults += wrong + quoted(str(path.relative_to(ROOT)), filled, figures)
+    faults += pictured(ROOT / "docs/pictures", figures)
     faults += [f"docs/figures.toml: no page states {name}" for name in sorted(set(figures) - used)]
     if faults:
         sys.exit("\n".join(faults))

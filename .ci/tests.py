@@ -1,5 +1,6 @@
 """Tests of the checks in this folder: each one fails on what it is there to find. `.ci/run` runs them."""
 
+import hashlib
 import os
 import re
 import shutil
@@ -166,6 +167,35 @@ class Figures(unittest.TestCase):
             with self.subTest(fault):
                 [found] = figures.check("p", page, self.DATA)[1]
                 self.assertIn(fault, found)
+
+    def test_a_result_that_a_page_quotes(self):
+        data = {"expert_first_rooms": {"successes": 48, "episodes": 48}}
+        for page, faults in [
+            ("expert: 48/48 strict, S 1.000", 0),
+            ("so `expert: 47/48 strict`", 0),
+            ("expert: 47/48 strict, S 0.990", 1),
+            ("other: 1/1 strict, S 1.000", 1),
+        ]:
+            with self.subTest(page):
+                self.assertEqual(len(figures.quoted("p", f"\n{page}\n", data)), faults)
+
+    def test_a_picture_that_shows_something_else(self):
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place)
+            (folder / "board.png").write_bytes(b"picture")
+            digest, version = hashlib.sha256(b"picture").hexdigest(), figures.version()
+            for told, said, sha256, faults in [
+                (version, "45 of 48", digest, []),
+                (version, "44 of 48", digest, ["it shows 44 of 48 for a, which is 45 of 48"]),
+                (version - 1, "45 of 48", digest, [f"it is of version {version - 1} "]),
+                (version, "45 of 48", "0", ["it is not the picture"]),
+            ]:
+                lines = ['["board.png"]', 'part = "board"', f"version = {told}", f'sha256 = "{sha256}"', f'figures.a = "{said}"']
+                (folder / "figures.toml").write_text("\n".join(lines))
+                found = figures.pictured(folder, self.DATA)
+                self.assertEqual(len(found), len(faults), found)
+                for line, fault in zip(found, faults):
+                    self.assertIn(f"deploy/pictures.sh board: {fault}", line)
 
 
 class Bill(unittest.TestCase):
