@@ -48,6 +48,7 @@ impl Start {
 }
 
 /// An episode under the strict rules, and what the robot senses.
+#[derive(Clone)]
 pub struct Game {
     pub info: SessionInfo,
     /// Wrenches that are held over every step.
