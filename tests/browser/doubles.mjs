@@ -126,9 +126,47 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   with_(() => [{ mapping: "standard", axes: [0], buttons: [] }]);
   check(gamepad.read(true).connected, "a pad that does not say that it is connected");
   with_(() => [{ mapping: "standard", connected: false, axes: [0.5], buttons: [] }]);
-  check(!gamepad.read(true).connected, "a pad that was unplugged");
+  check(!gamepad.read(true).connected && !gamepad.isMoved(), "a pad that was unplugged");
+  with_(() => [{ mapping: "standard", connected: false, axes: [1], buttons: [1] }, { mapping: "standard", connected: true, axes: [0.5], buttons: [] }]);
+  check(same(gamepad.read(true), { ...rest, axes: [0.5], connected: true }), "one that was unplugged in the place before another");
   with_(() => [{ mapping: "standard" }]);
   check(same(gamepad.read(true), rest) && !gamepad.isMoved(), "a pad without axes and buttons");
+}
+
+// Thumb sticks: touches that end without an event, or before the page hears of them.
+{
+  const { Sticks } = await page("sticks.js");
+  const stick = () => {
+    const heard = {};
+    const element = { heard, clientWidth: 100, firstElementChild: { style: {}, clientWidth: 20 }, setPointerCapture() {} };
+    element.addEventListener = (kind, act) => (heard[kind] = act);
+    element.getBoundingClientRect = () => ({ left: 0, top: 0, width: 100, height: 100 });
+    return element;
+  };
+  const [left, right] = [stick(), stick()];
+  const sticks = new Sticks([left, right]);
+  const touch = (element, kind, pointerId, clientX = 100, clientY = 50) => element.heard[kind]({ pointerId, clientX, clientY, preventDefault() {} });
+  touch(left, "pointerdown", 1);
+  touch(right, "pointerdown", 2, 50, 0);
+  check(same(sticks.read(true).axes, [1, 0, 0, -1]) && sticks.isHeld(), "two thumbs at once", sticks.read(true).axes);
+  touch(left, "pointerup", 2);
+  touch(left, "pointerdown", 3, 0);
+  check(same(sticks.read(true).axes, [1, 0, 0, -1]), "a second finger on a stick changes nothing", sticks.read(true).axes);
+  touch(left, "pointercancel", 1);
+  touch(right, "lostpointercapture", 2);
+  check(same(sticks.read(true).axes, [0, 0, 0, 0]) && !sticks.isHeld(), "a touch that the system takes stops");
+  for (const kind of ["blur", "visibilitychange", "pagehide", "freeze"]) {
+    touch(left, "pointerdown", 4);
+    fire(kind);
+    check(same(sticks.read(true).axes, [0, 0, 0, 0]) && !sticks.isHeld(), `no stick stays held after ${kind}`, sticks.read(true).axes);
+  }
+  left.setPointerCapture = throwing;
+  touch(left, "pointerdown", 5);
+  check(!sticks.isHeld() && sticks.read(true).axes[0] === 0, "a finger that is lifted before the page hears of it");
+  left.setPointerCapture = () => {};
+  touch(left, "pointerdown", 6);
+  check(sticks.isHeld() && sticks.read(true).axes[0] === 1, "and the next one drives");
+  fire("blur");
 }
 
 // The token: the address bar, and what a tab keeps.

@@ -13,7 +13,9 @@ export class Gamepad {
     } catch {
       return null;
     }
-    return Array.from(pads).find((pad) => pad?.mapping === "standard" && pad.axes && pad.buttons) ?? null;
+    // One that was unplugged may stay in its place, with what it said last.
+    const usable = Array.from(pads).filter((pad) => pad?.mapping === "standard" && pad.axes && pad.buttons);
+    return usable.find((pad) => pad.connected !== false) ?? null;
   }
 
   // True while it is moved.
@@ -30,6 +32,6 @@ export class Gamepad {
     const pad = this.pad();
     const axes = pad ? Array.from(pad.axes, number).slice(0, 4) : [];
     const buttons = pad ? Array.from(pad.buttons, valueOf).slice(0, 17) : [];
-    return { axes, buttons, connected: pad !== null && pad.connected !== false && document.visibilityState === "visible", running };
+    return { axes, buttons, connected: pad !== null && document.visibilityState === "visible", running };
   }
 }

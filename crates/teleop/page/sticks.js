@@ -1,11 +1,14 @@
 // Two thumb sticks on a touch screen. They send what a gamepad does.
 
+// What takes a thumb away without an end of its touch.
+const TAKERS = ["blur", "pagehide", "freeze", "visibilitychange"];
+
 export class Sticks {
   // The elements of the left and the right stick, each with its knob in it.
   constructor(elements) {
     this.axes = [0, 0, 0, 0];
     this.holding = elements.map(() => null);
-    elements.forEach((stick, index) => {
+    const release = elements.map((stick, index) => {
       const knob = stick.firstElementChild;
       const put = (x, y) => {
         [this.axes[2 * index], this.axes[2 * index + 1]] = [x, y];
@@ -18,10 +21,19 @@ export class Sticks {
         const size = Math.max(Math.hypot(x, y), 1);
         put(x / size, y / size);
       };
+      const letGo = () => {
+        this.holding[index] = null;
+        put(0, 0);
+      };
       stick.addEventListener("pointerdown", (event) => {
         if (this.holding[index] !== null) return;
+        try {
+          stick.setPointerCapture(event.pointerId);
+        } catch {
+          // It is lifted already: nothing would tell when to stop.
+          return;
+        }
         this.holding[index] = event.pointerId;
-        stick.setPointerCapture(event.pointerId);
         follow(event);
       });
       stick.addEventListener("pointermove", (event) => {
@@ -30,13 +42,13 @@ export class Sticks {
       // A thumb that is lifted, or that the system takes for a gesture of its own.
       for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) {
         stick.addEventListener(kind, (event) => {
-          if (event.pointerId !== this.holding[index]) return;
-          this.holding[index] = null;
-          put(0, 0);
+          if (event.pointerId === this.holding[index]) letGo();
         });
       }
       stick.addEventListener("contextmenu", (event) => event.preventDefault());
+      return letGo;
     });
+    for (const kind of TAKERS) for (const target of [globalThis, document]) target.addEventListener(kind, () => release.forEach((one) => one()));
   }
 
   isHeld() {
