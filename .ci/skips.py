@@ -10,14 +10,27 @@ from pathlib import Path
 import hands
 
 # What the machine has, or what the user set.
-LOOKS = r"\b(?:bind|connect|var|var_os|exists|is_file)\(|\bCommand::new\("
+LOOKS = r"\b(?:bind|connect|var|var_os|exists|try_exists|is_file|is_dir|which)\(|\bCommand::new\("
 LEAVES = r"\b(?:return(?: Ok\(\(\)\))?|continue);?\s*\}"
 FAULTS = [
     # if TcpListener::bind(..).is_err() { .. return; }     let Ok(..) = TcpListener::bind(..) else { continue };
     (re.compile(rf"^ *(?:if|let|\}} else if)\b[^;{{}}]*?(?:{LOOKS})[^;{{}}]*\{{[^{{}}]*{LEAVES}", re.M), "passes without what it looks for", False),
+    # match env::var(..) { Ok(..) => .., Err(_) => return }
+    (re.compile(rf"\bmatch\b[^;{{}}]*?(?:{LOOKS})[^;{{}}]*\{{(?:[^{{}}]|\{{[^{{}}]*\}})*=>\s*\{{?\s*(?:return|continue)\b", re.M), "passes without what it looks for", False),
+    # let found = env::var_os(..); .. let Some(..) = found else { return };
+    (
+        re.compile(
+            rf"^ *let (\w+)\b[^;=]*=(?!=)[^;{{}}]*?(?:{LOOKS})[^;{{}}]*;(?:(?!#\[test\])[\s\S]){{0,400}}?"
+            rf"^ *(?:if|let)\b[^;{{}}]*\b\1\b[^;{{}}]*\{{[^{{}}]*{LEAVES}",
+            re.M,
+        ),
+        "passes without what it looks for",
+        False,
+    ),
     # eprintln!("no camera"); return;
     (re.compile(rf"\be?print(?:ln)?!\([^;]*\);\s*{LEAVES}", re.M), "says something and passes", False),
     (re.compile(r'^ *"skip|print(?:ln)?!\("skip', re.M), "says that it skips", True),
+    (re.compile(r"#\[cfg_attr\([^\]]*\bignore\b[^\]]*\]"), "is ignored for a reason that tests/run does not know", True),
     (re.compile(r"#\[ignore(?! = \"needs (?:Python's libraries|IPv6): tests/run\"\])[^\]]*\]"), "is ignored for a reason that tests/run does not know", True),
 ]
 # A test that starts itself as another process: that one answers.

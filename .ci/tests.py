@@ -195,7 +195,7 @@ class Figures(unittest.TestCase):
                 found = figures.pictured(folder, self.DATA)
                 self.assertEqual(len(found), len(faults), found)
                 for line, fault in zip(found, faults):
-                    self.assertIn(f"deploy/pictures.sh board: {fault}", line)
+                    self.assertIn(f"deploy/pictures.py board: {fault}", line)
 
 
 class Bill(unittest.TestCase):
@@ -284,6 +284,12 @@ class Skips(unittest.TestCase):
             ('    "skipped: no ffmpeg"', "says that it skips"),
             ('#[ignore]', "is ignored for a reason"),
             ('#[ignore = "slow"]', "is ignored for a reason"),
+            ('#[cfg_attr(not(target_os = "linux"), ignore)]', "is ignored for a reason"),
+            ('    let camera = match std::env::var("P") {\n        Ok(camera) => camera,\n        Err(_) => return,\n    };', "passes without"),
+            ('    match TcpStream::connect(at) {\n        Ok(_) => { run(); }\n        Err(_) => { return; }\n    }', "passes without"),
+            ('    let found = std::env::var_os("P");\n    let more = 1;\n    let Some(python) = found else { return };', "passes without"),
+            ('    let there = path.try_exists().unwrap();\n    if !there {\n        return;\n    }', "passes without"),
+            ('    if which("ffmpeg").is_none() {\n        return;\n    }', "passes without"),
         ]:
             with self.subTest(text):
                 self.assertIn(what, "\n".join(skips.faults("a/tests/it/b.rs", text)))
@@ -293,6 +299,8 @@ class Skips(unittest.TestCase):
             '    if std::env::var_os(CHILD).is_some() {\n        println!("digest {alone}");\n        return;\n    }',
             '#[ignore = "needs IPv6: tests/run"]',
             '    let Ok(line) = line else { return };',
+            '    let line = read(var);\n    let Ok(line) = line else { return };',
+            '    let found = std::env::var_os("P");\n    use_it(found);\n}\n#[test]\nfn b() {\n    let Some(found) = found else { return };',
         ]:
             with self.subTest(text):
                 self.assertEqual(list(skips.faults("a/tests/it/b.rs", text)), [])
