@@ -21,6 +21,15 @@ pub fn at_full_length() -> bool {
     std::env::var_os("FIATLUX_SLOW_TESTS").is_some()
 }
 
+/// How often a check is repeated: `all` times with `FIATLUX_ALL_ROOMS` set, `full` times at full length, and else `short` times.
+pub fn repeats(all: u64, full: u64, short: u64) -> u64 {
+    match std::env::var_os("FIATLUX_ALL_ROOMS") {
+        Some(_) => all,
+        None if at_full_length() => full,
+        None => short,
+    }
+}
+
 /// The robot, read once per call.
 pub fn robot() -> Arc<Robot> {
     Arc::new(Robot::benchmark().unwrap())

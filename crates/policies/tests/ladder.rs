@@ -13,7 +13,12 @@ use fiatlux_skills::phases::Skill;
 /// Strict, below a ceiling (3) and at a wall (5): the ladder hangs on the head on its way, and stands at its end.
 #[test]
 fn it_carries_the_ladder_under_the_lamp() {
-    let rooms: &[u64] = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { &[3, 5, 10, 25] } else { &[3] };
+    let is_set = |name: &str| std::env::var_os(name).is_some();
+    let rooms: &[u64] = match (is_set("FIATLUX_ALL_ROOMS"), is_set("FIATLUX_SLOW_TESTS")) {
+        (true, _) => &[3, 5, 10, 25],
+        (_, true) => &[3, 5],
+        _ => &[3],
+    };
     for &room in rooms {
         let mut highest = f64::INFINITY;
         let ended = play::play(Ladder::new("").unwrap(), room, &play::Changes::default(), |world, phase| {

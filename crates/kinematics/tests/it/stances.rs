@@ -178,7 +178,7 @@ fn supports_bear_the_robot_where_a_linear_program_says_so() {
     let link = |link: usize| Site { body: ids.links[link].body, body_from_site: ids.links[link].body_from_link };
     let (mut counts, mut draws) = ([0; 2], Draws(47));
     // All of them are a matter of half a minute, which the linear program takes.
-    let stances = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { 500 } else { 80 };
+    let stances = if std::env::var_os("FIATLUX_ALL_ROOMS").is_some() { 500 } else { 80 };
     for stance in 0..stances {
         let mut state = State { qpos: model.reference_state().qpos, qvel: vec![0.0; nv] };
         mechanics.update(model, &state);

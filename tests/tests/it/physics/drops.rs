@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use fiatlux_dynamics::{BodyId, Contact, ShapeId};
 use fiatlux_robot::GainSet;
-use fiatlux_tests::{Rig, at_full_length, robot, scene};
+use fiatlux_tests::{Rig, repeats, robot, scene};
 use fiatlux_world::{ACTION_SCALE, PHYSICS_DT, Random, SUBSTEPS, SceneKind, ShapeOwner, Stream};
 use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 
@@ -151,7 +151,7 @@ fn drop(seed: u64) -> Drop {
 
 #[test]
 fn drops_onto_ladder_and_floor() {
-    let drops: Vec<Drop> = (0..if at_full_length() { 40 } else { 12 }).map(drop).collect();
+    let drops: Vec<Drop> = (0..repeats(40, 12, 12)).map(drop).collect();
     let worst = |figure: fn(&Drop) -> f64| drops.iter().map(figure).fold(0.0, f64::max);
     let (deepest, at_rest) = (worst(|d| d.deepest.0), worst(|d| d.at_rest.0));
     let unconverged: u32 = drops.iter().map(|d| d.unconverged).sum();

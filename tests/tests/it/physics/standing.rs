@@ -2,7 +2,7 @@
 
 use fiatlux_robot::GainSet;
 use fiatlux_rules::GRAVITY;
-use fiatlux_tests::{Rig, at_full_length, robot, scaled_gains, scene};
+use fiatlux_tests::{Rig, repeats, robot, scaled_gains, scene};
 use fiatlux_world::{PHYSICS_DT, SceneKind, ShapeOwner};
 use nalgebra::Vector3;
 
@@ -86,7 +86,7 @@ const LEAN: f64 = 0.05;
 
 #[test]
 fn with_stiff_ankles_it_stands_for_two_minutes() {
-    for seed in 0..if at_full_length() { 8 } else { 2 } {
+    for seed in 0..repeats(8, 2, 2) {
         let s = stand(LEAN, seed, 120.0);
         let (drift, speed) = (s.drift_from(5.0), s.speed_from(5.0));
         println!(

@@ -4,13 +4,13 @@
 use std::thread::sleep;
 use std::time::Duration;
 
-use fiatlux_tests::at_full_length;
 use fiatlux_tests::programs::{PATIENCE, Service, alone, grade, wait_until};
+use fiatlux_tests::{at_full_length, repeats};
 
 use super::lab::{BENCHMARK, Lab, RunArgs};
 
-fn kills_of_each() -> usize {
-    if at_full_length() { 20 } else { 4 }
+fn kills_of_each() -> u64 {
+    repeats(20, 6, 4)
 }
 
 /// The everyday form has half of the benchmark.
