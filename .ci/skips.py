@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Fails where a Rust test looks for what it needs and then passes without it: such a test is `#[ignore]`d with a reason that `tests/run`
-knows, so that its runner counts it as ignored."""
+knows, so that its runner counts it as ignored. Fails, too, where a test stands in a program or library with `test = false`."""
 
+import json
 import re
 import subprocess
 import sys
@@ -53,13 +54,27 @@ def faults(path, text):
                 yield f"{path}:{before.count(chr(10)) + 1}: {what}"
 
 
+def untested(target, text):
+    """A test in a target that Cargo makes no tests of. Of a program that is its one file; it may have no other."""
+    is_program = "bin" in target["kind"]
+    if not target["test"] and re.search(r"#\[(?:\w+::)?test\b" + (r"|^ *(?:pub )?mod \w+;" if is_program else ""), text, re.M):
+        yield f"{target['src_path']}: may have a test, but has `test = false` in its Cargo.toml"
+
+
 def main():
+    metadata = ["cargo", "metadata", "--locked", "--no-deps", "--format-version", "1"]
+    packages = json.loads(subprocess.run(metadata, check=True, stdout=subprocess.PIPE).stdout)["packages"]
+    targets = [target for package in packages for target in package["targets"] if {"bin", "lib", "cdylib"} & set(target["kind"])]
     listed = subprocess.run(["git", "ls-files", "-z", "*.rs"], check=True, stdout=subprocess.PIPE, text=True).stdout
     paths = [Path(path) for path in listed.split("\0")[:-1]]
     found = [fault for path in paths if path.is_file() for fault in faults(str(path), path.read_text())]
+    for target in targets:
+        own = Path(target["src_path"])
+        files = [own] if "bin" in target["kind"] else sorted(own.parent.rglob("*.rs"))
+        found += [fault for file in files for fault in untested({**target, "src_path": str(file)}, file.read_text())]
     print(f"{len(found)} tests that pass without having run")
     if found:
-        sys.exit("\n".join([*found, "give them #[ignore], which CONTRIBUTING.md explains"]))
+        sys.exit("\n".join([*found, "give tests that cannot run #[ignore], which CONTRIBUTING.md explains"]))
 
 
 if __name__ == "__main__":

@@ -275,6 +275,20 @@ class Homes(unittest.TestCase):
 
 
 class Skips(unittest.TestCase):
+    def test_a_test_that_nothing_runs(self):
+        for kind, test, text, count in [
+            ("bin", False, "mod tests {\n    #[test]\n    fn f() {}\n}\n", 1),
+            ("bin", False, "    #[tokio::test]\n    async fn f() {}\n", 1),
+            ("bin", False, "mod more;\nfn main() {}\n", 1),
+            ("cdylib", False, "mod more;\n#[test]\nfn f() {}\n", 1),
+            ("cdylib", False, "mod more;\n", 0),
+            ("bin", False, "fn main() {}\n", 0),
+            ("bin", True, "#[test]\nfn f() {}\n", 0),
+        ]:
+            with self.subTest(kind=kind, test=test, text=text):
+                found = list(skips.untested({"kind": [kind], "test": test, "src_path": "a.rs"}, text))
+                self.assertEqual(len(found), count, found)
+
     def test_a_test_that_passes_without_having_run(self):
         for text, what in [
             ('    if TcpListener::bind("[::1]:0").is_err() {\n        return;\n    }\n', "passes without"),
