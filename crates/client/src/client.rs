@@ -6,13 +6,14 @@ mod discover;
 mod error;
 mod mailbox;
 pub(crate) mod query;
+mod subscriptions;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
-use fiatlux_access::{Channel, Label, RowsKey, Secrets, Side};
+use fiatlux_access::{Channel, RowsKey, Secrets, Side};
 use fiatlux_carrier::{BusyWait, Carrier, Declaration, Priority, Publisher, Quality, Reach};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys, is_name};
 use fiatlux_proto::limits::MAX_SERVER_MESSAGE;
@@ -32,6 +33,7 @@ pub use discover::{describe_servers, find_server, live_servers};
 pub use error::ClientError;
 use mailbox::Mailbox;
 use query::{Content, GreetingReply, Sealing};
+use subscriptions::{subscribe, watch};
 
 /// Longest wait for an answer to `open`, s: the server may have to build the scene first.
 pub(crate) const OPEN_TIMEOUT_S: f64 = 60.0;
@@ -454,34 +456,10 @@ fn failed(failure: SessionFailure, policy: &dyn Policy) -> ClientError {
     }
 }
 
-fn subscribe(
-    link: &Carrier,
-    key: String,
-    label: &'static str,
-    sealing: &Sealing,
-    mailbox: &Arc<Mailbox>,
-    input: fn(Bytes) -> Input,
-) -> Result<Declaration, ClientError> {
-    let (mailbox, sealing) = (Arc::clone(mailbox), sealing.clone());
-    let subscription = link.subscribe(&key, Reach::Everywhere, move |message| {
-        // Messages of others on the server's keys are ignored; the channel counts them.
-        if sealing.lock().open(Label::Message(label), &message.payload, &message.attachment).is_ok() {
-            mailbox.put(input(message.payload));
-        }
-    });
-    Ok(subscription?)
-}
-
 impl Content for SessionInfo {
     fn id(&self) -> &str {
         &self.session
     }
-}
-
-/// Watches the server's liveliness token for the session.
-fn watch(link: &Carrier, key: String, mailbox: &Arc<Mailbox>) -> Result<Declaration, ClientError> {
-    let mailbox = Arc::clone(mailbox);
-    Ok(link.watch_tokens(&key, move |_, is_there| mailbox.put(Input::ServerSeen(is_there)))?)
 }
 
 /// Refuses a session in which no policy could work.

@@ -107,8 +107,8 @@ fn prop_scale(asked: &PropScale) -> PropScale {
 
 #[cfg(test)]
 mod tests {
-    use crate::conditions::ROBOT;
     use fiatlux_proto::v3::{DomainSample, Randomization, Sensor};
+    use fiatlux_rules::pins;
 
     use super::*;
 
@@ -124,7 +124,7 @@ mod tests {
             seed: 7,
             mode: Mode::Lockstep.into(),
             gains: "fiatlux".into(),
-            robot: ROBOT.into(),
+            robot: pins::RANKED_ROBOTS[0].into(),
             episode_protocol: "strict".into(),
             reward: "benchmark".into(),
             randomization: Some(Randomization::default()),

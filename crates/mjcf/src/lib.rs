@@ -12,6 +12,7 @@ mod grasp;
 mod scene;
 #[cfg(test)]
 mod tests;
+mod xml;
 
 use std::fmt::Display;
 
@@ -22,6 +23,7 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector
 
 pub use grasp::Grasp;
 pub use scene::{ExportError, ExportScene};
+use xml::{Attribute, Xml};
 
 /// Stands for an infinite joint limit if the other one is finite, rad: MJCF has no one-sided ranges.
 const NO_LIMIT: f64 = 1e6;
@@ -459,54 +461,4 @@ fn numbers(values: &[f64]) -> String {
 fn pose(isometry: &Isometry3<f64>) -> (String, String) {
     let q = isometry.rotation.quaternion();
     (numbers(isometry.translation.vector.as_slice()), numbers(&[q.w, q.i, q.j, q.k]))
-}
-
-type Attribute<'a> = (&'a str, &'a dyn Display);
-
-/// Writes XML with indented lines.
-#[derive(Default)]
-struct Xml {
-    out: String,
-    depth: usize,
-}
-
-impl Xml {
-    fn open(&mut self, tag: &str, attributes: &[Attribute]) {
-        self.element(tag, attributes, ">");
-        self.depth += 1;
-    }
-
-    fn leaf(&mut self, tag: &str, attributes: &[Attribute]) {
-        self.element(tag, attributes, "/>");
-    }
-
-    fn close(&mut self, tag: &str) {
-        self.depth -= 1;
-        self.out += &format!("{}</{tag}>\n", "  ".repeat(self.depth));
-    }
-
-    fn element(&mut self, tag: &str, attributes: &[Attribute], end: &str) {
-        self.out += &"  ".repeat(self.depth);
-        self.out += &format!("<{tag}");
-        for (name, value) in attributes {
-            self.out += &format!(" {name}=\"{}\"", escape(&value.to_string()));
-        }
-        self.out += end;
-        self.out.push('\n');
-    }
-}
-
-fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\n' | '\r' | '\t' => out += &format!("&#{};", u32::from(c)),
-            _ => out.push(c),
-        }
-    }
-    out
 }

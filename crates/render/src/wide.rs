@@ -1,10 +1,12 @@
 //! Light on eight pixels at once: the operations of [`crate::shade`] in the same order, so that the bytes are the same.
 
+mod looks;
 pub(crate) mod vector;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, u32x8};
 
+use looks::Looks;
 use vector::{
     Wide, Wide3, add, clamp, dot, floor, greater, lesser, mix, normalize, product, scale, select, sub, wide3,
 };
@@ -466,42 +468,6 @@ impl WideShader<'_> {
             }
         }
         bytes
-    }
-}
-
-/// Looks of the paints of eight pixels.
-#[derive(Default)]
-struct Looks {
-    colour: [[f32; LANES]; 3],
-    tint: [[f32; LANES]; 3],
-    mirror: [f32; LANES],
-    sharpness: [f32; LANES],
-    /// Two to the power of the sharpness.
-    power: [f32; LANES],
-    glow: [f32; LANES],
-    floor: [f32; LANES],
-    wall: [f32; LANES],
-    sharpest: u8,
-    has_floor: bool,
-    has_wall: bool,
-    has_mirror: bool,
-}
-
-impl Looks {
-    #[inline(always)]
-    fn set(&mut self, k: usize, finish: &Finish, paint: Paint, light: &PreparedLight) {
-        let (is_floor, is_wall) = (paint == Paint::Floor, paint == Paint::Wall);
-        for axis in 0..3 {
-            self.colour[axis][k] = finish.colour[axis];
-            self.tint[axis][k] = if finish.tinted { light.room_tint[axis] } else { 1.0 };
-        }
-        (self.floor[k], self.wall[k]) = (f32::from(u8::from(is_floor)), f32::from(u8::from(is_wall)));
-        (self.has_floor, self.has_wall) = (self.has_floor | is_floor, self.has_wall | is_wall);
-        (self.mirror[k], self.glow[k]) = (finish.mirror, finish.glow);
-        self.has_mirror |= finish.mirror > 0.0;
-        self.sharpness[k] = f32::from(finish.sharpness);
-        self.power[k] = f32::from(1_u16 << finish.sharpness);
-        self.sharpest = self.sharpest.max(finish.sharpness);
     }
 }
 

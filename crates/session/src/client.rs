@@ -448,48 +448,6 @@ impl ClientSession {
         notice.episode == self.episode && notice.step > step
     }
 
-    /// The server refused an action; the notice has the server's present step. A single refusal may be for an old copy, or for
-    /// something that someone else sent. Only repeated refusals of the same action are ours.
-    fn refused(&mut self, notice: Notice) {
-        let Phase::Waiting { step, .. } = self.phase else { return };
-        if notice.episode != self.episode {
-            return;
-        }
-        self.refusals += 1;
-        self.problem = Some(notice.message.clone());
-        if self.refusals >= MAX_REFUSALS {
-            let Notice { field, message, remedy, .. } = notice;
-            self.fail(SessionFailure::Action { step, field, message, remedy });
-        }
-    }
-
-    fn unreadable(&mut self, what: &'static str, reason: String) {
-        self.refusals += 1;
-        self.problem = Some(format!("a message could not be read: {reason}"));
-        if self.refusals >= MAX_REFUSALS && !matches!(self.phase, Phase::Idle) {
-            self.fail(SessionFailure::Unreadable { what, reason });
-        }
-    }
-
-    fn silent(&self) -> SessionFailure {
-        let waited_for = match &self.phase {
-            Phase::Waiting { step, .. } => format!("action {step} of episode {}", self.episode),
-            _ => format!("the reset to episode {}", self.episode),
-        };
-        SessionFailure::Silent {
-            server: self.info.server.clone(),
-            waited_for,
-            silence_s: self.silence.as_secs_f64(),
-            tries: self.tries + 1,
-            problem: self.problem.as_ref().map_or_else(String::new, |problem| format!("; last: {problem}")),
-        }
-    }
-
-    fn fail(&mut self, failure: SessionFailure) {
-        self.phase = Phase::Idle;
-        self.outputs.push_back(Output::Failed(failure));
-    }
-
     fn came_forward(&mut self, now: Duration) {
         self.since = now;
         // If round trips are short, a lost message is noticed early.
