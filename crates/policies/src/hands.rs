@@ -1,7 +1,8 @@
 //! The policy `hands`: takes the spent bulb out of the socket (S03) and puts it into the crate (S06), takes the fresh one from the
 //! bench (S08), and puts it into the socket (S11). The whole-body controller moves legs and waist, an expert for
-//! each task the right arm and its hand.
+//! each task the right arm and its hand. A bulb in the left hand is put into the crate with the left one.
 
+mod apart;
 mod arm;
 mod grab;
 mod insert;
@@ -13,6 +14,7 @@ mod remove;
 mod retries;
 mod room;
 mod shape;
+mod side;
 mod skill;
 mod socket;
 mod stance;
@@ -25,14 +27,15 @@ use fiatlux_skills::grip::HandBodies;
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{BODY, BodyCommand, CONTROL_DT, MOVED, Network};
 
-pub(crate) use self::arm::hand_link;
-use self::arm::{MakesArm, RightArm};
+use self::arm::{Arm, MakesArm};
 use self::grab::Grab;
 use self::insert::Insert;
 use self::place::Place;
 use self::remove::Remove;
 use self::shape::Surroundings;
-use self::skill::{Expert, Seen};
+use self::side::Side;
+pub(crate) use self::side::hand_link;
+use self::skill::{Expert, Seen, TOUCHED};
 use self::stance::REST;
 use super::body;
 use super::whole_body::WholeBody;
@@ -59,7 +62,7 @@ pub struct Hands {
 /// State of an episode.
 struct Played {
     body: WholeBody,
-    arm: RightArm,
+    arm: Arm,
     skill: Box<dyn Expert>,
     bodies: HandBodies,
 }
@@ -84,7 +87,7 @@ impl Hands {
         Self { parameters, ..self }
     }
 
-    /// Goes on with the right arm where it is, and the left one as it stands at the start of a task. The last targets of whoever played
+    /// Goes on with the arm that works where it is, and the other one as it stands at the start of a task. The last targets of whoever played
     /// before may have had the weight of the arms in them, which each step adds; the left thumb then meets the bench in S08.
     pub(crate) fn rest_arms(&mut self, first: &Observation) {
         let Some(Played { body, arm, .. }) = &mut self.episode else { return };
@@ -143,13 +146,14 @@ impl Policy for Hands {
         let body = WholeBody::own("hands", Arc::clone(&self.network), info, first)?.holding_arms(info)?;
         let mut body = if is_up { body.without_steps() } else { body.bending_low() };
         let bodies = HandBodies::new(&info.hand_bodies);
-        let seen = seen(first, &bodies, false)?;
-        let arm = |rest, surroundings| RightArm::new(info, &body.targets, rest, surroundings);
+        let side = if task == "S06" { holding(first, &bodies) } else { Side::Right };
+        let seen = seen(first, &bodies, side, false)?;
+        let arm = |rest, surroundings| Arm::new(side, info, &body.targets, rest, surroundings);
         let (own, targets) = (info.clone(), body.targets.clone());
-        let later: MakesArm = Box::new(move |around| RightArm::new(&own, &targets, REST, around));
+        let later: MakesArm = Box::new(move |around| Arm::new(side, &own, &targets, REST, around));
         let mut skill: Box<dyn Expert> = match task {
             "S03" => Box::new(Remove::new(self.parameters.as_deref(), info, later)?),
-            "S06" => Box::new(Place::new(self.parameters.as_deref(), info)?),
+            "S06" => Box::new(Place::new(self.parameters.as_deref(), side, info)?),
             "S08" => Box::new(Grab::new(self.parameters.as_deref(), info)?),
             "S11" => Box::new(Insert::new(self.parameters.as_deref(), info, later)?),
             _ => return Err(refused()),
@@ -180,7 +184,7 @@ impl Policy for Hands {
         let Some(Played { body, arm, skill, bodies }) = &mut self.episode else {
             return Err(PolicyError::not_reset("hands"));
         };
-        let seen = seen(observation, bodies, body.is_standing())?;
+        let seen = seen(observation, bodies, arm.side, body.is_standing())?;
         arm.sense(&seen.pelvis, joints(observation));
         let command = skill.step(&seen, arm, &mut body.targets)?;
         body.step(observation, &command)
@@ -196,10 +200,16 @@ fn joints(observation: &Observation) -> &[f32] {
     observation.proprioception.as_ref().map(|body| body.joint_position.as_slice()).unwrap_or_default()
 }
 
-fn seen(observation: &Observation, bodies: &HandBodies, stands: bool) -> Result<Seen, PolicyError> {
+/// The hand that a bulb touches; the right one where neither feels it, or both.
+fn holding(observation: &Observation, bodies: &HandBodies) -> Side {
+    let [left, right] = bodies.touch(&observation.hand_contact_force).map(|touch| touch.largest() > TOUCHED);
+    if left && !right { Side::Left } else { Side::Right }
+}
+
+fn seen(observation: &Observation, bodies: &HandBodies, side: Side, stands: bool) -> Result<Seen, PolicyError> {
     let poses = observation.privileged.as_ref();
     let poses = poses.ok_or(PolicyError::Sensor { policy: "hands", sensor: "privileged" })?;
-    let [_, touch] = bodies.touch(&observation.hand_contact_force);
+    let touch = bodies.touch(&observation.hand_contact_force)[side as usize];
     Ok(Seen {
         stands,
         time: observation.step as f64 * CONTROL_DT,

@@ -57,20 +57,29 @@ pub fn side(name: &str) -> Option<(usize, &str)> {
     (0..2).find_map(|side| SIDES[side].iter().find_map(|start| name.strip_prefix(start)).map(|rest| (side, rest)))
 }
 
+/// The name of the same joint or body on a side, left first.
+pub fn on_side(name: &str, of_side: usize) -> String {
+    let starts = SIDES.iter().flat_map(|starts| starts.iter().enumerate());
+    let renamed = starts.filter_map(|(form, start)| Some([SIDES[of_side][form], name.strip_prefix(start)?].concat()));
+    renamed.last().unwrap_or_else(|| name.into())
+}
+
 /// The finger that a joint or body is of, by its name.
 pub fn finger(name: &str) -> Option<usize> {
     FINGERS.iter().position(|finger| name.contains(finger))
 }
 
-/// Targets of the right hand's joints around the glass of a bulb, rad: those of the robot's file, or of the published room.
-pub fn grasp_of(robot: &Robot) -> Angles {
+/// Targets of a hand's joints around the glass of a bulb, rad, of the left hand (0) or the right one (1): those of the robot's file, or
+/// of the published room, whose right hand has the mirror image at the left.
+pub fn grasp_of(robot: &Robot, of_side: usize) -> Angles {
     let own = robot.bulb_grasp().map(|grasp| &grasp.grip);
     let own = own.map(|grip| grip.iter().map(|(joint, angle)| (robot.joints()[*joint].name.clone(), *angle)).collect());
     let is_driven = |name: &str| robot.joint_index(name).is_none_or(|joint| robot.joints()[joint].follows.is_none());
-    own.unwrap_or_else(|| {
+    let right: Angles = own.unwrap_or_else(|| {
         let of_room = grasp::GRIP.into_iter().filter(|(name, _)| is_driven(name));
         of_room.map(|(name, angle)| (name.to_owned(), angle)).collect()
-    })
+    });
+    right.into_iter().map(|(name, angle)| (on_side(&name, of_side), angle)).collect()
 }
 
 /// Forces on fingers and on the rest of a hand, N.

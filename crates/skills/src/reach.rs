@@ -13,8 +13,8 @@ use nalgebra::{Isometry3, Vector3};
 /// Fastest that a reference moves, rad/s.
 const SPEED: f64 = 2.0;
 const ARM: usize = ARMS / 2;
-/// Joints of an arm whose angles have the other sign on the left: rolls and yaws.
-const MIRRORED: [bool; ARM] = [false, true, true, false, true, false, true];
+/// Joints of an arm, from the shoulder down, whose angles have the other sign on the left: rolls and yaws.
+pub const MIRRORED: [usize; 4] = [1, 2, 4, 6];
 
 /// Settings of the search for angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,7 +96,7 @@ impl Reach {
             inverse.options = options.search;
             if let Some(mut rest) = options.rest {
                 if side == 0 {
-                    rest.iter_mut().zip(MIRRORED).for_each(|(angle, is)| *angle = if is { -*angle } else { *angle });
+                    MIRRORED.iter().for_each(|joint| rest[*joint] = -rest[*joint]);
                 }
                 inverse.set_rest(&rest).map_err(|error| unfit(&error))?;
             }

@@ -121,7 +121,7 @@ impl Grips {
     pub fn new(info: &SessionInfo) -> Result<Self, toml::de::Error> {
         let known: BTreeMap<String, Angles> = toml::from_str(include_str!("grip.toml"))?;
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
-        let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
+        let grasp = robot.as_ref().map(|robot| grasp_of(robot, 1)).unwrap_or_default();
         let bulb: BTreeMap<&str, f64> =
             grasp.iter().filter_map(|(name, angle)| Some((side(name)?.1, *angle))).collect();
         let joint = |(joint, name): (HandJoint, &str)| {

@@ -1,7 +1,7 @@
 //! Plays `hands` in rooms, the last included, and prints how each ended:
 //! `cargo run -p fiatlux-policies --example hands -- S08 1000..1003 [trace] [FILE.toml] [CHANGE...]`.
 //! With `trace` it prints phases, forces and how many criteria hold, and with a file it plays other parameters. Changes are
-//! `robot=NAME`, `scene=FILE` (numbers over those of the scene), `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb),
+//! `robot=NAME`, `left` (the bulb begins in the left hand), `scene=FILE` (numbers over those of the scene), `friction=0.7` (of the hands), `size=0.9` (of the fresh bulb),
 //! `delay=1` (control steps), `push=0.3@Close` (m/s, half a second into a phase, in another direction in each room) and `lying` (a
 //! force lays the fresh bulb down, away from the robot, in another direction in each room).
 #![allow(missing_docs)]
@@ -72,7 +72,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Changes from words such as `friction=0.7`.
 fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
-    let mut changes = Changes { lying: words.iter().any(|word| word == "lying"), ..Changes::default() };
+    let has = |change: &str| words.iter().any(|word| word == change);
+    let mut changes = Changes { lying: has("lying"), left: has("left"), ..Changes::default() };
     for (name, value) in words.iter().filter_map(|word| word.split_once('=')) {
         match name {
             "robot" => changes.robot = Some(value.into()),

@@ -8,6 +8,7 @@ use fiatlux_dynamics::Wrench;
 use fiatlux_policies::Hands;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{Bulb, CONTROL_DT, Cause, Row, Task, Verdict, errand};
+use fiatlux_skills::grip::on_side;
 use fiatlux_world::{AppliedWrench, SceneConfig, Target, World};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -21,6 +22,8 @@ use game::{Game, Start, push_towards};
 pub struct Changes {
     /// The robot, in place of the benchmark's.
     pub robot: Option<String>,
+    /// The bulb begins in the left hand, as its mirror image would in the right one.
+    pub left: bool,
     /// Numbers of the scene, over its own (TOML).
     pub scene: Option<String>,
     /// Friction of the hands, in place of the drawn one.
@@ -85,6 +88,23 @@ fn topple(world: &World, seed: u64) -> Option<AppliedWrench> {
     Some(AppliedWrench { target: Target::Body(body), point: None, wrench })
 }
 
+/// Puts the bulb of a start from the right hand into the left one.
+fn carry_left(config: &mut SceneConfig) {
+    let carry = &mut config.start.carry;
+    let on_left = |name: &str| on_side(name, 0);
+    carry.hand_link = on_left(&carry.hand_link);
+    carry.glass_center[2] = -carry.glass_center[2];
+    let [about_x, about_y] = carry.glass_tilt;
+    carry.glass_tilt = [std::f64::consts::PI - about_x, -about_y];
+    let is_mirrored = |name: &str| ["roll", "yaw"].iter().any(|axis| name.contains(axis));
+    for angles in [&mut carry.arm, &mut carry.platform_arm] {
+        let right = std::mem::take(angles);
+        let left = right.iter().map(|(name, angle)| (on_left(name), if is_mirrored(name) { -angle } else { *angle }));
+        *angles = left.collect();
+    }
+    carry.grip = carry.grip.iter().map(|(name, angle)| (on_left(name), *angle)).collect();
+}
+
 /// Plays the first episode of a room.
 pub fn play(
     task: Task,
@@ -99,6 +119,9 @@ pub fn play(
     }
     if let Some(scene) = &changes.scene {
         start.config = SceneConfig::from_toml(scene)?;
+    }
+    if changes.left {
+        carry_left(&mut start.config);
     }
     start.spec.scale.fresh_bulb = changes.fresh_bulb.unwrap_or(start.spec.scale.fresh_bulb);
     let mut game = Game::start(start)?;

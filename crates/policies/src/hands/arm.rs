@@ -1,5 +1,6 @@
-//! The right arm and its hand: brings the hand to poses in the room, and opens and closes the fingers.
+//! An arm and its hand: brings the hand to poses in the room, and opens and closes the fingers.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use fiatlux_client::PolicyError;
@@ -10,20 +11,13 @@ use fiatlux_robot::{BuildOptions, LinkIds, Robot, RobotSite};
 use fiatlux_skills::grip::{FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
 use fiatlux_skills::towards;
-use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, LEGS, MOVED};
+use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, Unit, UnitQuaternion, Vector3};
 
-use super::shape::{BULB_NAME, SOCKET_NAME, Surroundings};
+use super::apart::{is_below, pairs};
+use super::shape::Surroundings;
+use super::side::{HAND, Side, hand_of};
 
-/// The frame of a hand whose robot has no grasp of its own. Its x axis comes out of the back of the hand, the fingers point along -y.
-const HAND: &str = "right_hand_base_link";
-/// The link in whose frame grasps are given.
-pub(crate) fn hand_link(robot: &Robot) -> Option<usize> {
-    robot.bulb_grasp().map(|grasp| grasp.link).or_else(|| robot.link_index(HAND))
-}
-
-/// Joints of the right arm in the session's order.
-pub(super) const ARM: std::ops::Range<usize> = MOVED + ARMS / 2..BODY;
 /// Share of the difference by which the averages of the waist's and the arm's sensed angles follow in each control step.
 const AVERAGE_GAIN: f64 = 0.15;
 /// Largest difference between a joint's commanded and sensed angle, rad, with which the arm goes on along a way of postures. Held up
@@ -61,9 +55,12 @@ pub(super) struct Torso {
     pub waist: [f64; 3],
 }
 
-/// The right arm of an episode.
+/// An arm of an episode.
 #[derive(Clone)]
-pub(super) struct RightArm {
+pub(super) struct Arm {
+    pub side: Side,
+    /// Its joints in the session's order.
+    pub joints: Range<usize>,
     pub model: Arc<Model>,
     /// The robot as the arm is commanded: the pelvis as it is, other joints as sensed, averaged.
     pub state: State,
@@ -102,12 +99,13 @@ pub(super) struct RightArm {
 }
 
 /// Makes an arm with such surroundings, once. It takes as long as half a control step.
-pub(super) type MakesArm = Box<dyn FnOnce(Surroundings) -> Result<RightArm, PolicyError> + Send>;
+pub(super) type MakesArm = Box<dyn FnOnce(Surroundings) -> Result<Arm, PolicyError> + Send>;
 
-impl RightArm {
+impl Arm {
     /// An arm whose joints rest at these angles, from the shoulder down, where the hand's pose leaves them free, rad, and that can
     /// be kept clear of what surrounds it.
     pub fn new(
+        side: Side,
         info: &SessionInfo,
         staged: &[f64],
         rest: [f64; ARMS / 2],
@@ -116,7 +114,7 @@ impl RightArm {
         let unfit = |reason: String| PolicyError::Unfit { policy: "hands", reason };
         let names = info.joints.iter().map(|joint| joint.name.as_str());
         let robot = Robot::of_session(&info.robot, names).map_err(|error| unfit(error.to_string()))?;
-        let link = hand_link(&robot).ok_or_else(|| {
+        let link = hand_of(&robot, side).ok_or_else(|| {
             unfit(format!("the robot has no {HAND} and no grasp of its own; use {}", Robot::NAMES[0]))
         })?;
         let failed = PolicyError::of("hands");
@@ -134,14 +132,15 @@ impl RightArm {
         let model = builder.build().map_err(PolicyError::of("hands"))?;
         let ids = placed.ids(&model).map_err(PolicyError::of("hands"))?;
         let site = RobotSite { name: HAND.into(), link, link_from_site: Isometry3::identity() };
-        let bodies: Vec<_> = ids.joints[ARM].iter().map(|ids| ids.body).collect();
+        let joints = side.joints();
+        let bodies: Vec<_> = ids.joints[joints.clone()].iter().map(|ids| ids.body).collect();
         let [all, carrying, apart, body_pairs] = pairs(
             &model,
             [0, LEGS / 2].map(|joint| ids.joints[joint].body),
-            ids.joints[ARM.start].body,
-            ids.joints[ARM.end - 1].body,
+            ids.joints[joints.start].body,
+            ids.joints[joints.end - 1].body,
         );
-        let wrist = ids.joints[ARM.end - 1].body;
+        let wrist = ids.joints[joints.end - 1].body;
         let shapes = model.shapes().iter().enumerate();
         let of_hand =
             shapes.filter(|(_, shape)| is_below(&model, shape.body, wrist)).map(|(id, _)| ShapeId(id)).collect();
@@ -155,9 +154,11 @@ impl RightArm {
             careful.set_clearances(&model, &apart.collect::<Vec<_>>()).map_err(PolicyError::of("hands"))?;
         }
         let mut angles = [0.0; ARMS / 2];
-        angles.copy_from_slice(&staged[ARM]);
+        angles.copy_from_slice(&staged[joints.clone()]);
         let soles = robot.soles().iter().map(|sole| ids.site(&sole.site)).collect();
         Ok(Self {
+            side,
+            joints,
             state: model.reference_state(),
             mechanics: Mechanics::new(&model),
             root: ids.root,
@@ -206,7 +207,7 @@ impl RightArm {
         }
         self.set_pelvis(pelvis);
         if let Some(sensed) = &self.sensed {
-            for (joint, angle) in sensed.iter().enumerate().filter(|(joint, _)| !ARM.contains(joint)) {
+            for (joint, angle) in sensed.iter().enumerate().filter(|(joint, _)| !self.joints.contains(joint)) {
                 self.state.qpos[self.qpos[joint]] = *angle;
             }
         }
@@ -278,7 +279,7 @@ impl RightArm {
     fn sensed_angles(&self) -> [f64; ARMS / 2] {
         let mut angles = self.angles;
         if let Some(sensed) = &self.sensed {
-            angles.copy_from_slice(&sensed[ARM]);
+            angles.copy_from_slice(&sensed[self.joints.clone()]);
         }
         angles
     }
@@ -297,7 +298,7 @@ impl RightArm {
     }
 
     pub fn set(&mut self, angles: &[f64; ARMS / 2]) {
-        for (joint, angle) in ARM.zip(angles) {
+        for (joint, angle) in self.joints.clone().zip(angles) {
             self.state.qpos[self.qpos[joint]] = *angle;
         }
     }
@@ -307,7 +308,7 @@ impl RightArm {
         let rest = self.rest;
         let (angles, error) = self.solve(goal, &rest, TRIES).await?;
         let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
-        let margin = angles.iter().zip(&self.limits[ARM]).map(room).fold(f64::INFINITY, f64::min);
+        let margin = angles.iter().zip(&self.limits[self.joints.clone()]).map(room).fold(f64::INFINITY, f64::min);
         Ok(Posture { angles, error, margin: margin.min(STRAIGHT - angles[ELBOW]) })
     }
 
@@ -407,7 +408,7 @@ impl RightArm {
     /// Angles of the arm in the standing posture, rad.
     pub fn standing(&self) -> [f64; ARMS / 2] {
         let mut angles = [0.0; ARMS / 2];
-        angles.copy_from_slice(&self.q0[ARM]);
+        angles.copy_from_slice(&self.q0[self.joints.clone()]);
         angles
     }
 
@@ -449,7 +450,7 @@ impl RightArm {
 
     /// Writes the arm's angles into the targets of the session.
     pub fn write(&self, targets: &mut [f64]) {
-        targets[ARM].copy_from_slice(&self.angles);
+        targets[self.joints.clone()].copy_from_slice(&self.angles);
     }
 
     /// Writes targets of the hand's joints.
@@ -463,17 +464,6 @@ fn pose_of(qpos: &[f64]) -> Isometry3<f64> {
     let &[x, y, z, w, i, j, k] = qpos else { return Isometry3::identity() };
     let turned = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
     Isometry3::from_parts(Vector3::new(x, y, z).into(), turned)
-}
-
-/// Shapes from which the arm is kept apart.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Apart {
-    /// All that surrounds it.
-    All,
-    /// The same, while the hand holds the bulb.
-    Carrying,
-    /// The same, while the socket may hold the bulb, too.
-    Working,
 }
 
 /// The pose on a straight way after a control step, m/s, and the way that is left then, m, turns included.
@@ -500,38 +490,3 @@ pub(super) const ELBOW: usize = 3;
 pub(super) const STRAIGHT: f64 = 1.57;
 /// Strength with which joints are pulled to their rest angles.
 const REST_PULL: f64 = 0.1;
-
-/// True where a body hangs on another one, or is it.
-fn is_below(model: &Model, mut body: BodyId, above: BodyId) -> bool {
-    while body != above && body != BodyId::WORLD {
-        body = model.bodies()[body.0].spec.parent;
-    }
-    body == above
-}
-
-/// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand, in the order of
-/// [`Apart`]; then those of the world and of neither this arm nor the legs.
-fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 4] {
-    let is_below = |body: BodyId, above: BodyId| is_below(model, body, above);
-    let body = |shape: ShapeId| model.shapes()[shape.0].body;
-    let is_bulb = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(BULB_NAME);
-    let moves = |shape: ShapeId| is_below(body(shape), shoulder);
-    let is_hand = |shape: ShapeId| is_below(body(shape), hand);
-    let own = |&(a, b): &(ShapeId, ShapeId)| {
-        let is_own = moves(a) && moves(b) && (is_hand(a) == is_hand(b));
-        (moves(a) || moves(b)) && !is_own
-    };
-    let all: Vec<_> = model.shape_pairs().filter(own).collect();
-    let is_socket = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(SOCKET_NAME);
-    let meets = |(a, b): (ShapeId, ShapeId), is_other: &dyn Fn(ShapeId) -> bool| {
-        is_bulb(a) && is_other(b) || is_bulb(b) && is_other(a)
-    };
-    let carrying: Vec<_> = all.iter().copied().filter(|pair| !meets(*pair, &is_hand)).collect();
-    let working = carrying.iter().copied().filter(|pair| !meets(*pair, &is_socket)).collect();
-    let is_body = |shape: ShapeId| {
-        body(shape) != BodyId::WORLD && !moves(shape) && legs.iter().all(|leg| !is_below(body(shape), *leg))
-    };
-    let of_body =
-        |&(a, b): &(ShapeId, ShapeId)| body(a) == BodyId::WORLD && is_body(b) || body(b) == BodyId::WORLD && is_body(a);
-    [all, carrying, working, model.shape_pairs().filter(of_body).collect()]
-}

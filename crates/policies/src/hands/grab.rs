@@ -4,21 +4,25 @@
 //! glass, closes the fingers and then the thumb, and lifts. If the bulb does not follow, it opens the hand and tries again. A bulb
 //! that lies on its side is taken from above, with the palm down.
 
+mod moves;
+mod params;
+
 use fiatlux_client::PolicyError;
-use fiatlux_kinematics::{Search, at_once};
+use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_room::bench;
-use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
+use fiatlux_skills::grip::{FINGERS, Finger, Grip};
 use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_skills::{Steps, heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use serde::Deserialize;
 
-use super::arm::RightArm;
+use super::arm::Arm;
 use super::parameters::parameters;
 use super::plan::{ArmAngles, SLICE};
+use super::side::Side;
 use super::skill::{CAP, Expert, GLASS, Seen};
+use params::{Lying, Motion, Params, Turns};
 
 /// Error of a posture that reaches, m.
 const REACHED: f64 = 0.003;
@@ -41,102 +45,6 @@ const LIES: f64 = 0.5;
 
 /// So many loose grips are tried again.
 const MAX_LOOSE: u32 = 3;
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Params {
-    stand: Stand,
-    grasp: Grasp,
-    motion: Motion,
-    close: Close,
-    /// Without it, a bulb that lies is left alone.
-    lying: Option<Lying>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Stand {
-    ahead: f64,
-    left: f64,
-    close: f64,
-    clear: f64,
-    tolerance: f64,
-    speed: f64,
-    height: f64,
-    walk_height: f64,
-    settle: f64,
-    patience: f64,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Grasp {
-    hand_from_glass: [f64; 3],
-    growth: [f64; 3],
-    tilt: [f64; 2],
-    turn: f64,
-    turns: Turns,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Turns {
-    first: f64,
-    last: f64,
-    count: u32,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Motion {
-    rest: [f64; ARMS / 2],
-    ready: [f64; 3],
-    pre_grasp: [f64; 3],
-    rate: f64,
-    speed: f64,
-    approach_speed: f64,
-    lift: f64,
-    lift_speed: f64,
-    error: f64,
-    patience: f64,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Close {
-    thumb_delay: f64,
-    finger_delay: f64,
-    touch: f64,
-    torque: f64,
-    excess: f64,
-    time: f64,
-    hold: f64,
-    firm: f64,
-    verify: f64,
-    risen: f64,
-    open: Angles,
-    #[serde(default)]
-    grip: Angles,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Lying {
-    hand_from_glass: [f64; 3],
-    turns: Vec<f64>,
-    rolls: Vec<f64>,
-    pitches: Vec<f64>,
-    neck: [f64; 3],
-    neck_weight: f64,
-    margin: f64,
-    least_margin: f64,
-    above: f64,
-    thumb_delay: f64,
-    finger_delay: f64,
-    torque: f64,
-    #[serde(default)]
-    grip: Angles,
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
@@ -208,7 +116,7 @@ struct Choice {
 impl Grab {
     /// With parameters of the form of `grab.toml`; without, those for the robot.
     pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
-        let params = parameters(given, "grab", info, |params: &mut Params| {
+        let params = parameters(given, "grab", Side::Right, info, |params: &mut Params| {
             let lying = params.lying.as_mut().map(|lying| &mut lying.grip);
             [&mut params.close.grip].into_iter().chain(lying).collect()
         })?;
@@ -284,7 +192,7 @@ impl Grab {
     }
 
     /// Begins to choose how the hand comes to the bulb.
-    fn ask(&mut self, seen: &Seen, arm: &RightArm) {
+    fn ask(&mut self, seen: &Seen, arm: &Arm) {
         let params = self.params.clone();
         let (phases, grip, lying_grip) = (self.phases.clone(), Grip::default(), Grip::default());
         let mut grab = Self { params, phases, grip, lying_grip, search: None, ..*self };
@@ -319,7 +227,7 @@ impl Grab {
 
     /// Chooses the turn of the fingers at which the arm has the most room, and the posture before the grasp; false where it cannot
     /// reach.
-    async fn choose(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    async fn choose(&mut self, seen: &Seen, arm: &mut Arm) -> Result<bool, PolicyError> {
         let back_off = Translation3::from(self.params.motion.pre_grasp);
         let mut best: Option<(f64, f64)> = None;
         let Turns { first, last, count } = self.params.grasp.turns;
@@ -338,7 +246,7 @@ impl Grab {
     }
 
     /// The same for a bulb that lies: chooses how the hand comes from above, by the room that the arm has and by where the neck is.
-    async fn choose_from_above(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    async fn choose_from_above(&mut self, seen: &Seen, arm: &mut Arm) -> Result<bool, PolicyError> {
         let Some(lying) = self.params.lying.clone() else { return Ok(false) };
         let neck = seen.fresh_bulb.rotation * -Vector3::z();
         let mut most = f64::NEG_INFINITY;
@@ -400,12 +308,11 @@ fn arrival(left: f64, elapsed: f64, distance: f64, motion: &Motion, next: Phase)
 }
 
 impl Expert for Grab {
-    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+    fn step(&mut self, seen: &Seen, arm: &mut Arm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (motion, close) = (&params.motion, &params.close);
         let mut command = BodyCommand { height: self.height(), ..BodyCommand::default() };
         let elapsed = self.phases.elapsed(seen.time);
-        let ready = Translation3::from(motion.ready);
         let back_off = Translation3::from(motion.pre_grasp);
         let closing = CONTROL_DT / close.time;
         let closed = 1.0 + close.excess * (1.0 - self.size);
@@ -418,18 +325,7 @@ impl Expert for Grab {
                 (self.away(seen) > params.stand.clear).then_some(Phase::Raise)
             }
             Phase::Raise if self.posture.is_none() && self.away(seen) < params.stand.close => Some(Phase::StepBack),
-            Phase::Raise => {
-                let posture = match self.posture {
-                    Some(posture) => posture,
-                    None => {
-                        self.heading = heading(&seen.pelvis);
-                        self.size = self.size_of(&seen.fresh_bulb);
-                        let goal = self.grasp_from(seen, [params.stand.ahead, params.stand.left]) * ready;
-                        *self.posture.insert(at_once(arm.posture(&goal))?.angles)
-                    }
-                };
-                (arm.turn_to(&posture, motion.rate) < TURNED).then_some(Phase::StepUp)
-            }
+            Phase::Raise => self.raise(&params, seen, arm)?,
             Phase::StepUp => {
                 let Steps { velocity, distance } = self.step_up(seen);
                 (command.velocity, command.height) = (velocity, params.stand.walk_height);
@@ -454,49 +350,13 @@ impl Expert for Grab {
                 is_over.then_some(Phase::StepUp)
             }
             Phase::PreGrasp | Phase::Approach | Phase::Close if has_fallen => Some(Phase::Open),
-            Phase::PreGrasp => {
-                self.goal = self.world_from_grasp(seen);
-                let goal = match (self.from_above, &params.lying) {
-                    (Some(_), Some(lying)) => above(&self.goal, lying.above),
-                    _ => self.goal * back_off,
-                };
-                if let (true, Some(posture)) = (self.turning, self.posture) {
-                    self.turning = arm.turn_to(&posture, motion.rate) > TURNED;
-                    self.phases.restart(seen.time);
-                    None
-                } else {
-                    let left = arm.move_to(false, &goal, motion.speed)?;
-                    arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Approach)
-                }
-            }
+            Phase::PreGrasp => self.pre_grasp(&params, seen, arm)?,
             Phase::Approach => {
                 let goal = self.goal;
                 let left = arm.move_to(false, &goal, motion.approach_speed)?;
                 arrival(left, elapsed, arm.distance_to(&goal), motion, Phase::Close)
             }
-            Phase::Close => {
-                let (thumb_delay, finger_delay, torque) = match (self.from_above, &params.lying) {
-                    (Some(_), Some(lying)) => (lying.thumb_delay, lying.finger_delay, lying.torque),
-                    _ => (close.thumb_delay, close.finger_delay, close.torque),
-                };
-                for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.touch.fingers).enumerate() {
-                    let delay = if index == 0 { thumb_delay } else { finger_delay };
-                    finger.share += if elapsed > delay { closing } else { 0.0 };
-                    finger.torque = finger.torque.or((force > close.touch).then_some(torque));
-                }
-                let goal = self.goal;
-                arm.move_to(false, &goal, motion.approach_speed)?;
-                self.bulb_height = self.glass(seen).z;
-                let is_loose = self.from_above.is_none() && seen.touch.fingers[0] < close.firm;
-                (elapsed > close.time + thumb_delay.max(finger_delay) + close.hold).then(|| {
-                    if is_loose && self.loose < MAX_LOOSE {
-                        self.loose += 1;
-                        return Phase::Open;
-                    }
-                    self.goal.translation.vector.z += motion.lift;
-                    Phase::Lift
-                })
-            }
+            Phase::Close => self.close(&params, seen, arm)?,
             Phase::Lift | Phase::Hold => {
                 let goal = self.goal;
                 let left = arm.move_to(false, &goal, motion.lift_speed)?;
@@ -527,7 +387,7 @@ impl Expert for Grab {
         Ok(command)
     }
 
-    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+    fn take_up(&mut self, seen: &Seen, arm: &mut Arm) -> Result<Option<BodyCommand>, PolicyError> {
         let hand = arm.sensed_hand();
         let at = hand.inverse() * self.glass(seen);
         let off = (at - Point3::from(self.params.grasp.hand_from_glass)).norm();

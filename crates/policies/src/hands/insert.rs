@@ -13,15 +13,17 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Apart, MakesArm, RightArm, ToolGoal};
-use super::lean::Lean;
+use super::apart::Apart;
+use super::arm::{Arm, MakesArm, ToolGoal};
+use super::lean::{Lean, leans};
 use super::parameters::parameters;
 use super::plan::{ArmAngles, SLICE};
 use super::retries::Manner;
 use super::room;
+use super::side::Side;
 use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Standing, Taking, leans};
+use super::stance::{Judge, REST, Stance, Standing, Taking};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m.
 const STOP: f64 = fixture::STOP_HEIGHT;
@@ -154,7 +156,7 @@ pub(super) struct Insert {
 impl Insert {
     /// With parameters of the form of `insert.toml`; without, those for the robot. `empty` makes the arm with nothing in its hand.
     pub fn new(given: Option<&str>, info: &SessionInfo, empty: MakesArm) -> Result<Self, PolicyError> {
-        let params = parameters(given, "insert", info, |params: &mut Params| vec![&mut params.open.grip])?;
+        let params = parameters(given, "insert", Side::Right, info, |params: &mut Params| vec![&mut params.open.grip])?;
         Ok(Self {
             phases: Phases::new(Phase::Take, 0.0),
             taking: Taking::new(params.lean.clone(), Manner::CARRYING),
@@ -174,7 +176,7 @@ impl Insert {
     }
 
     /// Leans and brings the bulb before the mouth; true where it is there.
-    fn take(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    fn take(&mut self, seen: &Seen, arm: &mut Arm) -> Result<bool, PolicyError> {
         let world_from_plug = seen.fresh_bulb * Translation3::new(0.0, 0.0, CAP);
         self.hand_from_plug = arm.sensed_hand().inv_mul(&world_from_plug);
         let (hand_from_plug, before) = (self.hand_from_plug, self.params.align.before);
@@ -182,7 +184,7 @@ impl Insert {
     }
 
     /// The bulb is in the socket, and the hand around it open: looks for the way off it.
-    fn backs_off(&mut self, seen: &Seen, arm: &mut RightArm, plug: &Plug) -> Result<Phase, PolicyError> {
+    fn backs_off(&mut self, seen: &Seen, arm: &mut Arm, plug: &Plug) -> Result<Phase, PolicyError> {
         self.empties(seen, arm)?;
         let from = arm.world_from_hand();
         let mut moves: Vec<_> = self.params.open.back.iter().copied().map(Vector3::from).collect();
@@ -198,7 +200,7 @@ impl Insert {
     }
 
     /// From now on the bulb is in the socket.
-    fn empties(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<(), PolicyError> {
+    fn empties(&mut self, seen: &Seen, arm: &mut Arm) -> Result<(), PolicyError> {
         if let Some(empty) = self.empty.take() {
             *arm = empty(room::with_bulb_in_socket(seen))?.going_on_from(arm);
         }
@@ -238,7 +240,7 @@ impl Judge for WaysIn {
     /// The turn about the socket's axis is the arm's choice.
     async fn judge(
         &self,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         command: &BodyCommand,
         from: &ArmAngles,
         tries: usize,
@@ -274,11 +276,7 @@ impl Judge for WaysIn {
 
 /// The way of the open hand off the bulb: postures of the arm on a straight line by one of these moves, in the hand's frame. It is the
 /// one on which the hand stays on its line and gets the widest gaps to all around; empty where all strike something.
-async fn way_out(
-    arm: &mut RightArm,
-    from: &Isometry3<f64>,
-    moves: &[Vector3<f64>],
-) -> Result<Vec<ArmAngles>, PolicyError> {
+async fn way_out(arm: &mut Arm, from: &Isometry3<f64>, moves: &[Vector3<f64>]) -> Result<Vec<ArmAngles>, PolicyError> {
     let began = arm.angles();
     let least = arm.gap(&began, Apart::All).await.min(0.0) - CLOSER;
     let mut best: Option<(f64, Vec<ArmAngles>)> = None;
@@ -303,10 +301,72 @@ async fn way_out(
     Ok(best.map(|(_, way)| way).unwrap_or_default())
 }
 
+impl Insert {
+    /// Brings the plug before the mouth and straight.
+    fn align(
+        &mut self,
+        params: &Params,
+        seen: &Seen,
+        arm: &mut Arm,
+        plug: &Plug,
+    ) -> Result<Option<Phase>, PolicyError> {
+        let (align, elapsed) = (&params.align, self.phases.elapsed(seen.time));
+        arm.nudge(
+            true,
+            &plug.change(self.gap, &Vector3::zeros(), align.gain),
+            self.hand_from_plug,
+            plug.axis,
+            align.lead,
+        )?;
+        let is_there = plug.aside.norm() < align.aside && plug.turn.angle() < align.tilt;
+        Ok(if self.has_held(is_there, seen, align.calm) {
+            self.deepest = (plug.gap, seen.time);
+            Some(Phase::Insert)
+        } else if elapsed > align.patience || elapsed > 1.0 && plug.aside.norm() > align.stray {
+            Some(Phase::Back)
+        } else {
+            None
+        })
+    }
+
+    /// Moves it in, and out again where it is askew.
+    fn insert(
+        &mut self,
+        params: &Params,
+        seen: &Seen,
+        arm: &mut Arm,
+        plug: &Plug,
+    ) -> Result<Option<Phase>, PolicyError> {
+        let Params { align, insert, .. } = params;
+        let elapsed = self.phases.elapsed(seen.time);
+        if plug.gap < self.deepest.0 - 1e-3 {
+            self.deepest = (plug.gap, seen.time);
+        }
+        // Askew in the mouth it would turn in the hand: it comes out until it is straight.
+        if plug.turn.angle() > insert.askew && !seen.seated[1] {
+            self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);
+        } else if plug.gap - self.gap < insert.ahead {
+            self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
+        }
+        let aside = self.search(seen, plug);
+        arm.nudge(true, &plug.change(self.gap, &aside, align.gain), self.hand_from_plug, plug.axis, insert.lead)?;
+        let is_outside = plug.gap > MOUTH / 2.0;
+        Ok(if self.has_held(seen.seated[1], seen, insert.seated) {
+            arm.rest_where_it_is();
+            Some(Phase::Relax)
+        } else if is_outside && (elapsed > insert.patience || plug.aside.norm() > insert.stray) {
+            self.gap = align.before;
+            Some(Phase::Align)
+        } else {
+            None
+        })
+    }
+}
+
 impl Expert for Insert {
-    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+    fn step(&mut self, seen: &Seen, arm: &mut Arm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
-        let (align, insert, open) = (&params.align, &params.insert, &params.open);
+        let (align, open) = (&params.align, &params.open);
         let elapsed = self.phases.elapsed(seen.time);
         let plug = Plug::measure(&seen.socket, &seen.fresh_bulb);
         let next = match self.phases.now() {
@@ -314,24 +374,7 @@ impl Expert for Insert {
                 self.gap = align.before;
                 Phase::Align
             }),
-            Phase::Align => {
-                arm.nudge(
-                    true,
-                    &plug.change(self.gap, &Vector3::zeros(), align.gain),
-                    self.hand_from_plug,
-                    plug.axis,
-                    align.lead,
-                )?;
-                let is_there = plug.aside.norm() < align.aside && plug.turn.angle() < align.tilt;
-                if self.has_held(is_there, seen, align.calm) {
-                    self.deepest = (plug.gap, seen.time);
-                    Some(Phase::Insert)
-                } else if elapsed > align.patience || elapsed > 1.0 && plug.aside.norm() > align.stray {
-                    Some(Phase::Back)
-                } else {
-                    None
-                }
-            }
+            Phase::Align => self.align(&params, seen, arm, &plug)?,
             Phase::Back => {
                 self.gap = align.back;
                 arm.nudge(
@@ -346,35 +389,7 @@ impl Expert for Insert {
                     Phase::Take
                 })
             }
-            Phase::Insert => {
-                if plug.gap < self.deepest.0 - 1e-3 {
-                    self.deepest = (plug.gap, seen.time);
-                }
-                // Askew in the mouth it would turn in the hand: it comes out until it is straight.
-                if plug.turn.angle() > insert.askew && !seen.seated[1] {
-                    self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);
-                } else if plug.gap - self.gap < insert.ahead {
-                    self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
-                }
-                let aside = self.search(seen, &plug);
-                arm.nudge(
-                    true,
-                    &plug.change(self.gap, &aside, align.gain),
-                    self.hand_from_plug,
-                    plug.axis,
-                    insert.lead,
-                )?;
-                let is_outside = plug.gap > MOUTH / 2.0;
-                if self.has_held(seen.seated[1], seen, insert.seated) {
-                    arm.rest_where_it_is();
-                    Some(Phase::Relax)
-                } else if is_outside && (elapsed > insert.patience || plug.aside.norm() > insert.stray) {
-                    self.gap = align.before;
-                    Some(Phase::Align)
-                } else {
-                    None
-                }
-            }
+            Phase::Insert => self.insert(&params, seen, arm, &plug)?,
             Phase::Relax => (elapsed > open.relax).then_some(Phase::Open),
             Phase::Open => {
                 let opening = CONTROL_DT / open.time;
@@ -403,7 +418,7 @@ impl Expert for Insert {
             Phase::Done => None,
         };
         arm.write(targets);
-        RightArm::put_left_arm(targets, self.phases.now() != Phase::Done);
+        Arm::put_left_arm(targets, self.phases.now() != Phase::Done);
         let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Leave | Phase::Done);
         let presses = |hold: &Holding| seen.touch.fingers.iter().any(|force| *force > hold.felt);
         let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
@@ -418,7 +433,7 @@ impl Expert for Insert {
         Ok(self.leaving.as_ref().unwrap_or(&self.taking).command())
     }
 
-    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+    fn take_up(&mut self, seen: &Seen, arm: &mut Arm) -> Result<Option<BodyCommand>, PolicyError> {
         let plug = Plug::measure(&seen.socket, &seen.fresh_bulb);
         let closure = arm.closure(&self.grip);
         let closed = closure.iter().sum::<f64>() / closure.len() as f64;

@@ -73,3 +73,11 @@ impl Lean {
         })
     }
 }
+
+/// Height of the pelvis below which a robot leans, m, and turn of the torso from which on, rad.
+const LEANS: (f64, f64) = (0.70, 0.12);
+
+/// The robot leans already by a command.
+pub(super) fn leans(command: &BodyCommand) -> bool {
+    command.height < LEANS.0 || command.torso.iter().any(|angle| angle.abs() > LEANS.1)
+}

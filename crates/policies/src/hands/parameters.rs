@@ -9,6 +9,8 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::{Table, Value};
 
+use super::side::Side;
+
 // `PARAMETERS`: name and text of each file of parameters; the build script writes the list.
 include!(concat!(env!("OUT_DIR"), "/parameters.rs"));
 
@@ -35,7 +37,7 @@ enum LayerError {
     Toml(#[from] toml::de::Error),
 }
 
-/// Parameters of a skill: those of its file for the session's robot, but for those given. Joints that its grips leave out are as
+/// Parameters of a skill: those of its file for the session's robot and the hand that works, but for those given. Joints that its grips leave out are as
 /// in the robot's grasp of a bulb.
 ///
 /// # Errors
@@ -43,14 +45,16 @@ enum LayerError {
 pub(super) fn parameters<P: DeserializeOwned>(
     given: Option<&str>,
     skill: &str,
+    side: Side,
     info: &SessionInfo,
     grips: impl Fn(&mut P) -> Vec<&mut Angles>,
 ) -> Result<P, PolicyError> {
     let joints = &info.joints;
     let robot = Robot::of_session(&info.robot, joints.iter().map(|joint| joint.name.as_str())).ok();
     let own = robot.as_ref().and_then(|robot| {
-        let of_robot = format!("{skill}.{}", robot.name());
-        text_of(if robot.name() == Robot::NAMES[0] { skill } else { &of_robot })
+        let of_robot = if robot.name() == Robot::NAMES[0] { String::new() } else { format!(".{}", robot.name()) };
+        let of_side = if side == Side::Left { ".left" } else { "" };
+        text_of(&format!("{skill}{of_robot}{of_side}"))
     });
     let is_known = |name: &String| joints.iter().any(|joint| joint.name == *name);
     let mut table = None;
@@ -58,7 +62,7 @@ pub(super) fn parameters<P: DeserializeOwned>(
         table = Some(layered(table, text).map_err(PolicyError::of("hands"))?);
     }
     let params: Option<P> = table.map(Table::try_into).transpose().map_err(PolicyError::of("hands"))?;
-    let grasp = robot.as_ref().map(grasp_of).unwrap_or_default();
+    let grasp = robot.as_ref().map(|robot| grasp_of(robot, side as usize)).unwrap_or_default();
     let completed = |mut params: P| {
         let are_known = grips(&mut params).into_iter().all(|grip| {
             for (name, angle) in &grasp {
@@ -187,7 +191,7 @@ mod tests {
             assert!(!of_hand.is_empty() && repeated.is_empty(), "{name} repeats {repeated:?}");
             number += 1;
         }
-        assert_eq!(number, 8);
+        assert_eq!(number, 9);
     }
 
     #[test]

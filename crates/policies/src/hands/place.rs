@@ -1,6 +1,6 @@
 //! S06: puts the spent bulb into the crate.
 //!
-//! The robot steps to where its right hand is beside the crate's middle, brings the bulb above it, bends its knees and its back
+//! The robot steps to where its hand, right or left, is beside the crate's middle, brings the bulb above it, bends its knees and its back
 //! while the hand goes down, lets the bulb rest, opens the hand, takes it up, and stands up.
 
 use std::f64::consts::FRAC_PI_2;
@@ -12,13 +12,14 @@ use fiatlux_room::{bulb, crate_};
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
 use fiatlux_skills::phases::{Phases, Skill};
-use fiatlux_skills::{heading, steps_to};
+use fiatlux_skills::{MIRRORED, heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
 
-use super::arm::{RightArm, Torso};
+use super::arm::{Arm, Torso};
 use super::parameters::parameters;
+use super::side::Side;
 use super::skill::{CAP, Expert, GLASS, GLASS_RADIUS, Seen};
 
 /// Radius of the cap, m.
@@ -141,9 +142,34 @@ struct Spot {
     facing: f64,
 }
 
+impl Params {
+    /// The numbers, which are given for the right hand, for one hand.
+    fn on(mut self, side: Side) -> Self {
+        let mirror = |numbers: &mut [f64], axes: &[usize]| {
+            axes.iter().for_each(|axis| numbers[*axis] = side.mirrored(numbers[*axis]));
+        };
+        let Self { stand, bend, grasp, motion, way, .. } = &mut self;
+        mirror(std::slice::from_mut(&mut stand.left), &[0]);
+        mirror(&mut bend.torso, &[0, 2]);
+        mirror(&mut grasp.hand_from_glass, &[2]);
+        mirror(std::slice::from_mut(&mut grasp.turn), &[0]);
+        mirror(std::slice::from_mut(&mut grasp.roll), &[0]);
+        mirror(&mut motion.rest, &MIRRORED);
+        for Waypoint { pelvis, turned, waist, glass, .. } in way {
+            mirror(pelvis, &[1]);
+            mirror(turned, &[0, 2]);
+            mirror(waist, &[0, 1]);
+            mirror(glass, &[1]);
+        }
+        self
+    }
+}
+
 /// State of an episode.
 pub(super) struct Place {
     params: Params,
+    /// The hand with the bulb.
+    side: Side,
     phases: Phases<Phase>,
     spot: Option<Spot>,
     /// The arm's postures on the way down.
@@ -157,9 +183,10 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// With parameters of the form of `place.toml`; without, those for the robot.
-    pub fn new(given: Option<&str>, info: &SessionInfo) -> Result<Self, PolicyError> {
-        let params = parameters(given, "place", info, |params: &mut Params| vec![&mut params.close.grip])?;
+    /// With parameters of the form of `place.toml`; without, those for the robot and the hand.
+    pub fn new(given: Option<&str>, side: Side, info: &SessionInfo) -> Result<Self, PolicyError> {
+        let params = parameters(given, "place", side, info, |params: &mut Params| vec![&mut params.close.grip])?;
+        let params = params.on(side);
         Ok(Self {
             phases: Phases::new(Phase::StepUp, 0.0),
             spot: None,
@@ -168,13 +195,14 @@ impl Place {
             hangs: false,
             fingers: [Finger { share: 1.0, torque: Some(params.grasp.torque) }; FINGERS.len()],
             grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
+            side,
             params,
         })
     }
 
     /// The robot faces one of the crate's sides, and the glass comes down just behind that wall: of these places the one to which the
     /// robot has the least way.
-    fn spot(&self, seen: &Seen, arm: &mut RightArm) -> Spot {
+    fn spot(&self, seen: &Seen, arm: &mut Arm) -> Spot {
         let hand_from_bulb = arm.sensed_hand().inv_mul(&seen.old_bulb);
         let stand = &self.params.stand;
         let (stance, looks) = self.stance(seen);
@@ -192,8 +220,9 @@ impl Place {
                 let pelvis = glass - world_from_side.rotation * Vector3::new(stand.ahead, stand.left, 0.0);
                 let spot = Spot { glass: glass.coords.xy(), pelvis: pelvis.coords.xy(), facing };
                 let cap = world_from_side.inverse() * self.cap(&spot, &hand_from_bulb);
-                let is_inside = aside < wide - stand.margin
-                    && aside > stand.right - wide
+                let outwards = self.side.mirrored(aside);
+                let is_inside = outwards < wide - stand.margin
+                    && outwards > stand.right - wide
                     && cap.x.abs() < deep - 0.5 * stand.margin
                     && cap.y.abs() < wide - stand.margin;
                 let cost = (spot.pelvis - here).norm() + TURN_COST * wrapped(facing - looks).abs();
@@ -216,7 +245,7 @@ impl Place {
 
     /// Finds the arm's postures, from the last one up, so that each is near the next one; false where it does not
     /// reach the last one.
-    fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    fn plan(&mut self, seen: &Seen, spot: &Spot, arm: &mut Arm) -> Result<bool, PolicyError> {
         let (world_from_stance, _) = self.stance(seen);
         let Some(end) = self.params.way.last().map(|last| last.glass) else { return Ok(false) };
         let off = world_from_stance.inverse() * Point3::from(spot.glass.push(0.0)) - Point3::from(end);
@@ -230,7 +259,7 @@ impl Place {
         seen: &Seen,
         hand_from_glass: Vector3<f64>,
         off: Vector2<f64>,
-        arm: &mut RightArm,
+        arm: &mut Arm,
     ) -> Result<bool, PolicyError> {
         let (world_from_stance, looks) = self.stance(seen);
         let last = self.params.way.len().saturating_sub(1);
@@ -281,13 +310,14 @@ impl Place {
         of(before).lerp(&of(before + 1), at - before as f64)
     }
 
-    /// The hand's rotation: its fingers point below the horizontal and to the left of a direction.
+    /// The hand's rotation: its fingers point below the horizontal and inwards of a direction.
     fn world_from_hand_rotation(&self, facing: f64, down: f64) -> UnitQuaternion<f64> {
         let grasp = &self.params.grasp;
         let (sin, cos) = (libm::sin(down), libm::cos(down));
         let fingers = Vector3::new(cos, 0.0, -sin);
         let thumb = Rotation3::from_scaled_axis(fingers * grasp.roll) * Vector3::new(sin, 0.0, cos);
-        let axes = Matrix3::from_columns(&[fingers.cross(&thumb), -fingers, -thumb]);
+        let mirror = self.side.mirrored(1.0);
+        let axes = Matrix3::from_columns(&[fingers.cross(&thumb) * mirror, -fingers, -thumb * mirror]);
         let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), facing + grasp.turn);
         level * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes))
     }
@@ -320,7 +350,7 @@ impl Place {
 }
 
 impl Expert for Place {
-    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+    fn step(&mut self, seen: &Seen, arm: &mut Arm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (stand, motion) = (&params.stand, &params.motion);
         let mut command = BodyCommand::default();
@@ -383,7 +413,7 @@ impl Expert for Place {
         Ok(command)
     }
 
-    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+    fn take_up(&mut self, seen: &Seen, arm: &mut Arm) -> Result<Option<BodyCommand>, PolicyError> {
         let glass = seen.old_bulb * Point3::new(0.0, 0.0, GLASS);
         let closure = arm.closure(&self.grip);
         let closed = closure.iter().sum::<f64>() / closure.len() as f64;

@@ -1,4 +1,4 @@
-//! Postures of the right arm that reach a pose from a stance, and ways between postures that strike neither robot nor room.
+//! Postures of an arm that reach a pose from a stance, and ways between postures that strike neither robot nor room.
 
 use fiatlux_client::PolicyError;
 use fiatlux_dynamics::Site;
@@ -9,7 +9,8 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
-use super::arm::{ARM, Apart, ELBOW, RightArm, STRAIGHT, TURN_M, ToolGoal};
+use super::apart::Apart;
+use super::arm::{Arm, ELBOW, STRAIGHT, TURN_M, ToolGoal};
 use super::retries::Manner;
 
 /// Angles of the arm from the shoulder down, rad.
@@ -39,9 +40,9 @@ const SPREAD: f64 = 1.2;
 /// Share that the pelvis has in the torso's roll and pitch where the robot stands, as in `fiatlux_wbc`.
 const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
 
-impl RightArm {
+impl Arm {
     /// Sets pelvis and waist to where a command brings them, the feet staying and the centre of mass over them, while the arm has
-    /// these angles. It holds until the next [`RightArm::sense`].
+    /// these angles. It holds until the next [`Arm::sense`].
     pub fn assume(&mut self, command: &BodyCommand, angles: &ArmAngles) {
         self.set(angles);
         for (joint, angle) in (MOVED..).zip(LEFT_AWAY) {
@@ -102,7 +103,7 @@ impl RightArm {
         let found = inverse.solve_in_slices(&self.model, &mut self.state, &[wanted], &self.work).await;
         let found = found.map_err(PolicyError::of("hands"))?;
         let mut solved = *from;
-        for (joint, angle) in ARM.zip(&mut solved) {
+        for (joint, angle) in self.joints.clone().zip(&mut solved) {
             *angle = self.state.qpos[self.qpos[joint]];
         }
         Ok((solved, found.position_error.max(TURN_M * found.rotation_error).max(found.clearance_error)))
@@ -112,7 +113,7 @@ impl RightArm {
     pub fn room(&self, angles: &ArmAngles) -> f64 {
         let room = |(angle, [lower, upper]): (&f64, &[f64; 2])| (angle - lower).min(upper - angle);
         let bent = (STRAIGHT - angles[ELBOW]).abs();
-        angles.iter().zip(&self.limits[ARM]).map(room).fold(bent, f64::min)
+        angles.iter().zip(&self.limits[self.joints.clone()]).map(room).fold(bent, f64::min)
     }
 
     /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`].
@@ -150,7 +151,7 @@ impl RightArm {
                 _ => {
                     let share = unit(&mut random);
                     std::array::from_fn(|joint| {
-                        let [lower, upper] = self.limits[ARM.start + joint];
+                        let [lower, upper] = self.limits[self.joints.start + joint];
                         let between = from[joint] + share * (to[joint] - from[joint]);
                         (between + SPREAD * (2.0 * unit(&mut random) - 1.0)).clamp(lower, upper)
                     })
@@ -207,7 +208,7 @@ impl RightArm {
         for step in 0..STEPS {
             let [grows, other] = [step % 2, 1 - step % 2];
             let sample: ArmAngles = std::array::from_fn(|joint| {
-                let [lower, upper] = self.limits[ARM.start + joint];
+                let [lower, upper] = self.limits[self.joints.start + joint];
                 lower + (upper - lower) * unit(&mut random)
             });
             let (node, _) = nearest(&trees[grows], &sample);

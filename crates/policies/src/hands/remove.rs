@@ -12,15 +12,17 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::arm::{Apart, MakesArm, RightArm, ToolGoal};
-use super::lean::Lean;
+use super::apart::Apart;
+use super::arm::{Arm, MakesArm, ToolGoal};
+use super::lean::{Lean, leans};
 use super::parameters::parameters;
 use super::plan::ArmAngles;
 use super::retries::Manner;
 use super::room;
+use super::side::Side;
 use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Standing, Taking, leans};
+use super::stance::{Judge, REST, Stance, Standing, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -134,7 +136,8 @@ pub(super) struct Remove {
 impl Remove {
     /// With parameters of the form of `remove.toml`; without, those for the robot. `carrying` makes the arm that has the bulb in its hand.
     pub fn new(given: Option<&str>, info: &SessionInfo, carrying: MakesArm) -> Result<Self, PolicyError> {
-        let params = parameters(given, "remove", info, |params: &mut Params| vec![&mut params.close.grip])?;
+        let params =
+            parameters(given, "remove", Side::Right, info, |params: &mut Params| vec![&mut params.close.grip])?;
         if params.grasp.tilts.is_empty() {
             let reason = "grasp.tilts is empty; name one at least".into();
             return Err(PolicyError::Unfit { policy: "hands", reason });
@@ -153,7 +156,7 @@ impl Remove {
     }
 
     /// Leans and brings the hand beside the glass; true where it is there.
-    fn take(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<bool, PolicyError> {
+    fn take(&mut self, seen: &Seen, arm: &mut Arm) -> Result<bool, PolicyError> {
         let Params { grasp, pull, .. } = &self.params;
         let ways = || Ways { seen: seen.clone(), grasp: grasp.clone(), out: pull.out };
         let is_there = self.taking.step(seen, arm, ways)?;
@@ -188,7 +191,7 @@ impl Judge for Ways {
     /// counts, too.
     async fn judge(
         &self,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         command: &BodyCommand,
         from: &ArmAngles,
         tries: usize,
@@ -207,7 +210,7 @@ impl Ways {
     /// Postures from beside the glass to around it by a grasp. `None` where the stance's score is not above `least`.
     async fn way(
         &self,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         [about_x, about_y]: [f64; 2],
         command: &BodyCommand,
         from: &ArmAngles,
@@ -262,7 +265,7 @@ impl Ways {
 }
 
 impl Expert for Remove {
-    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
+    fn step(&mut self, seen: &Seen, arm: &mut Arm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError> {
         let params = self.params.clone();
         let (grasp, close, pull) = (&params.grasp, &params.close, &params.pull);
         let elapsed = self.phases.elapsed(seen.time);
@@ -349,7 +352,7 @@ impl Expert for Remove {
         };
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
         arm.write(targets);
-        RightArm::put_left_arm(targets, true);
+        Arm::put_left_arm(targets, true);
         arm.write_fingers(&self.grip, &self.fingers, targets);
         if self.phases.enter(next, seen.time) {
             self.has_arrived = false;
@@ -357,7 +360,7 @@ impl Expert for Remove {
         Ok(self.leaving.as_ref().unwrap_or(&self.taking).command())
     }
 
-    fn take_up(&mut self, seen: &Seen, arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+    fn take_up(&mut self, seen: &Seen, arm: &mut Arm) -> Result<Option<BodyCommand>, PolicyError> {
         let closure = arm.closure(&self.grip);
         let closed = closure.iter().sum::<f64>() / closure.len() as f64;
         let hand = arm.sensed_hand();

@@ -2,7 +2,7 @@
 
 use fiatlux_wbc::BodyCommand;
 
-use super::arm::Apart;
+use super::apart::Apart;
 use super::lean::Lean;
 
 /// So often the arm is held up on its way before another stance is looked for.

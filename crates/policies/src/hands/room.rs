@@ -7,8 +7,8 @@ use fiatlux_robot::Robot;
 use fiatlux_room::{bulb, fixture, ladder};
 use nalgebra::{Isometry3, Vector3};
 
-use super::arm::hand_link;
 use super::shape::{BULB_NAME, SOCKET_NAME, Shape, Surroundings};
+use super::side::hand_link;
 use super::skill::{CAP, Seen};
 
 /// Length of the rod from which a fixture hangs, m: it ends above the ceiling.

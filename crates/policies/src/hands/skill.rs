@@ -7,7 +7,7 @@ use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{ARMS, BodyCommand};
 use nalgebra::Isometry3;
 
-use super::arm::RightArm;
+use super::arm::Arm;
 
 /// Bottom of the cap on a bulb's axis, m.
 pub(super) const CAP: f64 = bulb::SEAT_Z;
@@ -33,7 +33,7 @@ pub(super) struct Seen {
     pub crate_: Isometry3<f64>,
     /// The socket holds the old bulb, the fresh bulb.
     pub seated: [bool; 2],
-    /// Forces of a bulb on the right hand.
+    /// Forces of a bulb on the hand that works.
     pub touch: Touch,
 }
 
@@ -41,26 +41,26 @@ pub(super) struct Seen {
 pub(super) const TOUCHED: f64 = 1.0;
 
 impl Seen {
-    /// The bulb touches the right hand somewhere.
+    /// The bulb touches that hand somewhere.
     pub fn is_touched(&self) -> bool {
         self.touch.largest() > TOUCHED
     }
 }
 
-/// An expert. It moves the right arm and its hand, and commands the whole-body controller.
+/// An expert. It moves an arm and its hand, and commands the whole-body controller.
 pub(super) trait Expert: Skill + Send {
     /// Writes the targets of the arm and its fingers, and returns the command for legs and waist.
     ///
     /// # Errors
     /// The arm's kinematics fail.
-    fn step(&mut self, seen: &Seen, arm: &mut RightArm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError>;
+    fn step(&mut self, seen: &Seen, arm: &mut Arm, targets: &mut [f64]) -> Result<BodyCommand, PolicyError>;
 
     /// Finds from the first observation where in its task a robot is that is already at it, and goes on from there. Returns the command
     /// by which the robot stands then; `None` where it begins at the start.
     ///
     /// # Errors
     /// The task cannot be played from there, or the arm's kinematics fail.
-    fn take_up(&mut self, _seen: &Seen, _arm: &mut RightArm) -> Result<Option<BodyCommand>, PolicyError> {
+    fn take_up(&mut self, _seen: &Seen, _arm: &mut Arm) -> Result<Option<BodyCommand>, PolicyError> {
         Ok(None)
     }
 

@@ -11,7 +11,8 @@ use fiatlux_kinematics::Search;
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::Isometry3;
 
-use super::arm::{Apart, RightArm, ToolGoal};
+use super::apart::Apart;
+use super::arm::{Arm, ToolGoal};
 use super::lean::Lean;
 use super::plan::{ArmAngles, SLICE};
 use super::retries::{Manner, Retries, Touched};
@@ -49,7 +50,7 @@ pub(super) trait Judge: Send + Sync + 'static {
     /// The stance of a command, the arm searched from a posture in so many tries. `None` where its score is not above `least`.
     fn judge(
         &self,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         command: &BodyCommand,
         from: &ArmAngles,
         tries: usize,
@@ -63,7 +64,7 @@ pub(super) struct Standing(pub ArmAngles);
 impl Judge for Standing {
     async fn judge(
         &self,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         command: &BodyCommand,
         _from: &ArmAngles,
         _tries: usize,
@@ -83,14 +84,6 @@ enum Stage {
     Lean,
     /// Brings the arm to the first posture.
     Reach,
-}
-
-/// Height of the pelvis below which a robot leans, m, and turn of the torso from which on, rad.
-const LEANS: (f64, f64) = (0.70, 0.12);
-
-/// The robot leans already by a command.
-pub(super) fn leans(command: &BodyCommand) -> bool {
-    command.height < LEANS.0 || command.torso.iter().any(|angle| angle.abs() > LEANS.1)
 }
 
 /// On its way to a stance.
@@ -150,7 +143,7 @@ struct Thinker<J> {
 }
 
 impl<J: Judge> Thinker<J> {
-    async fn answer(&self, question: Question, arm: &mut RightArm) -> Result<Found, PolicyError> {
+    async fn answer(&self, question: Question, arm: &mut Arm) -> Result<Found, PolicyError> {
         match question {
             Question::Stance(before) => self.search(arm, before).await,
             Question::Haven => Ok(match &self.stance {
@@ -165,7 +158,7 @@ impl<J: Judge> Thinker<J> {
     }
 
     /// Looks for the stance from the very beginning, and for the way to where the robot may lean from `before`.
-    async fn search(&self, arm: &mut RightArm, before: BodyCommand) -> Result<Found, PolicyError> {
+    async fn search(&self, arm: &mut Arm, before: BodyCommand) -> Result<Found, PolicyError> {
         let Some(stance) = self.choose(arm).await? else { return Ok(Found::Stance(before, None)) };
         let way = self.way_to_haven(arm, &before, &stance).await;
         Ok(Found::Stance(before, Some((stance, way))))
@@ -173,7 +166,7 @@ impl<J: Judge> Thinker<J> {
 
     /// Looks for the way to the first posture of a stance that the robot has taken; where the arm does not reach it now, for another
     /// stance.
-    async fn look(&self, arm: &mut RightArm, before: &Stance) -> Result<Found, PolicyError> {
+    async fn look(&self, arm: &mut Arm, before: &Stance) -> Result<Found, PolicyError> {
         let from = arm.angles();
         let judged = self.judge.judge(arm, &before.command, &before.last(), self.lean.tries, f64::NEG_INFINITY).await?;
         let mut stance = judged.unwrap_or_else(|| before.clone());
@@ -200,7 +193,7 @@ impl<J: Judge> Thinker<J> {
     }
 
     /// The stance that suits the arm best: the best of the combinations, then of its neighbours.
-    async fn choose(&self, arm: &mut RightArm) -> Result<Option<Stance>, PolicyError> {
+    async fn choose(&self, arm: &mut Arm) -> Result<Option<Stance>, PolicyError> {
         let from = arm.angles();
         let mut best: Option<(f64, Stance)> = None;
         for command in self.lean.commands() {
@@ -217,7 +210,7 @@ impl<J: Judge> Thinker<J> {
     }
 
     /// The best that is found from a stance by changes of its command, each on its own.
-    async fn improve(&self, arm: &mut RightArm, mut best: Stance) -> Result<Stance, PolicyError> {
+    async fn improve(&self, arm: &mut Arm, mut best: Stance) -> Result<Stance, PolicyError> {
         let mut step = self.lean.step;
         while step > self.lean.step / 4.0 {
             let mut is_better = false;
@@ -241,7 +234,7 @@ impl<J: Judge> Thinker<J> {
     }
 
     /// The arm, as it is, strikes nothing while the robot goes from one command to another.
-    async fn sweeps_clear(&self, arm: &mut RightArm, from: &BodyCommand, to: &BodyCommand, angles: &ArmAngles) -> bool {
+    async fn sweeps_clear(&self, arm: &mut Arm, from: &BodyCommand, to: &BodyCommand, angles: &ArmAngles) -> bool {
         arm.assume(from, angles);
         let began = arm.gap(angles, self.manner.apart).await;
         let least = began.min(SWEPT) - 1e-3;
@@ -254,7 +247,7 @@ impl<J: Judge> Thinker<J> {
         true
     }
 
-    async fn way_to_haven(&self, arm: &mut RightArm, before: &BodyCommand, stance: &Stance) -> Vec<ArmAngles> {
+    async fn way_to_haven(&self, arm: &mut Arm, before: &BodyCommand, stance: &Stance) -> Vec<ArmAngles> {
         let (from, to) = (arm.angles(), stance.postures[0]);
         let stances = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| between(before, &stance.command, share));
         let mut haven = None;
@@ -301,12 +294,7 @@ impl Stance {
     }
 
     /// Goes on to a goal from a posture; room, gap and error are those of the worst so far.
-    pub async fn go_on(
-        &mut self,
-        arm: &mut RightArm,
-        goal: &ToolGoal,
-        from: &ArmAngles,
-    ) -> Result<ArmAngles, PolicyError> {
+    pub async fn go_on(&mut self, arm: &mut Arm, goal: &ToolGoal, from: &ArmAngles) -> Result<ArmAngles, PolicyError> {
         let (angles, error) = arm.find(true, goal, from, 1).await?;
         self.error = self.error.max(error);
         self.room = self.room.min(arm.room(&angles));
@@ -384,7 +372,7 @@ impl Taking {
     pub fn step<J: Judge>(
         &mut self,
         seen: &Seen,
-        arm: &mut RightArm,
+        arm: &mut Arm,
         judge: impl FnOnce() -> J,
     ) -> Result<bool, PolicyError> {
         if let Some(search) = &mut self.search {
@@ -431,7 +419,7 @@ impl Taking {
     }
 
     /// Begins a search; until it ends, nothing moves.
-    fn ask<J: Judge>(&mut self, question: Question, arm: &RightArm, judge: J) {
+    fn ask<J: Judge>(&mut self, question: Question, arm: &Arm, judge: J) {
         let thinker = Thinker {
             lean: self.lean.clone(),
             judge,
@@ -448,7 +436,7 @@ impl Taking {
     }
 
     /// Goes on with what a search found; what is to be searched for next, if anything.
-    fn take_up(&mut self, found: Found, seen: &Seen, arm: &mut RightArm) -> Result<Option<Question>, PolicyError> {
+    fn take_up(&mut self, found: Found, seen: &Seen, arm: &mut Arm) -> Result<Option<Question>, PolicyError> {
         match found {
             Found::Stance(before, found) => {
                 self.before = before;
@@ -496,7 +484,7 @@ impl Taking {
     }
 
     /// Moves the arm along the way; true at its end.
-    fn goes(&mut self, arm: &mut RightArm) -> bool {
+    fn goes(&mut self, arm: &mut Arm) -> bool {
         if let Some(corner) = self.way.last()
             && arm.go_to(corner, self.lean.rate, self.manner.waits)
         {

@@ -23,7 +23,7 @@ fn joints(robot: &Robot) -> Vec<Joint> {
 fn every_hand_has_its_own_grasp() {
     for name in ["g1_inspire", "g1_dex3"] {
         let robot = Robot::by_name(name).unwrap();
-        let grasp = grasp_of(&robot);
+        let grasp = grasp_of(&robot, 1);
         let fingers = robot.joints().iter().skip(BODY).map(|joint| joint.name.as_str());
         let right: Vec<&str> = fingers.filter(|name| side(name).unwrap().0 == 1).collect();
         assert!(right.iter().all(|name| grasp.contains_key(*name) && finger(name).is_some()), "{name}: {grasp:?}");
@@ -37,7 +37,7 @@ fn a_torque_bounds_what_closes_and_not_what_opens() {
     for (name, joint) in [("g1_inspire", "R_index_proximal_joint"), ("g1_dex3", "right_hand_thumb_1_joint")] {
         let robot = Robot::by_name(name).unwrap();
         let (all, index) = (joints(&robot), robot.joint_index(joint).unwrap());
-        let closed = grasp_of(&robot);
+        let closed = grasp_of(&robot, 1);
         let grip = Grip::new(&all, &[(joint.to_owned(), 0.0)].into(), &closed);
         let way = closed[joint];
         let mut sensed = vec![0.0; all.len()];
