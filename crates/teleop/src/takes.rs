@@ -118,40 +118,80 @@ fn play_in(
     studio: &mut dyn Studio,
     task: Task,
     robot: &str,
-    mut seed: u64,
+    seed: u64,
     station: &Arc<Station>,
     quit: &Arc<AtomicBool>,
 ) -> Result<Kept, TakeError> {
-    let mut kept = Kept::default();
-    let mut shown = None;
-    let (mut was_open, mut is_lost) = (false, false);
+    let (shown, was_open, is_lost, kept) = (None, false, false, Kept::default());
+    let mut takes = Takes { studio, task, robot, seed, station, quit, shown, was_open, is_lost, kept };
     while !quit.load(Ordering::Relaxed) {
+        match takes.open()? {
+            Some(take) if take.operator.has_started() => takes.answer(take)?,
+            Some(take) => takes.leave_room(take)?,
+            None => {}
+        }
+    }
+    Ok(takes.kept)
+}
+
+/// Takes in one room after the other.
+struct Takes<'a> {
+    studio: &'a mut dyn Studio,
+    task: Task,
+    robot: &'a str,
+    /// Of the room that is played now.
+    seed: u64,
+    station: &'a Arc<Station>,
+    quit: &'a Arc<AtomicBool>,
+    /// Seed of the room that the page shows.
+    shown: Option<u64>,
+    /// A session was open once.
+    was_open: bool,
+    /// The page says that the server is lost.
+    is_lost: bool,
+    kept: Kept,
+}
+
+/// A session that is over.
+struct Take {
+    ended: Result<String, ClientError>,
+    /// Its session was closed in order.
+    is_closed: bool,
+    /// What went wrong; empty where nothing did.
+    problem: String,
+    bag: Option<Bag>,
+    operator: Operator,
+}
+
+impl Takes<'_> {
+    /// Plays a session, the room shown first; `None` where the server is lost.
+    fn open(&mut self) -> Result<Option<Take>, TakeError> {
         let stop = Arc::new(AtomicBool::new(false));
         // A server in this process waits for each action, so that a take can pause.
-        let has_clock = studio.comes_back();
-        let mode = if has_clock { Mode::RealTime } else { Mode::Lockstep };
-        let mut operator = Operator::new(Arc::clone(station), Arc::clone(quit), Arc::clone(&stop), has_clock);
-        let episode = studio.next_episode(task, seed);
-        let request = request(task, robot, seed, &operator, mode);
-        station.status.send_modify(|status| {
+        let comes_back = self.studio.comes_back();
+        let mode = if comes_back { Mode::RealTime } else { Mode::Lockstep };
+        let mut operator =
+            Operator::new(Arc::clone(self.station), Arc::clone(self.quit), Arc::clone(&stop), comes_back);
+        let episode = self.studio.next_episode(self.task, self.seed);
+        let request = request(self.task, self.robot, self.seed, &operator, mode);
+        self.station.status.send_modify(|status| {
             (status.phase, status.episode) = (Phase::Opening, episode.to_string());
         });
-        if shown != Some(seed) {
-            station.show_room(room(task, &request)?);
-            shown = Some(seed);
+        if self.shown != Some(self.seed) {
+            self.station.show_room(room(self.task, &request)?);
+            self.shown = Some(self.seed);
         }
-        let comes_back = studio.comes_back();
-        let mut client = match studio.client(request) {
-            Err(error) if was_open && comes_back => {
-                is_lost = true;
-                lose(station, &error, quit);
-                continue;
+        let mut client = match self.studio.client(request) {
+            Err(error) if self.was_open && comes_back => {
+                self.lose(&error);
+                return Ok(None);
             }
-            opened => opened.map_err(|error| TakeError::Session(Box::new(error)))?,
+            Err(error) => return Err(TakeError::Session(Box::new(error))),
+            Ok(client) => client,
         };
-        was_open = true;
-        if std::mem::take(&mut is_lost) {
-            station.status.send_modify(|status| status.problem.clear());
+        self.was_open = true;
+        if std::mem::take(&mut self.is_lost) {
+            self.station.status.send_modify(|status| status.problem.clear());
         }
         // That a step came late is in the bag, and nothing that an operator can act on.
         let (sender, notices) = mpsc::channel();
@@ -166,77 +206,85 @@ fn play_in(
             _ if operator.is_abandoned() => ABANDONED.into(),
             _ => cut.unwrap_or_default(),
         };
-        let bag = studio.bag(&info, episode);
-        if !operator.has_started() {
-            // Nothing but the room was shown.
-            if let Some(bag) = &bag {
-                studio.forget(bag);
-            }
-            match ended {
-                Err(error) if !matches!(error, ClientError::Stopped) && !quit.load(Ordering::Relaxed) => {
-                    if !comes_back {
-                        return Err(TakeError::Session(Box::new(error)));
-                    }
-                    is_lost = true;
-                    lose(station, &error, quit);
-                }
-                _ => seed += u64::from(operator.order() == Some(Order::Next)),
-            }
-            continue;
+        let bag = self.studio.bag(&info, episode);
+        let (ended, is_closed) = (ended.map(|end| end.cause), closed.is_ok());
+        Ok(Some(Take { ended, is_closed, problem, bag, operator }))
+    }
+
+    /// Nothing but the room was shown.
+    fn leave_room(&mut self, take: Take) -> Result<(), TakeError> {
+        if let Some(bag) = &take.bag {
+            self.studio.forget(bag);
         }
-        let cause = match (&ended, &bag) {
-            (Ok(end), _) => end.cause.clone(),
+        match take.ended {
+            Err(error) if !matches!(error, ClientError::Stopped) && !self.quit.load(Ordering::Relaxed) => {
+                if !self.studio.comes_back() {
+                    return Err(TakeError::Session(Box::new(error)));
+                }
+                self.lose(&error);
+            }
+            _ => self.seed += u64::from(take.operator.order() == Some(Order::Next)),
+        }
+        Ok(())
+    }
+
+    /// Keeps or discards a take as its operator says.
+    fn answer(&mut self, take: Take) -> Result<(), TakeError> {
+        let Take { ended, is_closed, problem, bag, operator } = take;
+        let cause = match (ended, &bag) {
+            (Ok(cause), _) => cause,
             (_, Some(Bag { end: Some(end), .. })) => end.clone(),
-            (_, Some(_)) => if closed.is_ok() { STOPPED } else { LOST }.into(),
+            (_, Some(_)) => if is_closed { STOPPED } else { LOST }.into(),
             (_, None) => "not recorded".into(),
         };
         let name = bag.as_ref().and_then(|bag| bag.path.file_name());
         let name = name.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         // Before the page knows: what its operator orders then is an answer.
-        station.forget_orders();
-        station.status.send_modify(|status| {
+        self.station.forget_orders();
+        self.station.status.send_modify(|status| {
             (status.phase, status.end, status.bag, status.problem) = (Phase::Ended, cause, name, problem);
         });
         let order = match operator.order() {
-            None | Some(Order::Stop | Order::Start) => decision(station, quit),
+            None | Some(Order::Stop | Order::Start) => decision(self.station, self.quit),
             Some(order) => order,
         };
         match (order, bag) {
             (Order::Discard, Some(bag)) => {
-                kept.discarded += 1;
-                if !studio.discard(&bag)? {
+                self.kept.discarded += 1;
+                if !self.studio.discard(&bag)? {
                     let said = format!("{} stays with its server, whose owner can put it aside", bag.path.display());
-                    station.status.send_modify(|status| status.problem = said);
-                    kept.left.push(bag.path);
+                    self.station.status.send_modify(|status| status.problem = said);
+                    self.kept.left.push(bag.path);
                 }
             }
             (_, Some(bag)) => {
-                kept.bags.push(bag.path);
-                station.status.send_modify(|status| {
+                self.kept.bags.push(bag.path);
+                self.station.status.send_modify(|status| {
                     status.kept += 1;
                     status.problem.clear();
                 });
             }
             (_, None) => {}
         }
-        seed += u64::from(order == Order::Next);
+        self.seed += u64::from(order == Order::Next);
+        Ok(())
     }
-    Ok(kept)
+
+    /// Says on the page that the server is lost, and waits a little.
+    fn lose(&mut self, error: &ClientError) {
+        self.is_lost = true;
+        self.station.status.send_modify(|status| status.problem = in_full(error));
+        let start = Instant::now();
+        while start.elapsed() < RETRY && !self.quit.load(Ordering::Relaxed) {
+            std::thread::sleep(LOOK);
+        }
+    }
 }
 
 /// The text of a notice that a recording lacks rows.
 fn recording_cut(notice: Notice) -> Option<String> {
     let is_cut = notice.code() == Code::Lost && notice.field == "recorded";
     is_cut.then(|| format!("the recording is cut: {}", plain(&notice.message)))
-}
-
-/// Says on the page that the server is lost, and waits a little.
-fn lose(station: &Station, error: &ClientError, quit: &AtomicBool) {
-    station.status.send_modify(|status| status.problem = in_full(error));
-    let start = Instant::now();
-    while start.elapsed() < RETRY && !quit.load(Ordering::Relaxed) {
-        std::thread::sleep(LOOK);
-    }
 }
 
 /// Decides on a take that has ended. It is kept if the program ends first.

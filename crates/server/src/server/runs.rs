@@ -11,12 +11,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use fiatlux_access::{Identity, sign_journal};
 use fiatlux_bag::run::{
-    EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, Marks, PlannedEpisode, Prefix, Registration,
-    clip, ends_finished, journal_of,
+    EpisodeState, Event, Ledger, LedgerError, LedgerWriter, MAX_ATTEMPTS, PlannedEpisode, Prefix, Registration,
+    ends_finished, journal_of,
 };
 use fiatlux_cli::in_full;
 use fiatlux_proto::keys::is_name;
@@ -29,6 +29,7 @@ use super::info::VERSION;
 use super::lock;
 use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
+use attempt::{not_written, unix_ms};
 use siblings::{Siblings, lock_of};
 
 /// Largest number of unfinished runs on a server, and of their episodes. Finished ones stay on disk alone.
@@ -465,54 +466,4 @@ impl RunState {
         let folder = self.writer.path().parent().unwrap_or_else(|| Path::new(""));
         Siblings::read(folder, &self.ledger().registration().server)
     }
-}
-
-impl AssignedEpisode {
-    /// Begins an episode in a session; the line is on disk when this returns.
-    pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
-        let Self { run, episode, prefix } = self;
-        let number = ticket.attempt;
-        let mut state = lock(&run.state);
-        let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
-        state.writer.append(opened).map_err(|error| not_written(&error))?;
-        // If two servers are asked at once, the one whose line comes later sees the other's.
-        let index = *episode as usize;
-        let planned = state.ledger().registration().episodes.get(index).cloned();
-        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(index, &planned));
-        if let Err(refusal) = free {
-            state.pending.push_back(Event::Abandoned {
-                episode: *episode,
-                attempt: number,
-                session: session.into(),
-                steps: 0,
-                digest: String::new(),
-                marks: Marks::default(),
-                cause: clip(&refusal.message),
-            });
-            state.flush()?;
-            return Err(refusal);
-        }
-        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, number, session, prefix.clone()));
-        state.open.insert(*episode, Arc::clone(&attempt));
-        Ok(attempt)
-    }
-}
-
-/// The log says why. The client stops, because nothing could be played that would count.
-fn not_written(error: &LedgerError) -> Refusal {
-    tracing::error!(error = in_full(error), "cannot write the ledger of a run");
-    let message = match error {
-        LedgerError::Exists { .. } => {
-            "the server's folder has a run of that name that it could not resume; see its log, or give the run another name"
-        }
-        _ => {
-            "the server cannot write the run's journal; free some space on its disk, see its log, and continue the run"
-        }
-    };
-    Refusal::new(Code::Busy, "journal", message)
-}
-
-fn unix_ms() -> u64 {
-    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since_epoch.as_millis()).unwrap_or(u64::MAX)
 }

@@ -1,27 +1,28 @@
 //! Runs on a server, by a client of raw messages: what counts, what may be tried again, and what nobody is told.
 
+mod player;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-use crate::common::{Keys, ask_run, ask_run_as, ask_sealed, channel_of, open_session, subscribe, subscribe_sealed};
-use fiatlux_access::{Label, run_identity};
+use crate::common::{ask_run, ask_run_as, channel_of, open_session, subscribe};
+use fiatlux_access::run_identity;
 use fiatlux_bag::run::{EpisodeState, Ledger, LedgerError, Prefix, journal_of};
 use fiatlux_bag::{Bag, Completeness};
 use fiatlux_link::{LinkArgs, Role};
-use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_episode::State as StateMessage;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
-    Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, Refusal, ResetReply, ResetRequest,
-    RunFinish, RunInfo, RunSpec, RunStatus, SessionInfo, Source, StepRecord, StepRecordRequest, reset_reply, run_reply,
+    OpenRequest, Refusal, RunFinish, RunInfo, RunSpec, RunStatus, Source, StepRecord, StepRecordRequest, run_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use fiatlux_server::{RecordError, Server, ServerError, ServerOptions};
-use zenoh::liveliness::LivelinessToken;
 use zenoh::{Session, Wait};
+
+use player::Player;
 
 const LONG: Duration = Duration::from_secs(20);
 const KEY: &str = "0123456789abcdef0123456789abcdef";
@@ -100,76 +101,6 @@ fn spec(seeds: &[u64]) -> RunSpec {
         tasks: vec!["S07".into()],
         seeds: seeds.into(),
         ..RunSpec::default()
-    }
-}
-
-/// Two ways through an episode; both fall.
-fn action(way: u64, step: u64) -> Vec<f64> {
-    (0..JOINTS).map(|joint| 0.3 * (step as f64 * 0.1 + (joint as u64 + way) as f64).sin()).collect()
-}
-
-struct Player {
-    zenoh: Session,
-    info: SessionInfo,
-    keys: SessionKeys,
-    sealing: Keys,
-    observations: Receiver<Observation>,
-    notices: Receiver<Notice>,
-    _token: LivelinessToken,
-}
-
-impl Player {
-    fn open(zenoh: &Session, episode: u32) -> Self {
-        Self::open_on(zenoh, "test", episode)
-    }
-
-    fn open_on(zenoh: &Session, server: &str, episode: u32) -> Self {
-        match ask_run(zenoh, server, ["first", KEY], Ask::Open(episode)) {
-            (run_reply::Reply::Session(info), Some(secrets)) => Self::of(zenoh, info, channel_of(&secrets)),
-            (other, _) => panic!("no session: {other:?}"),
-        }
-    }
-
-    fn of(zenoh: &Session, info: SessionInfo, sealing: Keys) -> Self {
-        let keys = ServerKeys::new(&info.server).session(&info.session);
-        let token = zenoh.liveliness().declare_token(keys.client()).wait().unwrap();
-        let observations = subscribe_sealed(zenoh, keys.observation(), &sealing);
-        let notices = subscribe_sealed(zenoh, keys.notice(), &sealing);
-        Self { zenoh: zenoh.clone(), info, keys, sealing, observations, notices, _token: token }
-    }
-
-    fn reset(&self, episode: u64) -> Result<Observation, Refusal> {
-        let request = ResetRequest { episode }.encode_to_vec();
-        let reply: ResetReply = ask_sealed(&self.zenoh, &self.sealing, &self.keys.reset(), request).unwrap()?;
-        match reply.reply.unwrap() {
-            reset_reply::Reply::Observation(observation) => Ok(observation),
-            reset_reply::Reply::Refusal(refusal) => Err(refusal),
-        }
-    }
-
-    fn act(&self, way: u64, step: u64) {
-        let action = Action { step, action: action(way, step), ..Action::default() };
-        let bytes = action.encode_to_vec();
-        let attachment = self.sealing.lock().unwrap().seal(Label::Message("action"), &bytes).to_vec();
-        self.zenoh.put(self.keys.action(), bytes).attachment(attachment).wait().unwrap();
-    }
-
-    fn play(&self, way: u64, steps: u64) -> Option<EpisodeEnd> {
-        self.reset(0).unwrap();
-        for step in 0..steps {
-            self.act(way, step);
-            let observation = self.observations.recv_timeout(LONG).unwrap();
-            assert_eq!(observation.step, step + 1);
-            if observation.end.is_some() {
-                return observation.end;
-            }
-        }
-        None
-    }
-
-    fn close(self) {
-        let request = CloseRequest {}.encode_to_vec();
-        let _: Option<Result<CloseReply, _>> = ask_sealed(&self.zenoh, &self.sealing, &self.keys.close(), request);
     }
 }
 

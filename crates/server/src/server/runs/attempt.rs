@@ -3,14 +3,16 @@
 use std::fs::File;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-use fiatlux_bag::run::{Event, Marks, NOT_REPEATED, Prefix, clip};
+use fiatlux_bag::run::{Event, LedgerError, Marks, NOT_REPEATED, Prefix, clip};
+use fiatlux_cli::in_full;
 use fiatlux_proto::ABORTED;
 use fiatlux_proto::v3::refusal::Code;
-use fiatlux_proto::v3::{EpisodeEnd, EpisodeResult, Refusal};
+use fiatlux_proto::v3::{EpisodeEnd, EpisodeResult, Refusal, RunTicket};
 use fiatlux_rules::RowDigest;
 
-use super::Run;
+use super::{AssignedEpisode, Run};
 use crate::server::lock;
 
 /// State of an attempt, updated by the simulation, the recorder and the end of the session.
@@ -36,6 +38,37 @@ struct Progress {
     /// Why it did not reach an end.
     cause: Option<String>,
     is_decided: bool,
+}
+
+impl AssignedEpisode {
+    /// Begins an episode in a session; the line is on disk when this returns.
+    pub fn begin(&self, session: &str, ticket: &RunTicket) -> Result<Arc<Attempt>, Refusal> {
+        let Self { run, episode, prefix } = self;
+        let number = ticket.attempt;
+        let mut state = lock(&run.state);
+        let opened = Event::Opened { episode: *episode, attempt: number, session: session.into(), unix_ms: unix_ms() };
+        state.writer.append(opened).map_err(|error| not_written(&error))?;
+        // If two servers are asked at once, the one whose line comes later sees the other's.
+        let index = *episode as usize;
+        let planned = state.ledger().registration().episodes.get(index).cloned();
+        let free = planned.map_or(Ok(None), |planned| state.siblings()?.prefix_of(index, &planned));
+        if let Err(refusal) = free {
+            state.pending.push_back(Event::Abandoned {
+                episode: *episode,
+                attempt: number,
+                session: session.into(),
+                steps: 0,
+                digest: String::new(),
+                marks: Marks::default(),
+                cause: clip(&refusal.message),
+            });
+            state.flush()?;
+            return Err(refusal);
+        }
+        let attempt = Arc::new(Attempt::new(Arc::clone(run), *episode, number, session, prefix.clone()));
+        state.open.insert(*episode, Arc::clone(&attempt));
+        Ok(attempt)
+    }
 }
 
 impl Attempt {
@@ -174,4 +207,24 @@ impl std::fmt::Debug for Attempt {
 fn sync(path: &Path) -> std::io::Result<()> {
     File::open(path)?.sync_all()?;
     path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+}
+
+/// The log says why. The client stops, because nothing could be played that would count.
+pub(super) fn not_written(error: &LedgerError) -> Refusal {
+    tracing::error!(error = in_full(error), "cannot write the ledger of a run");
+    let message = match error {
+        LedgerError::Exists { .. } => {
+            "the server's folder has a run of that name that it could not resume; see its log, or give the run another name"
+        }
+        _ => {
+            "the server cannot write the run's journal; free some space on its disk, see its log, and continue the run"
+        }
+    };
+    Refusal::new(Code::Busy, "journal", message)
+}
+
+/// Now, since 1970, ms.
+pub(super) fn unix_ms() -> u64 {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since_epoch.as_millis()).unwrap_or(u64::MAX)
 }
