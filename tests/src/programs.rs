@@ -19,7 +19,7 @@ pub use service::{
 /// Longest wait of a test for a program.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Path of one of our programs; the router, an example, is in the folder next to it. They are built in the profile of the running test,
+/// Path of one of our programs; the examples that tests start are in the folder next to it. They are built in the profile of the running test,
 /// unless `FIATLUX_PROGRAMS` names the folder of programs that are built already.
 ///
 /// # Panics
@@ -29,7 +29,7 @@ pub fn program(name: &str) -> PathBuf {
     FOLDER.get_or_init(|| std::env::var_os("FIATLUX_PROGRAMS").map_or_else(build, PathBuf::from)).join(name)
 }
 
-/// Builds all programs and the router; returns their folder.
+/// Builds all programs and those examples; returns their folder.
 fn build() -> PathBuf {
     let test = std::env::current_exe().expect("a test has a path");
     let folder = test.parent().and_then(Path::parent).expect("tests are built below the profile's folder");
@@ -43,6 +43,8 @@ fn build() -> PathBuf {
         "--bins",
         "--example",
         "router",
+        "--example",
+        "wave",
         "--features",
         "network,rapier",
         "--target-dir",
