@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use fiatlux_carrier::Reach;
 use fiatlux_client::Client;
-use fiatlux_link::{LinkArgs, Role, choose_port};
+use fiatlux_link::{CarrierArgs, Role, choose_port};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::OpenRequest;
 use fiatlux_server::{LocalBags, LocalServer, Naming, ServerOptions};
@@ -111,7 +111,7 @@ impl Service {
         let link = match listen {
             None => fiatlux_carrier::memory(),
             Some(endpoint) => {
-                let link = LinkArgs { listen: vec![endpoint], ..LinkArgs::default() }.open(Role::Server);
+                let link = CarrierArgs { listen: vec![endpoint], ..CarrierArgs::default() }.open(Role::Server);
                 link.map_err(text)?.carrier()
             }
         };
@@ -135,7 +135,7 @@ fn one_session(name: &str, over_tcp: bool, recorded: bool) -> Result<ServiceCase
     let link = match endpoint {
         None => service.server.carrier().clone(),
         Some(endpoint) => {
-            let link = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }.open(Role::Client);
+            let link = CarrierArgs { connect: vec![endpoint], ..CarrierArgs::default() }.open(Role::Client);
             link.map_err(text)?.carrier()
         }
     };

@@ -13,14 +13,14 @@ mod over_zenoh {
     use clap::Args;
     use fiatlux_carrier::Carrier;
     pub use fiatlux_link::parse_endpoint;
-    use fiatlux_link::{Link, LinkArgs, LinkMode, Role, choose_port};
+    use fiatlux_link::{CarrierArgs, Link, LinkMode, Role, choose_port};
     use fiatlux_teleop::Secured;
 
     /// Options of `fiatlux router`.
     #[derive(Debug, Args)]
     pub struct RouterArgs {
         #[command(flatten)]
-        link: LinkArgs,
+        link: CarrierArgs,
     }
 
     /// Runs the command `fiatlux router`.
@@ -41,7 +41,8 @@ mod over_zenoh {
     /// Listens for policies that connect to this server from elsewhere; returns the endpoint with its port.
     pub fn listen(endpoint: &str, server: &str) -> anyhow::Result<(Carrier, String)> {
         let endpoint = free(endpoint)?;
-        let link = LinkArgs { listen: vec![endpoint.clone()], serves: Some(server.into()), ..LinkArgs::default() };
+        let link =
+            CarrierArgs { listen: vec![endpoint.clone()], serves: Some(server.into()), ..CarrierArgs::default() };
         let link: Link = link.open(Role::Server)?;
         Ok((link.carrier(), endpoint))
     }

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::sync::atomic::AtomicBool;
 
 use fiatlux_client::{Client, Command, Policy, PolicyError};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_policies::Stand;
 use fiatlux_proto::v3::{Observation, OpenRequest, SessionInfo};
 
@@ -34,7 +34,7 @@ impl Policy for Wave {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let link = LinkArgs::default().open(Role::Client)?;
+    let link = CarrierArgs::default().open(Role::Client)?;
     let request = OpenRequest { task: "S01".into(), policy: "wave".into(), ..OpenRequest::default() };
     let mut client = Client::open(&link.carrier(), None, request)?;
     let end = client.run_episode(0, &mut Wave::default(), &mut |_| (), &AtomicBool::new(false))?;

@@ -13,7 +13,7 @@ use fiatlux_client::{
     Access, AccessArgs, Client as Session, Command, EpisodeFate, Policy, PolicyError, RunFile, RunOptions, RunOutcome,
     RunProgress, Shard,
 };
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_policies::Expert;
 use fiatlux_proto::v3::{Observation, ObservationTerm, OpenRequest, RunSpec, Sensor, SessionInfo};
 use fiatlux_rules::{Guest, NotAGuest, Relay, Task};
@@ -57,7 +57,7 @@ impl Client {
         }
         // One of several servers may be down at the start.
         let role = if endpoints.len() > 1 { Role::Server } else { Role::Client };
-        let args = LinkArgs { connect: endpoints, config, ..LinkArgs::default() };
+        let args = CarrierArgs { connect: endpoints, config, ..CarrierArgs::default() };
         let link = watch(py, move |_, _| args.open(role), |_, ()| Ok(()))?;
         let link = link.map_err(|error| {
             // The messages name the programs' flag.

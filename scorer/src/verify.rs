@@ -16,7 +16,7 @@ use fiatlux_carrier::Carrier;
 use fiatlux_cli::{INTERRUPTED, ProgressLine, print, report as tell};
 use fiatlux_client::{Access, AccessArgs, find_server};
 use fiatlux_grading::find_bags;
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::{count, plain};
 use fiatlux_verify::verify;
 
@@ -54,7 +54,7 @@ pub struct VerifyArgs {
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 /// Period at which a worker without a bag looks for one that another has put back.

@@ -12,7 +12,7 @@ use fiatlux_access::{SERVER_OR_GROUP, is_server_or_group};
 use fiatlux_cli::whole;
 use fiatlux_client::AccessArgs;
 use fiatlux_leaderboard::{Jobs, Joined, ServerGroup, ServerVerifier, Service, ServiceOptions, Store, Verifiers};
-use fiatlux_link::LinkArgs;
+use fiatlux_link::CarrierArgs;
 
 /// Period of its checks for a stop.
 const LOOK: Duration = Duration::from_millis(50);
@@ -48,7 +48,7 @@ pub struct VerifierArgs {
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 impl VerifierArgs {
@@ -59,9 +59,11 @@ impl VerifierArgs {
     /// One verifier for each pair of an endpoint and a server's name, one group for each of an endpoint and a group's name.
     pub fn verifiers(&self) -> Result<Verifiers> {
         let access = Arc::new(self.access.read()?);
-        let LinkArgs { connect, config, .. } = &self.link;
-        let mut links: Vec<LinkArgs> =
-            connect.iter().map(|endpoint| LinkArgs { connect: vec![endpoint.clone()], ..self.link.clone() }).collect();
+        let CarrierArgs { connect, config, .. } = &self.link;
+        let mut links: Vec<CarrierArgs> = connect
+            .iter()
+            .map(|endpoint| CarrierArgs { connect: vec![endpoint.clone()], ..self.link.clone() })
+            .collect();
         if links.is_empty() && config.is_some() {
             links.push(self.link.clone());
         }

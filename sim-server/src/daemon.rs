@@ -9,7 +9,7 @@ use anyhow::Context;
 use clap::Args;
 use fiatlux_access::{Identity, RecorderKey, Tokens};
 use fiatlux_cli::{BagForm, whole};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::count;
 use fiatlux_server::{RecordsTo, Server, ServerOptions};
 use fiatlux_world::{AssetArg, SceneConfig};
@@ -79,7 +79,7 @@ pub struct DaemonArgs {
     #[arg(long, value_name = "HOST:PORT", conflicts_with = "unitree")]
     metrics: Option<SocketAddr>,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
     #[command(flatten)]
     pub robot: RobotArgs,
 }

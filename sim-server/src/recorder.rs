@@ -12,7 +12,7 @@ use fiatlux_access::RecorderKey;
 use fiatlux_bag::lock_folder;
 use fiatlux_carrier::Carrier;
 use fiatlux_cli::BagForm;
-use fiatlux_link::{LinkArgs, Role, WaitLog};
+use fiatlux_link::{CarrierArgs, Role, WaitLog};
 use fiatlux_proto::count;
 use fiatlux_proto::keys::{ServerKeys, any_alive, any_truth_row};
 use fiatlux_proto::v3::EpisodeEnd;
@@ -45,7 +45,7 @@ struct Cli {
     #[arg(long, value_name = "FILE")]
     recorder_key: PathBuf,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 const EXAMPLES: &str = "\

@@ -85,14 +85,14 @@ impl Client {
     /// ```no_run
     /// use std::sync::atomic::AtomicBool;
     ///
-    /// use fiatlux_link::{LinkArgs, Role};
+    /// use fiatlux_link::{CarrierArgs, Role};
     /// use fiatlux_policies::Zero;
     /// use fiatlux_client::{Client, RunFile, RunOptions};
     /// use fiatlux_proto::v3::RunSpec;
     ///
     /// let spec = RunSpec { policy: "mine".into(), seeds: vec![0, 1, 2, 3], ..RunSpec::default() };
     /// let options = RunOptions::new(RunFile::open("RUN.toml".as_ref(), &spec)?);
-    /// let link = LinkArgs { connect: vec!["tcp/192.168.1.7:7447".into()], ..LinkArgs::default() }.open(Role::Client)?.carrier();
+    /// let link = CarrierArgs { connect: vec!["tcp/192.168.1.7:7447".into()], ..CarrierArgs::default() }.open(Role::Client)?.carrier();
     /// let make_policy = || Ok(Box::new(Zero::default()) as _);
     /// let outcome = Client::evaluate(&link, &options, make_policy, &mut |_| (), &AtomicBool::new(false))?;
     /// for episode in &outcome.episodes {

@@ -13,7 +13,7 @@ use crate::endpoints::{
 };
 use crate::error::reason_of;
 use crate::honoured;
-use crate::{CONNECT_TIMEOUT_S, DEFAULT_ENDPOINT, LinkArgs, LinkError, LinkMode};
+use crate::{CONNECT_TIMEOUT_S, CarrierArgs, DEFAULT_ENDPOINT, LinkError, LinkMode};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
@@ -56,7 +56,7 @@ pub fn embedded() -> Result<Config, LinkError> {
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
 
 /// Config for a program in this role with these options.
-pub fn layered(args: &LinkArgs, role: Role) -> Result<Config, LinkError> {
+pub fn layered(args: &CarrierArgs, role: Role) -> Result<Config, LinkError> {
     let mut config = match &args.config {
         None => Config::default(),
         Some(path) => {
@@ -271,17 +271,17 @@ fn set(config: &mut Config, key: &'static str, value: &Value) -> Result<(), Link
 mod tests {
     use super::*;
 
-    fn settings(args: &LinkArgs, role: Role) -> [Value; 4] {
+    fn settings(args: &CarrierArgs, role: Role) -> [Value; 4] {
         let config = layered(args, role).expect("layers");
         [CONNECT, LISTEN, MULTICAST, GOSSIP].map(|key| get(&config, key))
     }
 
     #[test]
     fn nothing_leaves_the_loopback_interface_unless_asked() {
-        let none = LinkArgs::default();
+        let none = CarrierArgs::default();
         assert_eq!(settings(&none, Role::Server), [json!([]), json!([DEFAULT_ENDPOINT]), json!(false), json!(false)]);
         assert_eq!(settings(&none, Role::Client), [json!([DEFAULT_ENDPOINT]), json!([]), json!(false), json!(false)]);
-        let client = LinkArgs { mode: Some(LinkMode::Client), ..LinkArgs::default() };
+        let client = CarrierArgs { mode: Some(LinkMode::Client), ..CarrierArgs::default() };
         assert_eq!(settings(&client, Role::Server)[..2], [json!([DEFAULT_ENDPOINT]), json!([])]);
     }
 
@@ -290,7 +290,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("fiatlux-link-{}.yaml", std::process::id()));
         let read = |text: &str| {
             std::fs::write(&path, text).expect("written");
-            let args = LinkArgs { config: Some(path.clone()), ..LinkArgs::default() };
+            let args = CarrierArgs { config: Some(path.clone()), ..CarrierArgs::default() };
             layered(&args, Role::Client).map(|config| get(&config, MODE)).map_err(|error| error.to_string())
         };
         assert_eq!(read("// JSON5 whatever it is called\n{mode: 'client'}"), Ok(json!("client")));
@@ -302,7 +302,7 @@ mod tests {
             assert!(message.contains(reason), "{message}");
         }
         std::fs::remove_file(path).expect("removed");
-        let absent = LinkArgs { config: Some("absent.json5".into()), ..LinkArgs::default() };
+        let absent = CarrierArgs { config: Some("absent.json5".into()), ..CarrierArgs::default() };
         assert!(layered(&absent, Role::Client).is_err());
     }
 
@@ -311,7 +311,7 @@ mod tests {
     fn the_mode_follows_from_the_endpoints() {
         let mode = |endpoints: &[&str], mode, role| {
             let connect = endpoints.iter().map(ToString::to_string).collect();
-            get(&layered(&LinkArgs { connect, mode, ..LinkArgs::default() }, role).expect("layers"), MODE)
+            get(&layered(&CarrierArgs { connect, mode, ..CarrierArgs::default() }, role).expect("layers"), MODE)
         };
         let (one, two) = (["tcp/10.0.0.1:1"], ["tcp/10.0.0.1:1", "tcp/10.0.0.2:1"]);
         assert_eq!([mode(&[], None, Role::Client), mode(&one, None, Role::Client)], [json!("client"), json!("client")]);
@@ -325,11 +325,11 @@ mod tests {
         let path = std::env::temp_dir().join(format!("fiatlux-link-{}.json5", std::process::id()));
         let text = "{ listen: { endpoints: ['tcp/127.0.0.1:7001'] }, scouting: { multicast: { enabled: true } } }";
         std::fs::write(&path, text).expect("writes");
-        let file = LinkArgs { config: Some(path.clone()), ..LinkArgs::default() };
+        let file = CarrierArgs { config: Some(path.clone()), ..CarrierArgs::default() };
         let listen = json!(["tcp/127.0.0.1:7001"]);
         assert_eq!(settings(&file, Role::Server), [json!([]), listen.clone(), json!(true), json!(false)]);
         let connect = vec!["tcp/10.0.0.1:7447".to_string()];
-        let flags = LinkArgs { connect: connect.clone(), no_multicast_scouting: true, ..file };
+        let flags = CarrierArgs { connect: connect.clone(), no_multicast_scouting: true, ..file };
         assert_eq!(settings(&flags, Role::Server), [json!(connect), listen, json!(false), json!(false)]);
         std::fs::remove_file(path).expect("removes");
     }
@@ -347,7 +347,7 @@ mod tests {
             ("tcp/::1:7447", "the host '::1' needs brackets: [::1]:7447"),
             ("tcp/[::1x]:7447", "the host '[::1x]' is not an IPv6 address"),
         ] {
-            let args = LinkArgs { connect: vec![endpoint.to_string()], ..LinkArgs::default() };
+            let args = CarrierArgs { connect: vec![endpoint.to_string()], ..CarrierArgs::default() };
             let message = layered(&args, Role::Client).expect_err("refused").to_string();
             assert!(message.contains(endpoint) && message.contains(part), "{message}");
         }
@@ -360,7 +360,7 @@ mod tests {
         for fit in ["tcp/[::1]:7447", "quic/lab:1#iface=lo", "tcp/0.0.0.0:0?rel=1", "unixsock-stream//tmp/x"] {
             check_endpoint(fit).expect(fit);
         }
-        let args = LinkArgs { config: Some("/nowhere/zenoh.json5".into()), ..LinkArgs::default() };
+        let args = CarrierArgs { config: Some("/nowhere/zenoh.json5".into()), ..CarrierArgs::default() };
         let message = layered(&args, Role::Client).expect_err("refused").to_string();
         assert!(message.starts_with("/nowhere/zenoh.json5: "), "{message}");
     }

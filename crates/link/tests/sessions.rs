@@ -3,7 +3,7 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
-use fiatlux_link::{Link, LinkArgs, LinkError, LinkMode, Role};
+use fiatlux_link::{CarrierArgs, Link, LinkError, LinkMode, Role};
 use zenoh::{Session, Wait};
 
 #[test]
@@ -19,7 +19,7 @@ fn two_parts_of_one_process_talk_over_an_embedded_session() {
 #[test]
 fn a_client_finds_the_server_that_listens() {
     let endpoint = free_endpoint();
-    let server = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }
+    let server = CarrierArgs { listen: vec![endpoint.clone()], ..CarrierArgs::default() }
         .open(Role::Server)
         .expect("listens")
         .session()
@@ -27,7 +27,7 @@ fn a_client_finds_the_server_that_listens() {
     let _alive = server.liveliness().declare_token("a/alive").wait().expect("declares");
     let _answers = answer(&server);
     let start = Instant::now();
-    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }
+    let client = CarrierArgs { connect: vec![endpoint], ..CarrierArgs::default() }
         .open(Role::Client)
         .expect("connects")
         .session()
@@ -42,7 +42,7 @@ fn a_client_finds_the_server_that_listens() {
 fn a_client_without_a_server_is_told_where_it_looked() {
     let endpoint = free_endpoint();
     let start = Instant::now();
-    let error = LinkArgs { connect: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Client).err();
+    let error = CarrierArgs { connect: vec![endpoint.clone()], ..CarrierArgs::default() }.open(Role::Client).err();
     assert!(matches!(&error, Some(LinkError::Connect { endpoints, .. }) if *endpoints == endpoint), "{error:?}");
     assert!(start.elapsed() < Duration::from_secs(8), "{:?}", start.elapsed());
 }
@@ -51,7 +51,7 @@ fn a_client_without_a_server_is_told_where_it_looked() {
 fn a_server_whose_port_is_taken_says_so() {
     let held = TcpListener::bind("127.0.0.1:0").expect("binds");
     let endpoint = format!("tcp/{}", held.local_addr().expect("is bound"));
-    let error = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).err();
+    let error = CarrierArgs { listen: vec![endpoint.clone()], ..CarrierArgs::default() }.open(Role::Server).err();
     assert!(matches!(&error, Some(LinkError::Listen { endpoints, .. }) if *endpoints == endpoint), "{error:?}");
 }
 
@@ -59,7 +59,7 @@ fn a_server_whose_port_is_taken_says_so() {
 #[test]
 fn an_endpoint_without_its_certificate_says_what_to_do() {
     let endpoint = "quic/127.0.0.1:0";
-    let error = LinkArgs { listen: vec![endpoint.into()], ..LinkArgs::default() }.open(Role::Server).err();
+    let error = CarrierArgs { listen: vec![endpoint.into()], ..CarrierArgs::default() }.open(Role::Server).err();
     let message = error.expect("refused").to_string();
     assert!(message.starts_with(endpoint) && message.contains("transport/link/tls/listen_certificate"), "{message}");
     assert!(message.contains("fiatlux keys --out DIR"), "{message}");
@@ -67,7 +67,7 @@ fn an_endpoint_without_its_certificate_says_what_to_do() {
     std::fs::write(&path, "{transport: {link: {tls: {enable_mtls: true, connect_certificate_base64: 'QUJD'}}}}")
         .expect("writes");
     let connect = vec!["quic/127.0.0.1:1".to_owned()];
-    let error = LinkArgs { config: Some(path.clone()), connect, ..LinkArgs::default() }.open(Role::Client).err();
+    let error = CarrierArgs { config: Some(path.clone()), connect, ..CarrierArgs::default() }.open(Role::Client).err();
     let message = error.expect("refused").to_string();
     assert!(message.contains("the config has no transport/link/tls/connect_private_key"), "{message}");
     std::fs::remove_file(path).expect("removes");
@@ -89,10 +89,10 @@ fn a_listener_with_a_list_of_users_asks_for_them() {
     let right = write("right.json5", usrpwd("user: 'policy', password: 'secret'".into()));
     let wrong = write("wrong.json5", usrpwd("user: 'policy', password: 'guess'".into()));
     let endpoint = free_endpoint();
-    let listen = LinkArgs { config: Some(server), listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listen = CarrierArgs { config: Some(server), listen: vec![endpoint.clone()], ..CarrierArgs::default() };
     let _server = listen.open(Role::Server).expect("listens").session().clone();
     let connect =
-        |config| LinkArgs { config, connect: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Client);
+        |config| CarrierArgs { config, connect: vec![endpoint.clone()], ..CarrierArgs::default() }.open(Role::Client);
     connect(Some(right)).expect("connects");
     for config in [Some(wrong), None] {
         assert!(matches!(connect(config), Err(LinkError::Refused { .. })));
@@ -103,9 +103,9 @@ fn a_listener_with_a_list_of_users_asks_for_them() {
 #[test]
 fn a_client_comes_back_to_a_server_that_was_restarted() {
     let endpoint = free_endpoint();
-    let listen = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listen = CarrierArgs { listen: vec![endpoint.clone()], ..CarrierArgs::default() };
     let first = listen.open(Role::Server).expect("listens").session().clone();
-    let client = LinkArgs { connect: vec![endpoint], ..LinkArgs::default() }
+    let client = CarrierArgs { connect: vec![endpoint], ..CarrierArgs::default() }
         .open(Role::Client)
         .expect("connects")
         .session()
@@ -127,7 +127,7 @@ fn what_a_server_alone_publishes_comes_from_nobody_else() {
     for mode in [LinkMode::Client, LinkMode::Peer] {
         let endpoint = free_endpoint();
         let serves = Some("lab".to_owned());
-        let server = LinkArgs { listen: vec![endpoint.clone()], serves, ..LinkArgs::default() };
+        let server = CarrierArgs { listen: vec![endpoint.clone()], serves, ..CarrierArgs::default() };
         let server = server.open(Role::Server).expect("listens").session().clone();
         let client = joins(&endpoint, Role::Client, LinkMode::Client);
         let (sender, heard) = std::sync::mpsc::channel();
@@ -180,7 +180,7 @@ fn ask(session: &Session) -> usize {
 
 /// A link of this mode to an endpoint.
 fn joins(endpoint: &str, role: Role, mode: LinkMode) -> Session {
-    let args = LinkArgs { connect: vec![endpoint.to_owned()], mode: Some(mode), ..LinkArgs::default() };
+    let args = CarrierArgs { connect: vec![endpoint.to_owned()], mode: Some(mode), ..CarrierArgs::default() };
     args.open(role).expect("connects").session().clone()
 }
 
@@ -198,7 +198,7 @@ fn a_copy_of_a_token_that_goes_away_takes_the_first_with_it_nowhere() {
                 continue;
             }
             let endpoint = free_endpoint();
-            let listens = LinkArgs { listen: vec![endpoint.clone()], mode: Some(hub), ..LinkArgs::default() };
+            let listens = CarrierArgs { listen: vec![endpoint.clone()], mode: Some(hub), ..CarrierArgs::default() };
             let listens = listens.open(Role::Server).expect("listens").session().clone();
             let watches = watcher.map_or_else(|| listens.clone(), |mode| joins(&endpoint, Role::Server, mode));
             let (sender, seen) = std::sync::mpsc::channel();
@@ -228,7 +228,7 @@ fn a_copy_of_a_token_that_goes_away_takes_the_first_with_it_nowhere() {
 #[test]
 fn a_link_with_an_id_in_use_takes_no_token_away() {
     let endpoint = free_endpoint();
-    let listens = LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() };
+    let listens = CarrierArgs { listen: vec![endpoint.clone()], ..CarrierArgs::default() };
     let listens = listens.open(Role::Server).expect("listens").session().clone();
     let (sender, seen) = std::sync::mpsc::channel();
     let watched = fiatlux_link::carrier(&listens).watch_tokens("a/*", move |_, is_there| {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use fiatlux_client::{Client, Policy, PolicyError, RunFile, RunOptions, RunOutcome, RunProgress};
 use fiatlux_grading::{GradeOptions, false_claim, grade};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
 use serde_json::Value;
 
@@ -74,7 +74,7 @@ fn play(
         session: Some(OpenRequest { thresholds, ..OpenRequest::default() }),
         ..RunSpec::default()
     };
-    let link = LinkArgs { connect: vec![endpoint.into()], ..LinkArgs::default() }
+    let link = CarrierArgs { connect: vec![endpoint.into()], ..CarrierArgs::default() }
         .open(Role::Client)
         .unwrap()
         .session()

@@ -12,7 +12,7 @@ use fiatlux_client::{
     Client, Command, EpisodeFate, Policy, PolicyError, RunError, RunFile, RunOptions, RunOutcome, RunProgress, Shard,
 };
 use fiatlux_grading::{GradeOptions, grade};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_policies::Zero;
 use fiatlux_proto::v3::{Observation, OpenRequest, RunSpec, SessionInfo};
 use fiatlux_rules::Task;
@@ -146,13 +146,20 @@ fn a_run_survives_the_loss_of_a_server() {
     let folder = folder("loss");
     let endpoints = [0, 1].map(|_| fiatlux_link::choose_port("tcp/127.0.0.1:0").unwrap());
     let listen = |endpoint: &String| {
-        LinkArgs { listen: vec![endpoint.clone()], ..LinkArgs::default() }.open(Role::Server).unwrap().session().clone()
+        CarrierArgs { listen: vec![endpoint.clone()], ..CarrierArgs::default() }
+            .open(Role::Server)
+            .unwrap()
+            .session()
+            .clone()
     };
     let links = endpoints.each_ref().map(listen);
     let _first = server(&links[0], "lab-1", &folder);
     let mut second = Some((server(&links[1], "lab-2", &folder), links[1].clone()));
-    let link =
-        LinkArgs { connect: endpoints.to_vec(), ..LinkArgs::default() }.open(Role::Client).unwrap().session().clone();
+    let link = CarrierArgs { connect: endpoints.to_vec(), ..CarrierArgs::default() }
+        .open(Role::Client)
+        .unwrap()
+        .session()
+        .clone();
     let (mut seen, mut lost) = (Vec::new(), Vec::new());
     let mut progress = |progress: &RunProgress| {
         let on_second = |server: &&str| *server == "lab-2";

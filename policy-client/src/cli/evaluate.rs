@@ -13,7 +13,7 @@ use fiatlux_client::{
     AccessArgs, Client, Policy, PolicyError, RunFile, RunFileError, RunOptions, RunProgress, SeedList, SessionArgs,
     Shard, TaskList,
 };
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_policies::{Policies, VlaArgs, VlaSource, relayed};
 use fiatlux_rules::{CONTROL_DT, Guest, Relay};
 
@@ -104,7 +104,7 @@ pub struct EvaluateArgs {
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
-    connection: LinkArgs,
+    connection: CarrierArgs,
 }
 
 impl EvaluateArgs {

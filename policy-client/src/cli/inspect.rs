@@ -2,7 +2,7 @@
 
 use clap::Args;
 use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
 use super::{Failure, policy};
@@ -63,7 +63,7 @@ pub struct InspectArgs {
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 /// Shows a session; always returns true on success.

@@ -3,7 +3,7 @@
 use clap::Args;
 use fiatlux_cli::print;
 use fiatlux_client::describe_servers;
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_policies::{Entry, Policies};
 use fiatlux_proto::plain;
 use fiatlux_proto::v3::ServerInfo;
@@ -24,7 +24,7 @@ pub struct ListArgs {
     #[arg(long)]
     policies: bool,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 /// Prints the servers, or the policies; returns false if there is none.

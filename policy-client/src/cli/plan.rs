@@ -2,7 +2,7 @@
 
 use clap::Args;
 use fiatlux_client::{AccessArgs, Policy, Replay, SessionArgs, parse_seed, request_of};
-use fiatlux_link::LinkArgs;
+use fiatlux_link::CarrierArgs;
 use fiatlux_policies::VlaArgs;
 use fiatlux_proto::v3::{Mode, OpenRequest};
 
@@ -70,7 +70,7 @@ pub struct RunArgs {
     #[command(flatten)]
     pub access: AccessArgs,
     #[command(flatten)]
-    pub link: LinkArgs,
+    pub link: CarrierArgs,
 }
 
 /// A run, from flags and bag.

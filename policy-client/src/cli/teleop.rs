@@ -2,7 +2,7 @@
 
 use clap::Args;
 use fiatlux_client::{AccessArgs, parse_seed};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_rules::Task;
 use fiatlux_teleop::{PageArgs, RobotArgs, Secured, ServerElsewhere, takes};
 
@@ -38,7 +38,7 @@ pub struct TeleopArgs {
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
-    link: LinkArgs,
+    link: CarrierArgs,
 }
 
 /// Serves the page, and plays takes until Ctrl-C; always returns true on success.

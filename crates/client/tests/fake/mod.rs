@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fiatlux_access::{Channel, Identity, Label, Side, SignedReply, welcome};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::{
@@ -31,12 +31,12 @@ pub fn tcp() -> ([Session; 2], String) {
     let socket = TcpListener::bind("127.0.0.1:0").expect("binds");
     let endpoints = vec![format!("tcp/{}", socket.local_addr().expect("is bound"))];
     drop(socket);
-    let server = LinkArgs { listen: endpoints.clone(), ..LinkArgs::default() }
+    let server = CarrierArgs { listen: endpoints.clone(), ..CarrierArgs::default() }
         .open(Role::Server)
         .expect("listens")
         .session()
         .clone();
-    let client = LinkArgs { connect: endpoints.clone(), ..LinkArgs::default() }
+    let client = CarrierArgs { connect: endpoints.clone(), ..CarrierArgs::default() }
         .open(Role::Client)
         .expect("connects")
         .session()

@@ -9,7 +9,7 @@ use fiatlux_bag::Bag;
 use fiatlux_cli::in_full;
 use fiatlux_client::{Access, ClientError, describe_servers, live_servers};
 use fiatlux_grading::Difference;
-use fiatlux_link::{Link, LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Link, Role};
 use fiatlux_rules::{BENCHMARK_VERSION, pins};
 use fiatlux_verify::{Verification, VerifyError, verify};
 use sha2::{Digest as _, Sha256};
@@ -22,7 +22,7 @@ use crate::store::{Digest, Verdict};
 pub struct ServerVerifier {
     name: String,
     /// Endpoints and settings of its Zenoh link.
-    link: LinkArgs,
+    link: CarrierArgs,
     /// `None` if it is the only one on that link.
     server: Option<String>,
     access: Arc<Access>,
@@ -30,7 +30,7 @@ pub struct ServerVerifier {
 
 impl ServerVerifier {
     /// On the server of this name; `None` if it is the only one on the link.
-    pub fn new(link: LinkArgs, server: Option<String>, access: &Arc<Access>) -> Self {
+    pub fn new(link: CarrierArgs, server: Option<String>, access: &Arc<Access>) -> Self {
         let place = link.connect.join(", ");
         let name = server.as_ref().map_or(place.clone(), |server| format!("{server} at {place}"));
         Self { name, link, server, access: Arc::clone(access) }
@@ -48,14 +48,14 @@ impl ServerVerifier {
 /// The sim-servers on a link whose names begin alike.
 #[derive(Debug)]
 pub struct ServerGroup {
-    link: LinkArgs,
+    link: CarrierArgs,
     start: String,
     access: Arc<Access>,
 }
 
 impl ServerGroup {
     /// Of names that begin so.
-    pub fn new(link: LinkArgs, start: String, access: &Arc<Access>) -> Self {
+    pub fn new(link: CarrierArgs, start: String, access: &Arc<Access>) -> Self {
         Self { link, start, access: Arc::clone(access) }
     }
 }

@@ -11,7 +11,7 @@ use crate::common::{ask_run, ask_run_as, channel_of, open_session, subscribe};
 use fiatlux_access::run_identity;
 use fiatlux_bag::run::{EpisodeState, Ledger, LedgerError, Prefix, journal_of};
 use fiatlux_bag::{Bag, Completeness};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::v3::refusal::Code;
 use fiatlux_proto::v3::run_episode::State as StateMessage;
 use fiatlux_proto::v3::run_request::Ask;
@@ -273,10 +273,14 @@ fn hosted_seeds_are_not_told() {
     let folder = folder("hosted");
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
-    let listens =
-        LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap().session().clone();
+    let listens = CarrierArgs { listen: endpoint.clone(), ..CarrierArgs::default() }
+        .open(Role::Server)
+        .unwrap()
+        .session()
+        .clone();
     let server = Server::start(fiatlux_link::carrier(&listens), options(&folder)).unwrap();
-    let zenoh = LinkArgs { connect: endpoint, ..LinkArgs::default() }.open(Role::Client).unwrap().session().clone();
+    let zenoh =
+        CarrierArgs { connect: endpoint, ..CarrierArgs::default() }.open(Role::Client).unwrap().session().clone();
     let heard: Receiver<StepRecord> = subscribe(&zenoh, "fiatlux/v3/test/s/*/truth/row".into());
     let hosted = RunSpec { hosted_seeds: 2, ..spec(&[]) };
     let info = ask(&zenoh, Ask::Register(hosted.clone())).unwrap();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::common::{Keys, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, RecorderKey, RowsKey};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
     Action, CloseReply, CloseRequest, Notice, Observation, OpenReply, OpenRequest, PropScale, Randomization, Refusal,
@@ -357,13 +357,17 @@ fn meshes_of_the_robot_are_named() {
 fn an_episode_over_tcp() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = vec![format!("tcp/127.0.0.1:{port}")];
-    let listens =
-        LinkArgs { listen: endpoint.clone(), ..LinkArgs::default() }.open(Role::Server).unwrap().session().clone();
+    let listens = CarrierArgs { listen: endpoint.clone(), ..CarrierArgs::default() }
+        .open(Role::Server)
+        .unwrap()
+        .session()
+        .clone();
     let key = RecorderKey::generate().unwrap();
     let records_to = RecordsTo::Recorders(key.clone());
     let options = ServerOptions { grace: Duration::from_millis(100), records_to, ..options() };
     let server = Server::start(fiatlux_link::carrier(&listens), options).unwrap();
-    let connects = LinkArgs { connect: endpoint, ..LinkArgs::default() }.open(Role::Client).unwrap().session().clone();
+    let connects =
+        CarrierArgs { connect: endpoint, ..CarrierArgs::default() }.open(Role::Client).unwrap().session().clone();
     let mut client = Client::open(&connects, &request("S05"));
     client.rows = Some(rows_key(&key, &client.info));
     client.reset(0).unwrap();

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use fiatlux_access::{Label, Secrets};
-use fiatlux_link::{LinkArgs, Role};
+use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
 use fiatlux_proto::v3::{
     Action, CloseReply, CloseRequest, EpisodeEnd, Notice, Observation, OpenRequest, ResetReply, ResetRequest,
@@ -30,7 +30,7 @@ pub fn network(options: ServerOptions) -> (Server, Session, Session) {
 
 /// A link of a client.
 pub fn connect(endpoint: &str) -> Session {
-    let args = LinkArgs { connect: vec![endpoint.to_owned()], ..LinkArgs::default() };
+    let args = CarrierArgs { connect: vec![endpoint.to_owned()], ..CarrierArgs::default() };
     args.open(Role::Client).unwrap().session().clone()
 }
 
@@ -38,7 +38,7 @@ pub fn connect(endpoint: &str) -> Session {
 pub fn linked(options: ServerOptions, serves: Option<String>) -> (Server, Session, Session, String) {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
-    let listens = LinkArgs { listen: vec![endpoint.clone()], serves, ..LinkArgs::default() };
+    let listens = CarrierArgs { listen: vec![endpoint.clone()], serves, ..CarrierArgs::default() };
     let listens = listens.open(Role::Server).unwrap().session().clone();
     let server = Server::start(fiatlux_link::carrier(&listens), options).unwrap();
     (server, connect(&endpoint), connect(&endpoint), endpoint)

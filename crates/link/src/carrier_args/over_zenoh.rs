@@ -1,5 +1,7 @@
 //! The carrier over a Zenoh session.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -12,9 +14,37 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Locality, Sample, SampleKind};
-use zenoh::{Session, Wait};
+use zenoh::{Config, Session, Wait};
+
+use crate::config::EndpointPlan;
+use crate::{LinkError, WaitLog};
 
 pub struct ZenohTransport(pub Session);
+
+/// Time between two checks for a signal while the session opens.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Opens a session. It says who it waits for, and ends with an error once `stop` is set.
+pub fn open(config: Config, stop: &AtomicBool) -> Result<Session, LinkError> {
+    let plan = EndpointPlan::of(&config);
+    // Zenoh tries without end if a server has to connect, so another thread does it.
+    let (opened, session) = mpsc::channel();
+    let open = move || opened.send(zenoh::open(config).wait());
+    let thread = std::thread::Builder::new().name("open".into()).spawn(open);
+    thread.map_err(|source| LinkError::Open { reason: source.to_string() })?;
+    let mut waiting = WaitLog::default();
+    loop {
+        match session.recv_timeout(POLL) {
+            Ok(session) => return session.map_err(|source| plan.explain(&source.to_string())),
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(LinkError::Open { reason: "a thread panicked".into() });
+            }
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Err(plan.stopped()),
+            Err(RecvTimeoutError::Timeout) if plan.is_patient() => waiting.say(|| plan.peers()),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+}
 
 fn failed(error: zenoh::Error) -> CarrierError {
     CarrierError(error.to_string())
