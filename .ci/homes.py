@@ -32,7 +32,18 @@ HOMES = [
     (
         "fingers: whose they are by their names, and how hard they press",
         r'"thumb", *"index"|\[\["L_", *"left_"\]|\bbulb_grasp\(\)|\btorque \w*/ .*stiffness',
-        r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|crates/mjcf/src/grasp\.rs|crates/policies/src/hands/arm\.rs",
+        r"crates/skills/src/grip\.rs|crates/robot/.*|crates/world/.*|crates/mjcf/src/grasp\.rs|crates/policies/src/hands/side\.rs",
+    ),
+    (
+        "a walk to a place: its gain, its slew, the turn that is left",
+        r"\bfn (steps_to|wrapped|slew\w*)\(|\bstruct Slew\b|\bconst GAIN: f64\b",
+        # Text is wrapped, too.
+        r"crates/skills/src/(walker|path)\.rs|crates/grading/src/tables/text\.rs",
+    ),
+    (
+        "how often a skill tries again, and what then",
+        r"\bstruct Retries\b|\bconst MAX_(BLOCKS|LOOKS|DOUBLINGS|RETRIES)\b",
+        r"crates/policies/src/hands/retries\.rs",
     ),
     (
         "the phases of a skill, their clock and their log",

@@ -20,6 +20,7 @@ import homes
 import licences
 import room
 import sbom
+import sizes
 import skips
 
 RULES = {
@@ -255,6 +256,9 @@ class Homes(unittest.TestCase):
             ("crates/teleop/src/b.rs", "InverseKinematics::new(&model)", "is an arm"),
             ("crates/policies/src/b.rs", "    phase: Phase,", "is the phases"),
             ("crates/policies/src/b.rs", "    fn is_over(&self) -> bool;", "is the phases"),
+            ("crates/policies/src/b.rs", "const GAIN: f64 = 1.5;", "is a walk"),
+            ("crates/teleop/src/b.rs", "fn steps_to(pelvis: &Pose) -> Steps {", "is a walk"),
+            ("crates/policies/src/b.rs", "const MAX_RETRIES: u32 = 3;", "is how often"),
             ("crates/teleop/src/b.rs", "const FINGERS: [&str; 2] = [\"thumb\", \"index\"];", "is fingers"),
             ("scorer/src/b.rs", "println!(\"{all}\");", "is writing to stdout"),
             ("crates/a/src/b.rs", "eprint!(\"{all}\")", "is writing to stdout"),
@@ -272,6 +276,33 @@ class Homes(unittest.TestCase):
         ]:
             with self.subTest(text):
                 self.assertEqual(list(homes.faults(path, text)), [])
+
+
+class Sizes(unittest.TestCase):
+    def test_functions_and_their_lengths(self):
+        text = "fn a() {}\ntrait T {\n    fn b(\n        x: u8,\n    ) -> u8;\n    fn c(&self) {\n        if x {\n        }\n    }\n}\npub(crate) async fn d()\nwhere\n    T: U,\n{\n}\n"
+        self.assertEqual(list(sizes.functions(text)), [("c", 6, 4), ("d", 11, 5)])
+
+    def test_what_is_too_long(self):
+        long = "fn a() {\n" + "    x;\n" * 99 + "}\n"
+        own = "#[cfg(test)]\nmod tests {\n    fn a() {\n" + "        x;\n" * 99 + "    }\n}\n"
+        for path, text, fault in [
+            ("a/src/b.rs", long, "a/src/b.rs:1: a has 101 lines, at most 100"),
+            ("a/src/b.rs", long.replace("    x;\n", "", 1), None),
+            ("a/src/b.rs", "\n" * 501, "a/src/b.rs: 501 lines, at most 500"),
+            ("a/tests/it/b.rs", "\n" * 501, "a/tests/it/b.rs: 501 lines, at most 500"),
+            ("a/tests/it/b.rs", long, None),
+            ("a/src/b.rs", own, None),
+            ("crates/policies/src/climb.rs", "\n" * 501, None),
+        ]:
+            with self.subTest(path=path, fault=fault):
+                self.assertEqual(list(sizes.faults(path, text)), [fault] if fault else [])
+
+    def test_what_may_be_larger_is_there(self):
+        for path, (most, longest) in sizes.LARGER.items():
+            text = (Cases.ROOT / path).read_text()
+            is_larger = len(text.splitlines()) > sizes.MAX_FILE or any(length > sizes.MAX_FUNCTION for _, _, length in sizes.functions(text))
+            self.assertTrue(is_larger, f"{path} is small: take it out of .ci/sizes.py")
 
 
 class Skips(unittest.TestCase):

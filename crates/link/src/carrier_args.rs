@@ -2,6 +2,7 @@
 //! open by them. Another transport has its flag and its choice here, and a file of its own next to
 //! `over_zenoh.rs`.
 
+mod config;
 mod over_zenoh;
 
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ use clap::{Args, ValueEnum};
 use fiatlux_carrier::Carrier;
 use zenoh::{Session, Wait};
 
-use crate::config::{self, Role};
+pub use self::config::Role;
 use crate::endpoints::{advise, check_endpoint};
 use crate::error::reason_of;
 use crate::{LinkError, exposure, rules};

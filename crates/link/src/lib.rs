@@ -5,7 +5,6 @@
 //! [`DEFAULT_ENDPOINT`], a client connects to it, and neither scouts.
 #![allow(missing_docs)] // Used in this repository alone.
 mod carrier_args;
-mod config;
 mod endpoints;
 mod error;
 mod exposure;
@@ -14,8 +13,7 @@ mod ports;
 mod rules;
 mod waiting;
 
-pub use carrier_args::{CarrierArgs, Link, LinkMode, carrier, parse_endpoint};
-pub use config::Role;
+pub use carrier_args::{CarrierArgs, Link, LinkMode, Role, carrier, parse_endpoint};
 pub use error::LinkError;
 pub use ports::choose_port;
 pub use waiting::WaitLog;

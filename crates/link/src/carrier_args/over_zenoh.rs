@@ -16,7 +16,7 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
-use crate::config::EndpointPlan;
+use super::config::EndpointPlan;
 use crate::{LinkError, WaitLog};
 
 pub struct ZenohTransport(pub Session);
