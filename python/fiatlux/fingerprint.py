@@ -1,14 +1,19 @@
 """A digest of what makes a policy play as it does: its code and its weights."""
 
 import dataclasses
+import datetime
+import decimal
 import enum
+import fractions
 import functools
 import hashlib
 import inspect
 import random
 import re
-from collections import deque
+import uuid
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import PurePath
 from types import (
     BuiltinFunctionType,
@@ -29,6 +34,15 @@ _SETUP = frozenset(
     "__init__ __new__ __post_init__ __init_subclass__ __class_getitem__ __setstate__ __set_name__".split()
 )
 """Methods that make an object: what they assign is no state."""
+
+_BY_NAME = frozenset("getattr attrgetter methodcaller __dict__ globals vars locals eval exec".split())
+"""With these a function finds methods and globals by names that stand nowhere in its code."""
+
+_BY_TEXT: tuple[type, ...] = (
+    *(PurePath, range, slice, np.dtype, fractions.Fraction, decimal.Decimal, uuid.UUID),
+    *(datetime.date, datetime.time, datetime.timedelta, datetime.tzinfo),
+)
+"""Values of the standard library that their text says whole."""
 
 _GENERATED = frozenset(
     "__init__ __repr__ __eq__ __hash__ __lt__ __le__ __gt__ __ge__ __new__ __replace__ __match_args__".split()
@@ -76,6 +90,7 @@ class _Reach:
         self._mentioned: set[str] = set()
         self._stored: set[str] = set()
         self._constructed: set[int] = set()
+        self._by_name = False
 
     def follow(self, policy: Any) -> None:
         """Collects everything; methods count whose names are mentioned somewhere."""
@@ -88,7 +103,7 @@ class _Reach:
             for kind in list(self._classes):
                 for name, function in methods(kind):
                     is_setup = name in _SETUP
-                    is_special = name.startswith("__") or name == "reset" or name in self._mentioned
+                    is_special = name.startswith("__") or name == "reset" or name in self._mentioned or self._by_name
                     if name.endswith("="):
                         is_special = name[:-1] in self._stored
                     if is_special and (not is_setup or id(kind) in self._constructed):
@@ -137,6 +152,10 @@ class _Reach:
             value = function.__globals__[name]
             yield name, value
             yield from self._of_module(name, value, uses.attributes)
+        if uses.names & _BY_NAME - {"getattr"}:
+            for name, value in sorted(function.__globals__.items()):
+                if not name.startswith("__") and not _is(value, ModuleType):
+                    yield f"by name {name}", value
         for module, name in sorted(uses.imports):
             value = imported(module, name, function.__globals__.get("__package__"), self.home)
             yield f"import {module} {name}", value
@@ -160,6 +179,7 @@ class _Reach:
             self._functions.append(function)
             self._mentioned |= uses.attributes | uses.names
             self._stored |= uses.own | uses.others
+            self._by_name |= bool((uses.names | uses.attributes) & _BY_NAME)
             for _, value in self.globals_of(function):
                 if _is(value, type):
                     self._constructed.add(id(value))
@@ -206,6 +226,7 @@ def _inner(value: Any) -> Iterator[Any]:
         yield from (value.func, *value.args, *value.keywords.values())
     elif _is(value, Mapping):
         yield from list(value.values())
+        yield getattr(value, "default_factory", None)
     elif _is(value, (list, tuple, set, frozenset, deque)):
         yield from list(value)
     wrapped = unwrapped(value)
@@ -321,16 +342,26 @@ class _Walk:
             yield from (self.digest(getattr(value, name, None)) for name in names)
         elif _is(value, re.Pattern):
             yield from map(self.digest, (value.pattern, value.flags))
-        elif _is(value, (PurePath, range, slice, np.dtype)):
+        elif _is(value, _BY_TEXT):
             yield str(value).encode()
+        elif _is(value, ContextVar):
+            yield value.name.encode()
+            try:
+                yield self.digest(value.get())
+            except LookupError:
+                pass
         elif _is(value, (np.random.Generator, np.random.RandomState, random.Random)):
             return
         elif _is(value, Mapping):
             for name, part in list(value.items()):
                 yield from (self.digest(name), self.digest(part))
+            if _is(value, defaultdict):
+                yield self.digest(value.default_factory)
             yield from self._instance(value)
         elif _is(value, (list, tuple, deque)):
             yield from map(self.digest, list(value))
+            if _is(value, deque) and value.maxlen is not None:
+                yield self.digest(value.maxlen)
             yield from self._instance(value)
         elif _is(value, (set, frozenset)):
             yield from sorted(map(self.digest, value))
@@ -428,7 +459,8 @@ class _Walk:
             yield from self._named(function.__kwdefaults__ or {})
             if id(function) in reach.uses:
                 changed = reach.changed_in(function.__globals__)
-                yield from self._named({name: part for name, part in reach.globals_of(function) if name not in changed})
+                used = reach.globals_of(function)
+                yield from self._named({name: part for name, part in used if name.removeprefix("by name ") not in changed})
         else:
             yield _package(function)
         for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):

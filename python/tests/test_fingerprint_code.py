@@ -255,6 +255,43 @@ CASES = {
         [("sin as f", "cos as f"), ("np.cos", "np.sin"), ("float64(2.0)", "float32(2.0)")],
         [],
     ),
+    "found by name": (
+        """
+        OTHER = 1.0
+        def late(x): return x * 3.0
+        class Policy:
+            def play_S05(self, x): return x + 1.0
+            def play_S06(self, x): return x + 2.0
+            def reset(self, info): self.play = getattr(self, f"play_{info['task']}")
+            def __call__(self, observation): return self.play(globals()["la" + "te"](observation))
+        """,
+        "Policy",
+        [("x + 1.0", "x + 1.5"), ("x + 2.0", "x + 2.5"), ("x * 3.0", "x * 3.5"), ('"play_', '"plan_')],
+        [("x + 1.0", "x + 1.0  # slower")],
+    ),
+    "values of the standard library": (
+        """
+        import collections, contextvars, datetime, decimal, fractions
+        PART, SHARE = fractions.Fraction(1, 3), decimal.Decimal("0.1")
+        WAIT, FIRST = datetime.timedelta(seconds=2), datetime.date(2026, 1, 1)
+        TABLE = collections.defaultdict(lambda: 0.5, {"a": 1.0})
+        LAST = collections.deque([1, 2], maxlen=5)
+        GAIN = contextvars.ContextVar("gain", default=0.25)
+        def policy(observation): return [PART, SHARE, WAIT, FIRST, TABLE["b"], LAST, GAIN.get()]
+        """,
+        "policy",
+        [
+            ("Fraction(1, 3)", "Fraction(2, 3)"),
+            ('"0.1"', '"0.2"'),
+            ("seconds=2", "seconds=3"),
+            ("2026, 1, 1", "2026, 1, 2"),
+            ("0.5, {", "0.6, {"),
+            ('"a": 1.0', '"a": 1.5'),
+            ("maxlen=5", "maxlen=4"),
+            ("default=0.25", "default=0.75"),
+        ],
+        [],
+    ),
     "texts": (
         '''
         def policy(observation):
@@ -283,6 +320,8 @@ PINNED = {
     "one name, two classes": "e81e35a309852ccb",
     "modules of the user's": "13e37f62f4483cd3",
     "libraries": "7b2ed0a831d490e4",
+    "found by name": "5c93eef228208209",
+    "values of the standard library": "1eb532c6b26b0715",
     "texts": "9def5921b031b138",
 }
 
