@@ -20,7 +20,7 @@ from .env import Env
 from .evaluation import Evaluation, evaluate
 from .expert import Expert, Experts, Label, Labels, label
 from .grip import Grip
-from .hand import HandActions, HandPolicy, load_policy
+from .hand import HandActions, load_policy
 from .kinematics import Kinematics
 from .policy import Policy, PolicyLike
 from .settings import ROBOTS, Camera, EpisodeSettings, Settings, cameras, segments
@@ -52,7 +52,6 @@ __all__ = [
     "FiatluxError",
     "Grip",
     "HandActions",
-    "HandPolicy",
     "Kinematics",
     "Label",
     "Labels",

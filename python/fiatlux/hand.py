@@ -255,7 +255,7 @@ class HandActions:
 class HandPolicy:
     """The policy of a file that ``python -m fiatlux.train export`` wrote from a run of ``hand``; it sees exact poses::
 
-        fiatlux.evaluate(fiatlux.HandPolicy("s08.safetensors"), tasks=["S08"])
+        fiatlux.evaluate(fiatlux.hand.HandPolicy("s08.safetensors"), tasks=["S08"])
 
     Args:
         file: The file.
@@ -279,7 +279,7 @@ class HandPolicy:
         self._step = 0
 
     def __repr__(self) -> str:
-        return f"<fiatlux.HandPolicy {self.__name__}>"
+        return f"<fiatlux.hand.HandPolicy {self.__name__}>"
 
     def reset(self, info: Mapping[str, Any]) -> None:
         """Begins an episode."""

@@ -1,5 +1,7 @@
 //! Bags as NumPy arrays, topic by topic.
 
+mod values;
+
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,7 +15,7 @@ use fiatlux_sensing::{Sensor, Sensors, Setup, term_messages};
 use fiatlux_wire::{light_of, read_row, robot_of, scene_of};
 use numpy::{IntoPyArray, PyArray1};
 use prost::Name;
-use prost_reflect::{DescriptorPool, DynamicMessage, MapKey, ReflectMessage, Value};
+use prost_reflect::{DescriptorPool, DynamicMessage, ReflectMessage, Value};
 use pyo3::exceptions::{PyFileNotFoundError, PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -22,6 +24,7 @@ use crate::build;
 use crate::fault::{failed, guarded, refused};
 use crate::numbers::Numbers;
 use crate::painter::Painter;
+use values::dictionary;
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
@@ -439,50 +442,6 @@ impl Column {
         }
         Ok(parts.into_any())
     }
-}
-
-fn dictionary<'py>(py: Python<'py>, message: &DynamicMessage) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    for field in message.descriptor().fields() {
-        if !field.supports_presence() || message.has_field(&field) {
-            dict.set_item(field.name(), object(py, &message.get_field(&field))?)?;
-        }
-    }
-    Ok(dict)
-}
-
-fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
-    Ok(match value {
-        Value::Bool(value) => value.into_pyobject(py)?.to_owned().into_any(),
-        Value::I32(value) | Value::EnumNumber(value) => value.into_pyobject(py)?.into_any(),
-        Value::I64(value) => value.into_pyobject(py)?.into_any(),
-        Value::U32(value) => value.into_pyobject(py)?.into_any(),
-        Value::U64(value) => value.into_pyobject(py)?.into_any(),
-        Value::F32(value) => value.into_pyobject(py)?.into_any(),
-        Value::F64(value) => value.into_pyobject(py)?.into_any(),
-        Value::String(value) => value.into_pyobject(py)?.into_any(),
-        Value::Bytes(value) => PyBytes::new(py, value).into_any(),
-        Value::Message(message) => dictionary(py, message)?.into_any(),
-        Value::List(values) => {
-            let values = values.iter().map(|value| object(py, value));
-            PyList::new(py, values.collect::<PyResult<Vec<_>>>()?)?.into_any()
-        }
-        Value::Map(map) => {
-            let dict = PyDict::new(py);
-            for (key, value) in map {
-                let key = match key {
-                    MapKey::String(key) => key.clone(),
-                    MapKey::Bool(key) => key.to_string(),
-                    MapKey::I32(key) => key.to_string(),
-                    MapKey::I64(key) => key.to_string(),
-                    MapKey::U32(key) => key.to_string(),
-                    MapKey::U64(key) => key.to_string(),
-                };
-                dict.set_item(key, object(py, value)?)?;
-            }
-            dict.into_any()
-        }
-    })
 }
 
 /// Writes a bag as a thin one at `to`; false for one that is thin or cut, which is left alone.

@@ -6,7 +6,7 @@ use fiatlux_batch::{Disturbances, Field, Pushes, Ranges, Spec, Wrenches};
 use fiatlux_robot::Robot;
 use fiatlux_rules::{ACTION_DELAY, CAMERA, NOISE, NamedRange, PRESETS, Task};
 use fiatlux_sensing::{Sensor, Sensors};
-use fiatlux_world::EpisodeRanges;
+use fiatlux_world::{EpisodeRanges, SceneConfig};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -24,6 +24,12 @@ pub(crate) fn tasks() -> Vec<(&'static str, &'static str, &'static str, &'static
 #[pyfunction]
 pub(crate) fn task_of(name: &str) -> PyResult<&'static str> {
     task(name).map(Task::short_id)
+}
+
+/// Numbers of the published room by section, as JSON.
+#[pyfunction]
+pub(crate) fn published_scene() -> PyResult<String> {
+    serde_json::to_string(&SceneConfig::default()).map_err(|error| refused(&error))
 }
 
 /// Names of all robots, the benchmark's first.

@@ -56,6 +56,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::tasks, module)?)?;
     module.add_function(wrap_pyfunction!(build::task_of, module)?)?;
     module.add_function(wrap_pyfunction!(build::robots, module)?)?;
+    module.add_function(wrap_pyfunction!(build::published_scene, module)?)?;
     module.add_function(wrap_pyfunction!(build::segments, module)?)?;
     module.add_function(wrap_pyfunction!(build::cameras, module)?)?;
     module.add_function(wrap_pyfunction!(build::sensors, module)?)?;

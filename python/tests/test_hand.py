@@ -109,8 +109,8 @@ def exported(path, change=lambda contract: None):
 
 
 def test_an_exported_policy_plays_and_begins_each_episode_anew(tmp_path):
-    policy = fiatlux.HandPolicy(exported(tmp_path / "s08.safetensors"))
-    assert repr(policy).startswith("<fiatlux.HandPolicy hand:s08.safetensors@")
+    policy = fiatlux.hand.HandPolicy(exported(tmp_path / "s08.safetensors"))
+    assert repr(policy).startswith("<fiatlux.hand.HandPolicy hand:s08.safetensors@")
     assert repr(HandActions(GRASP, 3)) == "<fiatlux.HandActions: 3 worlds, 10 numbers a decision>"
     first, second = (fiatlux.evaluate(policy, ["S08"], [0], max_steps=12).episodes[0] for _ in range(2))
     assert first["steps"] == 12 and first["state_digest"] == second["state_digest"]
@@ -118,10 +118,10 @@ def test_an_exported_policy_plays_and_begins_each_episode_anew(tmp_path):
         policy(np.zeros(3))
     old = exported(tmp_path / "old.safetensors", lambda contract: contract.update(format="fiatlux-hand/0"))
     with pytest.raises(ValueError, match="fiatlux-hand/0"):
-        fiatlux.HandPolicy(old)
+        fiatlux.hand.HandPolicy(old)
     with pytest.raises(ValueError, match="fiatlux-hand/1, this version reads fiatlux-baseline"):
         fiatlux.Baseline(tmp_path / "s08.safetensors")
     empty = exported(tmp_path / "empty.safetensors", lambda contract: contract.pop("grasp"))
     with pytest.raises(ValueError, match="grasp"):
-        fiatlux.HandPolicy(empty)
-    assert isinstance(fiatlux.load_policy(tmp_path / "s08.safetensors"), fiatlux.HandPolicy)
+        fiatlux.hand.HandPolicy(empty)
+    assert isinstance(fiatlux.load_policy(tmp_path / "s08.safetensors"), fiatlux.hand.HandPolicy)

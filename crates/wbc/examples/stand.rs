@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::Wrench;
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, MOVED, NOMINAL_HEIGHT, Network};
-use fiatlux_world::{AppliedWrench, Push, Random, Target};
+use fiatlux_world::{AppliedWrench, Push, Random, Scene, Target};
 use nalgebra::Vector3;
 
 use play::{Play, floor};
@@ -23,25 +23,57 @@ fn rms_mm(places: &[Vector3<f64>]) -> f64 {
     1e3 * (places.iter().map(|place| (place - mean).norm_squared()).sum::<f64>() / places.len() as f64).sqrt()
 }
 
+/// Robots on a floor.
+struct Trials {
+    scene: Arc<Scene>,
+    network: Arc<Network>,
+    count: u64,
+    exact: bool,
+    is_verbose: bool,
+}
+
 fn main() {
     let args: Vec<String> = std::env::args().collect();
-    let exact = args.iter().any(|arg| arg == "--exact");
-    let count = args.iter().position(|arg| arg == "--robots").map_or(4, |at| args[at + 1].parse().unwrap());
-    let only = args.iter().position(|arg| arg == "--only").map(|at| args[at + 1].clone());
+    let has = |flag: &str| args.iter().any(|arg| arg == flag);
+    let after = |flag: &str| args.iter().position(|arg| arg == flag).map(|at| args[at + 1].clone());
+    let only = after("--only");
     let on = |name: &str| only.as_deref().is_none_or(|only| only == name);
-    let scene = floor();
-    let robot = &scene.robot;
-    let network = Arc::new(Network::shipped().unwrap());
-    let upright = BodyCommand::default();
+    let trials = Trials {
+        scene: floor(),
+        network: Arc::new(Network::shipped().unwrap()),
+        count: after("--robots").map_or(4, |count| count.parse().unwrap()),
+        exact: has("--exact"),
+        is_verbose: has("-v"),
+    };
+    let named: [(&str, fn(&Trials)); 3] =
+        [("reach", Trials::reach), ("minute", Trials::minute), ("posture", Trials::posture)];
+    named.into_iter().filter(|(name, _)| on(name)).for_each(|(_, trial)| trial(&trials));
+    for (name, load, pull_n, push) in [
+        ("loads", 1.0, 0.0, 0.0),
+        ("pulls", 0.0, 20.0, 0.0),
+        ("pushes 0.6", 0.0, 0.0, 0.6),
+        ("pushes 1.0", 0.0, 0.0, 1.0),
+    ] {
+        if on(name) {
+            trials.disturbed(name, load, pull_n, push);
+        }
+    }
+}
 
-    if on("reach") {
+impl Trials {
+    fn play(&self, seed: u64) -> Play {
+        Play::new(&self.scene, &self.network, seed, self.exact)
+    }
+
+    /// Both arms reach here and there.
+    fn reach(&self) {
         let (mut pelvis, mut hand, mut fell) = (Vec::new(), Vec::new(), 0);
         let (mut stood, mut steps, mut unloaded) = (0, 0, 0);
-        for seed in 0..count {
-            let mut play = Play::new(&scene, &network, seed, exact);
+        for seed in 0..self.count {
+            let mut play = self.play(seed);
             let mut up = true;
             for _ in 0..3 * SECOND {
-                up &= play.step(&upright).is_some();
+                up &= play.step(&BodyCommand::default()).is_some();
             }
             let begin: Vec<f64> = play.targets[MOVED..BODY].to_vec();
             let mut arms = begin.clone();
@@ -57,7 +89,7 @@ fn main() {
                         *arm += (goal - *arm).clamp(-FASTEST, FASTEST);
                     }
                     play.targets[MOVED..BODY].copy_from_slice(&arms);
-                    let Some(at) = play.step(&upright) else {
+                    let Some(at) = play.step(&BodyCommand::default()) else {
                         up = false;
                         break 'reaches;
                     };
@@ -87,18 +119,25 @@ fn main() {
             unloaded as f64 / steps as f64
         );
     }
-    if on("minute") {
-        for seed in 0..count {
-            let mut play = Play::new(&scene, &network, seed, exact);
+
+    /// The feet stay where they are for a minute.
+    fn minute(&self) {
+        for seed in 0..self.count {
+            let mut play = self.play(seed);
             // The minute begins when the controller has taken over from the network.
-            while !play.controller.is_standing() && play.steps < 20 * SECOND && play.step(&upright).is_some() {}
+            while !play.controller.is_standing()
+                && play.steps < 20 * SECOND
+                && play.step(&BodyCommand::default()).is_some()
+            {}
             let before = play.steps;
             (play.stood, play.steps, play.unloaded) = (0, 0, 0);
             let (mut places, mut feet) = (Vec::new(), Vec::new());
             for _ in 0..60 * SECOND {
-                let Some(at) = play.step(&upright) else { break };
+                let Some(at) = play.step(&BodyCommand::default()) else { break };
                 places.push(at[0]);
-                feet.push([0, 1].map(|foot| play.world.world_from_link(robot.feet()[foot]).translation.vector));
+                feet.push(
+                    [0, 1].map(|foot| play.world.world_from_link(self.scene.robot.feet()[foot]).translation.vector),
+                );
             }
             let n = places.len();
             let [left, right] = [0, 1].map(|foot| (feet[0][foot] - feet[n - 1][foot]).xy().norm());
@@ -113,12 +152,14 @@ fn main() {
             );
         }
     }
-    if on("posture") {
+
+    /// Postures that are commanded, and how far the robot stays from them.
+    fn posture(&self) {
         let mut sums = [0.0; 4];
         let mut worst = [0.0_f64; 4];
         let (mut fell, mut held, mut stood, mut steps) = (0, 0, 0, 0);
-        let mut play = Play::new(&scene, &network, 7 + count, exact);
-        for number in 0..50 * count {
+        let mut play = self.play(7 + self.count);
+        for number in 0..50 * self.count {
             let within = |random: &mut Random, [low, high]: [f64; 2]| random.uniform(low, high);
             let r = &mut play.random;
             let command = BodyCommand {
@@ -144,13 +185,13 @@ fn main() {
                 println!("fell at {number}: {command:?}");
                 stood += play.stood;
                 steps += play.steps;
-                play = Play::new(&scene, &network, 8 + number, exact);
+                play = self.play(8 + number);
                 continue;
             }
             held += 1;
             let wanted = [command.height, command.torso[0], command.torso[1], command.torso[2]];
             let errors: Vec<f64> = sum.iter().zip(wanted).map(|(a, b)| (a - b).abs()).collect();
-            if args.iter().any(|a| a == "-v") && (errors[0] > 0.015 || errors[2] > 0.04) {
+            if self.is_verbose && (errors[0] > 0.015 || errors[2] > 0.04) {
                 println!("{:.2} {:.2?} {errors:.3?} {}", command.height, command.torso, play.controller.is_standing());
             }
             for k in 0..4 {
@@ -167,19 +208,13 @@ fn main() {
             stood as f64 / steps as f64
         );
     }
-    for (name, load, pull_n, push) in [
-        ("loads", 1.0, 0.0, 0.0),
-        ("pulls", 0.0, 20.0, 0.0),
-        ("pushes 0.6", 0.0, 0.0, 0.6),
-        ("pushes 1.0", 0.0, 0.0, 1.0),
-    ] {
-        if !on(name) {
-            continue;
-        }
+
+    /// Loads in the hands, kg, pulls at them, N, and pushes of the whole robot, m/s.
+    fn disturbed(&self, name: &str, load: f64, pull_n: f64, push: f64) {
         let (mut fell, mut stood, mut steps) = (0, 0, 0);
         let mut drift = 0.0;
-        for seed in 0..4 * count {
-            let mut play = Play::new(&scene, &network, seed, exact);
+        for seed in 0..4 * self.count {
+            let mut play = self.play(seed);
             let mut goal: Vec<f64> = play.targets[MOVED..BODY].to_vec();
             let weights = [play.random.uniform(0.0, load) * 9.81, load * 9.81];
             let mut pull = [Vector3::zeros(); 2];
@@ -187,8 +222,8 @@ fn main() {
             for step in 0..20 * SECOND {
                 if step % 100 == 0 {
                     for (j, goal) in goal.iter_mut().enumerate() {
-                        let joint = &robot.joints()[MOVED + j];
-                        let q0 = robot.q0()[MOVED + j];
+                        let joint = &self.scene.robot.joints()[MOVED + j];
+                        let q0 = self.scene.robot.q0()[MOVED + j];
                         *goal = q0 + 0.6 * (play.random.uniform(joint.lower, joint.upper) - q0);
                     }
                     pull = [(); 2].map(|()| {
@@ -212,12 +247,12 @@ fn main() {
                 }
                 play.wrenches = (0..2)
                     .map(|hand| AppliedWrench {
-                        target: Target::Link(robot.palms()[hand]),
+                        target: Target::Link(self.scene.robot.palms()[hand]),
                         point: Some(Vector3::zeros()),
                         wrench: Wrench { force: pull[hand] - Vector3::z() * weights[hand], torque: Vector3::zeros() },
                     })
                     .collect();
-                if play.step(&BodyCommand { height: NOMINAL_HEIGHT, ..upright }).is_none() {
+                if play.step(&BodyCommand { height: NOMINAL_HEIGHT, ..BodyCommand::default() }).is_none() {
                     fell += 1;
                     break;
                 }
@@ -228,9 +263,9 @@ fn main() {
         }
         println!(
             "{name}: fell {fell} of {}, stood {:.3}, way {:.3} m",
-            4 * count,
+            4 * self.count,
             stood as f64 / steps as f64,
-            drift / (4 * count) as f64
+            drift / (4 * self.count) as f64
         );
     }
 }

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._scene import SCENE
 from .error import AssetError, needs
 from .object import Object, Part
 
@@ -21,13 +22,13 @@ FORMAT = 1
 #: Decimals of lengths, m.
 DIGITS = 6
 #: A bulb's origin lies this far below its cap, as that of the stock bulb.
-BULB_ORIGIN = 0.036259
+BULB_ORIGIN: float = SCENE["bulb"]["seat_z"]
 #: Up to this height above the cap's bottom a bulb in the room has the stock plug: the socket fits no other one.
 PLUG_HEIGHT = 0.0335
 #: From the seat to the stop of the stock socket, below which a fixture has its own shape.
-STOP_HEIGHT = 0.002
+STOP_HEIGHT: float = SCENE["fixture"]["stop_height"]
 #: From the seat to the mouth of the stock socket.
-MOUTH_HEIGHT = 0.0342
+MOUTH_HEIGHT: float = SCENE["fixture"]["mouth_height"]
 
 
 def to_toml(thing: Object) -> str:

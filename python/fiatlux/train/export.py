@@ -129,7 +129,7 @@ def _hand(state: dict[str, Any], hardware: str) -> Exported:
         "hidden": list(settings.hidden),
         "training": _training(settings, progress, hardware),
     }
-    play = 'fiatlux.evaluate(fiatlux.HandPolicy("{}"), tasks=["S08"])'
+    play = 'fiatlux.evaluate(fiatlux.hand.HandPolicy("{}"), tasks=["S08"])'
     return _layers(state["ppo"]["actor_state_dict"], MIN_DEVIATION), json.dumps(contract), play
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from .._scene import SCENE
 from ..bag import Bag, files_below
 from ..hand import ACTIONS, REPEAT, SENSORS, HandActions
 from ..vector import Start, VectorEnv
@@ -18,7 +19,7 @@ from .run import CONTROL_DT, GROUPS, Run
 from .settings import FIRST_ROOM, FIRST_TEST_ROOM, Hand
 from .worlds import MIN_DEVIATION, Worlds
 
-GLASS = 0.1531
+GLASS: float = SCENE["bulb"]["solids"][-1][0]
 """Height of the glass's centre above the bulb's origin, m."""
 SUCCESS, FAILURE = 10.0, -2.0
 """Rewards of an episode's end."""

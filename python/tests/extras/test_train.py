@@ -293,8 +293,8 @@ def test_a_policy_of_the_hand_is_trained_resumed_tested_and_exported(tmp_path, m
     with (out / "curve.csv").open(newline="") as curve:
         assert [row["samples"] for row in csv.DictReader(curve)] == ["24", "48"]
     code, said, failed = run("export", out / "last.pt", file)
-    assert code == 0 and 'fiatlux.HandPolicy("' in said, failed
-    played = fiatlux.evaluate(fiatlux.HandPolicy(file), ["S08"], [0], max_steps=8)
+    assert code == 0 and 'fiatlux.hand.HandPolicy("' in said, failed
+    played = fiatlux.evaluate(fiatlux.hand.HandPolicy(file), ["S08"], [0], max_steps=8)
     assert played.episodes[0]["steps"] == 8
     # Whole episodes take too long here.
     monkeypatch.setattr(hand, "measure", functools.partial(hand.measure, steps=8))
