@@ -19,14 +19,9 @@ HOME = "crates/world/scene.toml"
 # Data and code of other things that have such a number by themselves.
 OTHERS = re.compile(
     rf"{hands.ROBOTS}/.*|(.*/)?weights/.*|crates/world/src/object/built/.*|crates/render/src/visuals/g1\.rs|crates/rules/manifest\.toml|.*\.lock"
+    # Objects of their own, made for the table of feasibility.
+    r"|python/fiatlux/assets/objects\.py"
 )
-# Copies that Python still has: it cannot ask the engine for the scene. Objects for `--asset` are data of their own.
-COPIES = {
-    "python/benchmarks/policy_in_mujoco.py",
-    "python/fiatlux/assets/objects.py",
-    "python/fiatlux/assets/room.py",
-    "python/fiatlux/train/hand.py",
-}
 CODE = (".rs", ".py", ".toml", ".js", ".ts")
 NUMBER = r"-?\d[\d_]*(?:\.[\d_]*)?(?:e-?\d+)?"
 LITERAL = re.compile(rf"(?<![\w.]){NUMBER}(?![\w.])")
@@ -74,7 +69,7 @@ def read(literal):
 
 def faults(numbers, path, text):
     """Each line of a file that has a number of the room: its path, its number, the literal and the number's name."""
-    is_free = path == HOME or path in COPIES or OTHERS.fullmatch(path) or hands.TESTS.fullmatch(path)
+    is_free = path == HOME or OTHERS.fullmatch(path) or hands.TESTS.fullmatch(path)
     if is_free or not path.endswith(CODE):
         return
     comment = "#" if path.endswith((".py", ".toml")) else "//"
