@@ -278,8 +278,8 @@ fn range(name: &str, default: Range<u64>) -> Range<u64> {
 }
 
 /// The README's column `stand`: every task of the table to its time-out in four rooms with `FIATLUX_ALL_ROOMS` set, in one room with
-/// `FIATLUX_SLOW_TESTS`, 20 s in one room without. `FIATLUX_STAND_SEEDS` and `FIATLUX_STAND_EPISODES`, such as `0..20`, choose other seeds and episodes,
-/// `FIATLUX_STAND_GAINS` another set of gains, `FIATLUX_STAND_ROBOT` another robot.
+/// `FIATLUX_SLOW_TESTS`, 20 s in one room without. `FIATLUX_STAND_SEEDS` and `FIATLUX_STAND_EPISODES`, such as `0..20`, choose other
+/// seeds and episodes, `FIATLUX_STAND_GAINS` another set of gains, `FIATLUX_STAND_ROBOT` another robot.
 #[test]
 fn it_stands_in_every_task_of_the_table() {
     let is_set = |name: &str| std::env::var_os(name).is_some();
