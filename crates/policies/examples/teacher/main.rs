@@ -1,9 +1,10 @@
 //! Measures `expert` as a teacher of learners, in rooms that may be drawn afresh:
-//! `cargo run --release -p fiatlux-policies --example teacher -- S06,S08 fresh:32 [spoilt] [each] [threads=2]`.
+//! `cargo run --release -p fiatlux-policies --example teacher -- S06,S08 fresh:32 [spoilt] [each] [threads=2] [parameters=FILE]`.
 //! In each room it plays an episode undisturbed; then an expert that has seen nothing takes over at 0.3, 0.6 and 0.9 of that episode's
 //! own time; then one rides along from the start with slow noise of 0.014 rad on the targets of arms and fingers. With `spoilt`, a learner
 //! spoils the state halfway first: it holds still for 1.5 s, or adds noise of 0.1 rad for 1.5 s, or of 0.25 rad to all joints for 0.3 s.
 //! With `each`, every attempt is printed. An expert that says that it cannot go on is asked on: it was right if no success comes.
+//! A file has parameters of `hands`.
 #![allow(missing_docs)]
 
 use std::error::Error;
@@ -15,6 +16,7 @@ use fiatlux_client::{Command, Policy, SeedList, TaskList};
 use fiatlux_policies::Expert;
 use fiatlux_proto::v3::Observation;
 use fiatlux_rules::{CONTROL_DT, Cause, SeedOwner, Task};
+use fiatlux_wbc::MOVED;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
 
@@ -30,17 +32,15 @@ const KEPT_EVERY: u64 = 25;
 /// Noise of targets that an expert rides along with, rad, and the time in which it changes, s.
 const NOISE_RAD: f64 = 0.014;
 const NOISE_TIME_S: f64 = 1.0;
-/// Joints of legs and waist, which come first.
-const LEGS_AND_WAIST: usize = 15;
 /// Control steps within which an expert counts as saying at once that it cannot go on.
 const AT_ONCE: u64 = 5;
 
-/// How an attempt ended.
+/// The end of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 enum Ended {
     Succeeds,
-    /// Without having said so.
-    Fails(Cause),
+    /// Without having said so: why, and what it did last.
+    Fails(Cause, String),
     /// It said that it could not go on: after how many control steps, why, and whether a success came nevertheless.
     Says {
         after: u64,
@@ -53,7 +53,7 @@ impl fmt::Display for Ended {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Succeeds => write!(f, "success"),
-            Self::Fails(cause) => write!(f, "{cause:?}"),
+            Self::Fails(cause, phase) => write!(f, "{cause:?} in {phase}"),
             Self::Says { after, why, succeeds } => {
                 let wrongly = if *succeeds { ", wrongly" } else { "" };
                 write!(f, "says after {:.1} s{wrongly}: {why}", *after as f64 * CONTROL_DT)
@@ -109,7 +109,7 @@ fn print(task: Task, rooms: &[Attempts]) {
             "{name:12} {:4}  {:8}  {:5}  {:12}  {:5}  {:7}",
             ends.len(),
             count(&|ended| *ended == Ended::Succeeds),
-            count(&|ended| matches!(ended, Ended::Fails(_))),
+            count(&|ended| matches!(ended, Ended::Fails(..))),
             count(&|ended| matches!(ended, Ended::Says { after, .. } if *after <= AT_ONCE)),
             count(&|ended| matches!(ended, Ended::Says { after, .. } if *after > AT_ONCE)),
             count(&|ended| matches!(ended, Ended::Says { succeeds: true, .. })),
@@ -122,7 +122,7 @@ fn room(task: Task, seed: u64, spoilt: bool) -> Result<Attempts, Box<dyn Error>>
     let mut kept = Vec::new();
     let start = Game::start(Start::of(task, seed)?)?;
     let mut attempts = vec![("undisturbed".into(), teach(start.clone(), |_, _| (), Some(&mut kept))?)];
-    attempts.push(("noise".into(), teach(start, noise(seed, NOISE_RAD, LEGS_AND_WAIST), None)?));
+    attempts.push(("noise".into(), teach(start, noise(seed, NOISE_RAD, MOVED), None)?));
     if !matches!(attempts.first(), Some((_, Ended::Succeeds))) {
         return Ok(attempts);
     }
@@ -132,7 +132,7 @@ fn room(task: Task, seed: u64, spoilt: bool) -> Result<Attempts, Box<dyn Error>>
     }
     let learners: [(&str, u64, Student); 3] = [
         ("held 1.5 s", 75, Box::new(|_, _| ())),
-        ("0.1 rad", 75, Box::new(noise(seed, 0.1, LEGS_AND_WAIST))),
+        ("0.1 rad", 75, Box::new(noise(seed, 0.1, MOVED))),
         ("0.25 rad", 15, Box::new(noise(seed, 0.25, 0))),
     ];
     for (name, steps, mut student) in learners.into_iter().filter(|_| spoilt) {
@@ -158,7 +158,8 @@ fn teach(
     mut student: impl FnMut(u64, &mut [f64]),
     mut kept: Option<&mut Vec<Game>>,
 ) -> Result<Ended, Box<dyn Error>> {
-    let mut expert = Expert::new()?;
+    let file = std::env::args().find_map(|word| word.strip_prefix("parameters=").map(str::to_string));
+    let mut expert = Expert::with_parameters(file.map(std::fs::read_to_string).transpose()?)?;
     let mut seen: Observation = game.observe()?;
     let first = game.world().row().step;
     let mut said: Option<(u64, String)> = None;
@@ -191,7 +192,7 @@ fn teach(
     let succeeds = cause == Some(Cause::Success);
     Ok(match (said, cause) {
         (Some((after, why)), _) => Ended::Says { after, why, succeeds },
-        (None, Some(cause)) if !succeeds => Ended::Fails(cause),
+        (None, Some(cause)) if !succeeds => Ended::Fails(cause, expert.phase().unwrap_or_default()),
         _ => Ended::Succeeds,
     })
 }
