@@ -32,7 +32,7 @@ FAULTS = [
     (re.compile(rf"\be?print(?:ln)?!\([^;]*\);\s*{LEAVES}", re.M), "says something and passes", False),
     (re.compile(r'^ *"skip|print(?:ln)?!\("skip', re.M), "says that it skips", True),
     (re.compile(r"#\[cfg_attr\([^\]]*\bignore\b[^\]]*\]"), "is ignored for a reason that tests/run does not know", True),
-    (re.compile(r"#\[ignore(?! = \"needs (?:Python's libraries|IPv6): tests/run\"\])[^\]]*\]"), "is ignored for a reason that tests/run does not know", True),
+    (re.compile(r"#\[ignore(?! = \"needs (?:Python's libraries|IPv6|PostgreSQL): tests/run\"\])[^\]]*\]"), "is ignored for a reason that tests/run does not know", True),
 ]
 # A test that starts itself as another process: that one answers.
 CHILD = re.compile(r"\bCHILD\b")

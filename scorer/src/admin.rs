@@ -9,14 +9,16 @@ use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Subcommand};
 use fiatlux_cli::whole;
-use fiatlux_leaderboard::{MAX_DAYS, Quota, Store, SubmissionId};
+use fiatlux_leaderboard::{DatabaseUrl, FilesUrl, MAX_DAYS, Place, Quota, Store, SubmissionId};
 use fiatlux_proto::{count, plain};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
+use crate::work::StoreArgs;
+
 /// Manage a leaderboard: accounts, tokens, submissions, backups
 ///
-/// Works on the folder of the service, whether it runs or not. Every change is written to the audit log.
+/// Works on the store of the service, whether it runs or not. Every change is written to the audit log.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer admin --folder board account lab                 create an account
@@ -28,6 +30,8 @@ pub struct AdminArgs {
     /// Folder of the service; required
     #[arg(long, value_name = "DIR", global = true)]
     folder: Option<PathBuf>,
+    #[command(flatten)]
+    store: StoreArgs,
     #[command(subcommand)]
     command: Command,
 }
@@ -117,6 +121,22 @@ enum Command {
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000))]
         last: u32,
     },
+    /// Copy the leaderboard to another store, where `scorer serve` goes on; nothing is removed here
+    ///
+    /// Stop its scorers first. Incomplete uploads start again. If it is interrupted, the same command goes on.
+    #[command(
+        after_help = "Example:\n  scorer admin --folder board move work --to-database postgres://board@db/board --to-files s3://bags/board"
+    )]
+    Move {
+        /// Folder of the service at the new place
+        to: PathBuf,
+        /// Database there, if it is not in the folder
+        #[arg(long, value_name = "URL")]
+        to_database: Option<DatabaseUrl>,
+        /// Bags and results there, if they are not in the folder
+        #[arg(long, value_name = "DIR")]
+        to_files: Option<FilesUrl>,
+    },
     /// Copy database and bags into a folder that `scorer serve` can use; bags copied by an earlier backup are kept
     #[command(after_help = "Example:\n  scorer admin --folder board backup /backups/board")]
     Backup {
@@ -150,9 +170,10 @@ pub fn run(args: &AdminArgs) -> Result<ExitCode> {
 
 async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
     // Only one command makes a leaderboard: a wrong name would make another one.
+    let place = args.store.place(folder);
     let store = match &args.command {
-        Command::Init => Store::open(folder).await?,
-        _ => Store::open_existing(folder).await?,
+        Command::Init => Store::open_at(&place).await?,
+        _ => Store::open_existing(&place).await?,
     };
     let mut said = String::new();
     match &args.command {
@@ -231,12 +252,25 @@ async fn done(args: &AdminArgs, folder: &Path) -> Result<String> {
                 writeln!(said, "{seq} {at} {who}: {} {} {}", row.action, plain(&row.subject), plain(&row.detail))?;
             }
         }
+        Command::Move { to, to_database, to_files } => {
+            writeln!(said, "{}", moved(&store, to, to_database.clone(), to_files.clone()).await?)?;
+        }
         Command::Backup { to } => {
             let (files, bytes) = store.backup(to).await?;
             writeln!(said, "{} is up to date: copied {files} new files, {bytes} bytes", to.display())?;
         }
     }
     Ok(said)
+}
+
+/// Copies a store to another place.
+async fn moved(store: &Store, to: &Path, database: Option<DatabaseUrl>, files: Option<FilesUrl>) -> Result<String> {
+    let own = Place::folder(to);
+    let (database, files) = (database.unwrap_or(own.database), files.unwrap_or(own.files));
+    let place = Place { folder: own.folder, database, files };
+    let (copied, bytes) = store.move_to(&place).await?;
+    let copied = count(copied, "file");
+    Ok(format!("{} and {} have the leaderboard: copied {copied}, {bytes} bytes", place.database, place.files))
 }
 
 /// Reads a number of days, such as 30d.

@@ -12,7 +12,7 @@ use fiatlux_access::KnownServers;
 use fiatlux_cli::whole;
 use fiatlux_leaderboard::{Jobs, Limits, Proxies, Service, ServiceOptions, Store};
 
-use crate::work::{VerifierArgs, joined, stopped};
+use crate::work::{StoreArgs, VerifierArgs, joined, stopped};
 
 /// Serve the leaderboard: accept submissions, grade and verify them, and show them
 ///
@@ -23,17 +23,21 @@ use crate::work::{VerifierArgs, joined, stopped};
 /// When it is ready it prints one line on stdout; its log goes to stderr. On SIGINT or SIGTERM it ends its requests and exits
 /// with 0. It may be killed at any moment: after a restart, work on accepted submissions goes on.
 ///
-/// Several may serve one folder, on this machine; `scorer work` adds processes that only verify.
+/// Several may serve one store: a folder on this machine, or with --database and --files on any. `scorer work` adds processes that only
+/// verify. A file is uploaded through one of them, so a proxy sends an address always to the same one.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   scorer serve --folder board                                     pages and API on http://127.0.0.1:8080/
   scorer serve --folder board -e tcp/127.0.0.1:7447               and verify on a server on this machine
   scorer serve --folder board -e tcp/10.0.0.5:7447 -e tcp/10.0.0.6:7447 --parallel 8 --signers known_servers --runs runs
+  scorer serve --folder work --database postgres://board@db/board --files s3://bags/board
   scorer serve --folder board -e tcp/10.0.0.9:7447 --server 'lab-*'   and on all servers behind this router whose names begin so")]
 pub struct ServeArgs {
     /// Folder of the service, created if it does not exist
     #[arg(long, value_name = "DIR")]
     folder: PathBuf,
+    #[command(flatten)]
+    store: StoreArgs,
     /// Address of pages and API; port 0 picks a free one
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     http: SocketAddr,
@@ -83,7 +87,7 @@ pub fn run(args: &ServeArgs) -> Result<ExitCode> {
 }
 
 async fn serve(args: &ServeArgs, stop: Arc<AtomicBool>) -> Result<()> {
-    let store = Store::open(&args.folder).await?;
+    let store = Store::open_at(&args.store.place(&args.folder)).await?;
     let _joined = joined(&store, &args.folder).await?;
     let options = ServiceOptions {
         limits: Limits { files: args.max_files, file_bytes: args.max_file_bytes, bytes: args.max_bytes },

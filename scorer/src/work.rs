@@ -11,25 +11,51 @@ use clap::Args;
 use fiatlux_access::{SERVER_OR_GROUP, is_server_or_group};
 use fiatlux_cli::whole;
 use fiatlux_client::AccessArgs;
-use fiatlux_leaderboard::{Jobs, Joined, ServerGroup, ServerVerifier, Service, ServiceOptions, Store, Verifiers};
+use fiatlux_leaderboard::{
+    DatabaseUrl, FilesUrl, Jobs, Joined, Place, ServerGroup, ServerVerifier, Service, ServiceOptions, Store, Verifiers,
+};
 use fiatlux_link::CarrierArgs;
 
 /// Period of its checks for a stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Verify episodes of a leaderboard: claims them one by one and has them simulated again, next to `scorer serve` on the same folder
+/// Verify episodes of a leaderboard: claims them one by one and has them simulated again, next to `scorer serve` on the same store
 ///
 /// Every process claims other episodes. What one that is killed had claimed goes to another one after 20 s. It never grades and serves no
 /// pages. On SIGINT or SIGTERM it gives its episodes back and exits with 0.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  scorer work --folder board -e tcp/10.0.0.7:7447 --parallel 8    eight episodes at a time on one more server")]
+  scorer work --folder board -e tcp/10.0.0.7:7447 --parallel 8    eight episodes at a time on one more server
+  scorer work --folder work --database postgres://board@db/board --files s3://bags/board -e tcp/10.0.0.7:7447")]
 pub struct WorkArgs {
     /// Folder of the service, on this machine
     #[arg(long, value_name = "DIR")]
     folder: PathBuf,
     #[command(flatten)]
+    store: StoreArgs,
+    #[command(flatten)]
     verifiers: VerifierArgs,
+}
+
+/// What of a store is not in its folder.
+#[derive(Debug, Args)]
+pub struct StoreArgs {
+    /// Database, if it is not in the folder: sqlite:FILE, or postgres://USER@HOST/NAME for scorers on several machines; its password is
+    /// in PGPASSWORD or ~/.pgpass
+    #[arg(long, value_name = "URL", global = true)]
+    database: Option<DatabaseUrl>,
+    /// Bags and results, if they are not in the folder: another folder, or s3://BUCKET/PREFIX; endpoint and keys are in AWS_ENDPOINT_URL,
+    /// AWS_ACCESS_KEY_ID and so on
+    #[arg(long, value_name = "DIR", global = true)]
+    files: Option<FilesUrl>,
+}
+
+impl StoreArgs {
+    pub fn place(&self, folder: &Path) -> Place {
+        let Place { folder, database, files } = Place::folder(folder);
+        let (database, files) = (self.database.clone().unwrap_or(database), self.files.clone().unwrap_or(files));
+        Place { folder, database, files }
+    }
 }
 
 /// The servers that verify.
@@ -100,7 +126,7 @@ async fn work(args: &WorkArgs, stop: &AtomicBool) -> Result<()> {
     if verifiers.is_empty() {
         bail!("there is no server to verify on; name one with -e tcp/HOST:PORT");
     }
-    let store = Store::open_existing(&args.folder).await?;
+    let store = Store::open_existing(&args.store.place(&args.folder)).await?;
     let _joined = joined(&store, &args.folder).await?;
     let options = ServiceOptions { refusal_pause: args.verifiers.refusal_pause(), ..ServiceOptions::default() };
     let service = Arc::new(Service::new(store, options));

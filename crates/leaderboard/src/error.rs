@@ -9,19 +9,20 @@ pub enum StoreError {
     #[error("cannot {action} {}; check its permissions and the free disk space", path.display())]
     Io { action: &'static str, path: PathBuf, source: io::Error },
     #[error(
-        "{} has no leaderboard; name the folder of `scorer serve`, or make a new leaderboard with `scorer admin init`",
-        folder.display()
+        "{store} has no leaderboard; name the folder of `scorer serve`, and its --database where it has one, or make a new leaderboard with `scorer admin init`"
     )]
-    Nothing { folder: PathBuf },
-    #[error("the database cannot {action}; check the free disk space, and that nothing else writes to the folder")]
+    Nothing { store: String },
+    #[error("{store} has a leaderboard already; name a new place")]
+    Taken { store: String },
+    #[error("the database cannot {action}; check that it runs and has free disk space")]
     Database { action: &'static str, source: sqlx::Error },
     #[error("the store of bags cannot {action}; check its permissions and the free disk space")]
     Blobs { action: &'static str, source: object_store::Error },
     #[error("the database has version {found}, this program knows up to {known}; start the version that wrote it")]
     Newer { found: i64, known: i64 },
-    #[error("other scorers run on {}; stop all of them first: its database is of an older version", folder.display())]
-    InUse { folder: PathBuf },
-    #[error("{what} in the store cannot be read: {reason}; restore the folder from a backup")]
+    #[error("other scorers run on {store}; stop all of them first")]
+    InUse { store: String },
+    #[error("{what} in the store cannot be read: {reason}; restore it from a backup")]
     Corrupt { what: String, reason: String },
     #[error("a bag in the store cannot be read now")]
     Bag(#[source] BagError),

@@ -27,6 +27,9 @@ mod serve;
 mod service;
 mod standings;
 mod store;
+#[cfg(test)]
+#[path = "../tests/stores/mod.rs"]
+mod stores;
 mod submission;
 mod visitors;
 
@@ -38,8 +41,20 @@ pub use jobs::{Jobs, ServerGroup, ServerVerifier, Verifier, VerifierGroup, Verif
 pub use routes::router;
 pub use serve::{listen, serve, serve_metrics};
 pub use service::{Pace, Service, ServiceOptions};
-pub use store::{Account, AuditRow, Joined, KnownBags, Store, ThinnedBags, TokenRow, Verdict};
+pub use store::{
+    Account, AuditRow, DatabaseUrl, FilesUrl, Joined, KnownBags, Place, Store, ThinnedBags, TokenRow, Verdict,
+};
 pub use submission::{
     Badge, Claim, Claims, Division, Entry, Kind, Limits, Manifest, ManifestError, Observations, Proof, Stage,
     SubmissionId, Time, WordError,
 };
+
+#[cfg(test)]
+mod tests {
+    /// Guards the store where it is PostgreSQL, as here SQLite.
+    #[test]
+    #[ignore = "needs PostgreSQL: tests/run"]
+    fn the_store_on_postgres() {
+        crate::stores::on_postgres_and_a_bucket("the_store_on_postgres");
+    }
+}

@@ -3,6 +3,9 @@
 mod accounts;
 mod adopt;
 mod blobs;
+mod bucket;
+mod copy;
+mod database;
 mod facts;
 mod known;
 mod lease;
@@ -18,16 +21,16 @@ mod thin;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use fiatlux_grading::Results;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, Transaction};
 use time::OffsetDateTime;
 
 use crate::{Entry, StoreError, SubmissionId};
 pub use accounts::{Account, AuditRow, TokenRow};
+pub use blobs::FilesUrl;
 pub(crate) use blobs::{Blobs, Digest};
+pub use database::DatabaseUrl;
+use database::{Database, Tx};
 pub(crate) use known::EpisodeRows;
 pub use known::KnownBags;
 pub(crate) use lease::LEASE;
@@ -40,64 +43,67 @@ pub(crate) use submissions::{BeginOutcome, Draft, StoredFile};
 pub use submissions::{Count, FileRow};
 pub use thin::ThinnedBags;
 
-const DATABASE: &str = "leaderboard.sqlite";
 const BLOBS: &str = "blobs";
+const COPIES: &str = "copies";
 const INCOMING: &str = "incoming";
-
-/// Time for which a statement waits for another process, such as an admin command.
-const BUSY: Duration = Duration::from_secs(20);
-/// Number of connections that read the database. One more writes.
-const READERS: u32 = 8;
 const MAX_RESULTS: usize = 256;
 
-/// The folder of a service: a database, the bags by their content, and incomplete uploads.
+/// Where a service keeps everything.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Incomplete uploads, and copies of a bucket's files, are here.
+    pub folder: PathBuf,
+    pub database: DatabaseUrl,
+    pub files: FilesUrl,
+}
+
+impl Place {
+    /// Database and files in one folder.
+    pub fn folder(folder: &Path) -> Self {
+        let files = FilesUrl::Folder(folder.join(BLOBS));
+        Self { folder: folder.into(), database: DatabaseUrl::in_folder(folder), files }
+    }
+}
+
+/// The store of a service: a database, the bags by their content, and incomplete uploads.
 #[derive(Debug, Clone)]
 pub struct Store {
-    folder: PathBuf,
-    pool: SqlitePool,
-    /// It has one connection: writers wait for it here, and not in SQLite with a connection that others could read
-    /// with.
-    writer: SqlitePool,
+    place: Place,
+    database: Database,
     pub(crate) blobs: Blobs,
     results: Arc<Mutex<BTreeMap<SubmissionId, Arc<Results>>>>,
 }
 
 impl Store {
-    /// Opens the folder; creates what is missing, and upgrades the database to this version.
+    /// Opens the store of a folder.
+    ///
+    /// # Errors
+    /// As for [`Store::open_at`].
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
-        for folder in [folder.to_path_buf(), folder.join(INCOMING)] {
+        Self::open_at(&Place::folder(folder)).await
+    }
+
+    /// Opens a store; creates what is missing but a database of PostgreSQL and a bucket, and upgrades the tables to this version.
+    pub async fn open_at(place: &Place) -> Result<Self, StoreError> {
+        for folder in [place.folder.clone(), place.folder.join(INCOMING)] {
             std::fs::create_dir_all(&folder).map_err(StoreError::io("make", &folder))?;
         }
-        let options = SqliteConnectOptions::new()
-            .filename(folder.join(DATABASE))
-            .create_if_missing(true)
-            .foreign_keys(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            // When a request is answered, its data must be on disk.
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(BUSY);
-        let open = |connections, options| SqlitePoolOptions::new().max_connections(connections).connect_with(options);
-        let writer = open(1, options.clone()).await.map_err(StoreError::database("be opened"))?;
-        if schema::version(&writer).await? < schema::KNOWN {
-            let _alone = lock::alone(folder).await?;
-            schema::migrate(&writer, schema::KNOWN).await?;
-        }
-        let pool = open(READERS, options).await.map_err(StoreError::database("be opened"))?;
-        let blobs = Blobs::open(&folder.join(BLOBS))?;
-        let store = Self { folder: folder.into(), pool, writer, blobs, results: Arc::default() };
+        let database = schema::open(&place.database).await?;
+        let blobs = Blobs::open(&place.files, &place.folder.join(COPIES)).await?;
+        let store = Self { place: place.clone(), database, blobs, results: Arc::default() };
         store.adopt().await?;
         Ok(store)
     }
 
-    /// Opens the folder of a service, but creates none.
+    /// Opens a store that somebody has made.
     ///
     /// # Errors
-    /// As for [`Store::open`]; [`StoreError::Nothing`]: the folder has no database.
-    pub async fn open_existing(folder: &Path) -> Result<Self, StoreError> {
-        if !folder.join(DATABASE).is_file() {
-            return Err(StoreError::Nothing { folder: folder.into() });
+    /// As for [`Store::open_at`]; [`StoreError::Nothing`]: the database has no leaderboard.
+    pub async fn open_existing(place: &Place) -> Result<Self, StoreError> {
+        if !Database::exists(&place.database).await? {
+            return Err(StoreError::Nothing { store: place.database.to_string() });
         }
-        Self::open(folder).await
+        Self::open_at(place).await
     }
 
     /// Removes partial bags that were being written when a service was killed; returns their number. Nothing may write bags
@@ -108,7 +114,7 @@ impl Store {
 
     /// Checks that the database answers.
     pub async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT 1").execute(&self.pool).await.map(drop).map_err(StoreError::database("answer"))
+        sqlx::query("SELECT 1").execute(&self.database.pool).await.map(drop).map_err(StoreError::database("answer"))
     }
 
     /// Every submission that is graded or verified, oldest first.
@@ -156,60 +162,34 @@ impl Store {
         seed: u64,
         episode: u64,
     ) -> Result<Option<PathBuf>, StoreError> {
-        Ok(self.bag_digest(id, task, seed, episode).await?.map(|digest| self.blobs.local(&digest)))
-    }
-
-    /// Copies database and files into another folder, while the service runs; a service can be started on the copy. Files that
-    /// the copy has already are kept; incomplete uploads are left out. Returns the number of new files, and their bytes.
-    pub async fn backup(&self, to: &Path) -> Result<(u64, u64), StoreError> {
-        std::fs::create_dir_all(to).map_err(StoreError::io("make", to))?;
-        let fresh = to.join("leaderboard.sqlite.new");
-        // Left by an interrupted backup.
-        drop(std::fs::remove_file(&fresh));
-        sqlx::query("VACUUM INTO $1")
-            .bind(fresh.to_string_lossy().into_owned())
-            .execute(&self.pool)
-            .await
-            .map_err(StoreError::database("be copied"))?;
-        let target = to.join(DATABASE);
-        for old in ["-wal", "-shm"].map(|end| to.join(format!("{DATABASE}{end}"))) {
-            drop(std::fs::remove_file(old));
+        match self.bag_digest(id, task, seed, episode).await? {
+            Some(digest) => self.blobs.local(&digest).await.map(Some),
+            None => Ok(None),
         }
-        std::fs::rename(&fresh, &target).map_err(StoreError::io("write", &target))?;
-        // The files that the copy of the database names, not those added since.
-        let copy = Self::open(to).await?;
-        let (mut files, mut bytes) = (0, 0);
-        for digest in copy.contents().await? {
-            if copy.blobs.has(&digest).await? {
-                continue;
-            }
-            let from = self.blobs.local(&digest);
-            if !copy.blobs.put_checked(&digest, &from).await? {
-                return Err(StoreError::corrupt(
-                    from.display().to_string(),
-                    "its content does not match the digest in its name",
-                ));
-            }
-            files += 1;
-            bytes += from.metadata().map_or(0, |data| data.len());
-        }
-        copy.pool.close().await;
-        copy.writer.close().await;
-        Ok((files, bytes))
     }
 
     pub(crate) fn incoming(&self, id: SubmissionId) -> PathBuf {
-        self.folder.join(INCOMING).join(id.to_string())
+        self.place.folder.join(INCOMING).join(id.to_string())
     }
 
     /// Folder with the files of a submission under their own names, while it is graded.
     pub(crate) fn work(&self, id: SubmissionId) -> PathBuf {
-        self.folder.join(INCOMING).join(format!("{id}-graded"))
+        self.place.folder.join(INCOMING).join(format!("{id}-graded"))
     }
 
-    /// A transaction that writes from its first statement: SQLite cannot turn a reader into a writer without races.
-    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))
+    async fn write(&self) -> Result<Tx, StoreError> {
+        self.database.write().await
+    }
+
+    /// The store of a test: that of a folder, or one on PostgreSQL. Its files are none that a bucket would take, so they are in the folder.
+    #[cfg(test)]
+    pub(crate) async fn of_test(folder: &Path) -> Result<Self, StoreError> {
+        let mut place = Place::folder(folder);
+        if let Some((database, _)) = crate::stores::addresses(folder) {
+            place.database =
+                database.parse().map_err(|error: String| StoreError::corrupt("the address of a test", error))?;
+        }
+        Self::open_at(&place).await
     }
 }
 

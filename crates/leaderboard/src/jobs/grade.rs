@@ -87,7 +87,10 @@ pub(super) async fn index_one(service: &Arc<Service>, term: Term, id: Submission
     let store = &service.store;
     let Some(entry) = store.entry(id).await? else { return Ok(()) };
     let Some(results) = store.results(id).await? else { return Ok(()) };
-    let paths: Vec<PathBuf> = store.bags(id).await?.iter().map(|digest| store.blobs.local(digest)).collect();
+    let mut paths: Vec<PathBuf> = Vec::new();
+    for digest in store.bags(id).await? {
+        paths.push(store.blobs.local(&digest).await?);
+    }
     let read = tokio::task::spawn_blocking(move || {
         let rows = paths.iter().filter_map(|path| rows_in_store(path).transpose());
         rows.map(|rows| rows.map(|bag| EpisodeRows { task: bag.task, seed: bag.seed, digest: bag.digest })).collect()
@@ -229,24 +232,21 @@ struct WorkFolder(PathBuf);
 impl WorkFolder {
     async fn make(service: &Service, id: SubmissionId, files: &[FileRow]) -> Result<Self, StoreError> {
         let path = service.store.work(id);
-        let blobs = service.store.blobs.clone();
-        let files: Vec<(String, crate::store::Digest)> = files
-            .iter()
-            .filter_map(|file| Some((file.name.clone(), crate::store::Digest::parse(&file.sha256)?)))
-            .collect();
+        let failed = |_| StoreError::corrupt("the files of a submission", "a thread ended early");
         let make = move || {
             // Left over from a service that was killed.
             drop(std::fs::remove_dir_all(&path));
             std::fs::create_dir_all(&path).map_err(StoreError::io("make", &path))?;
-            let folder = Self(path);
-            for (name, digest) in files {
-                let (from, to) = (blobs.local(&digest), folder.0.join(name));
-                link(&from, &to).map_err(StoreError::io("read", &from))?;
-            }
-            Ok(folder)
+            Ok::<_, StoreError>(Self(path))
         };
-        let made = tokio::task::spawn_blocking(make).await;
-        made.map_err(|_| StoreError::corrupt("the files of a submission", "a thread ended early"))?
+        let folder = tokio::task::spawn_blocking(make).await.map_err(failed)??;
+        for file in files {
+            let Some(digest) = crate::store::Digest::parse(&file.sha256) else { continue };
+            let (from, to) = (service.store.blobs.local(&digest).await?, folder.0.join(&file.name));
+            let linked = tokio::task::spawn_blocking(move || link(&from, &to).map_err(StoreError::io("read", &from)));
+            linked.await.map_err(failed)??;
+        }
+        Ok(folder)
     }
 
     /// The path in front of file names in messages.

@@ -245,7 +245,10 @@ impl Worker {
     }
 
     fn again(&self, job: &EpisodeJob) -> VerifyOutcome {
-        let path = self.service.store.blobs.local(&job.bag);
+        let path = match self.runtime.block_on(self.service.store.blobs.local(&job.bag)) {
+            Ok(path) => path,
+            Err(error) => return VerifyOutcome::Again(in_full(&error)),
+        };
         let (start, mut steps) = (Instant::now(), 0);
         let outcome = self.verifier.verify(&path, job.bag.as_str(), &mut steps, &self.stop);
         let metrics = &self.service.metrics;
@@ -312,6 +315,8 @@ async fn renew(service: Arc<Service>, job: EpisodeJob) {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    mod killed;
+
     use std::collections::BTreeMap;
     use std::sync::Mutex;
 
@@ -348,11 +353,11 @@ mod tests {
         let folder = Folder::new(name);
         let runtime = tokio::runtime::Runtime::new().unwrap();
         let sleeper = Arc::new(Sleeper { time, played: Mutex::default() });
-        let store = runtime.block_on(Store::open(&folder.0)).unwrap();
+        let store = runtime.block_on(Store::of_test(&folder.0)).unwrap();
         runtime.block_on(fill(&store, submissions, each));
         let jobs = (0..services).map(|_| {
             runtime.block_on(async {
-                let store = Store::open(&folder.0).await.unwrap();
+                let store = Store::of_test(&folder.0).await.unwrap();
                 let service = Arc::new(Service::new(store, ServiceOptions { lease, ..ServiceOptions::default() }));
                 Jobs::verify(&service, vec![Arc::<Sleeper>::clone(&sleeper) as Arc<dyn Verifier>], 1).unwrap()
             })
@@ -432,7 +437,7 @@ mod tests {
     fn servers_of_a_group_come_and_go() {
         let folder = Folder::new("group");
         let runtime = tokio::runtime::Runtime::new().unwrap();
-        let store = runtime.block_on(Store::open(&folder.0)).unwrap();
+        let store = runtime.block_on(Store::of_test(&folder.0)).unwrap();
         runtime.block_on(fill(&store, 1, 8));
         let service = Arc::new(Service::new(store, ServiceOptions::default()));
         let room = Arc::new(Room::default());

@@ -1,8 +1,8 @@
 //! Accounts, their tokens, and the audit log.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, Sqlite, Transaction};
+use sqlx::Row as _;
 
+use super::database::{Row, Tx};
 use super::{Store, now_ms};
 use crate::StoreError;
 
@@ -92,12 +92,13 @@ impl Store {
     }
 
     pub(crate) async fn account(&self, name: &str) -> Result<Option<Account>, StoreError> {
-        let row = sqlx::query("SELECT * FROM accounts WHERE name = $1").bind(name).fetch_optional(&self.pool).await;
+        let row =
+            sqlx::query("SELECT * FROM accounts WHERE name = $1").bind(name).fetch_optional(&self.database.pool).await;
         row.map_err(StoreError::database(ACCOUNT))?.map(|row| account_of(&row)).transpose()
     }
 
     pub(crate) async fn accounts(&self) -> Result<Vec<Account>, StoreError> {
-        let rows = sqlx::query("SELECT * FROM accounts ORDER BY name").fetch_all(&self.pool).await;
+        let rows = sqlx::query("SELECT * FROM accounts ORDER BY name").fetch_all(&self.database.pool).await;
         rows.map_err(StoreError::database(ACCOUNT))?.iter().map(account_of).collect()
     }
 
@@ -119,7 +120,7 @@ impl Store {
     }
 
     pub(crate) async fn token(&self, id: &str) -> Result<Option<TokenRow>, StoreError> {
-        let row = sqlx::query("SELECT * FROM tokens WHERE id = $1").bind(id).fetch_optional(&self.pool).await;
+        let row = sqlx::query("SELECT * FROM tokens WHERE id = $1").bind(id).fetch_optional(&self.database.pool).await;
         row.map_err(StoreError::database(TOKEN))?.map(|row| token_of(&row)).transpose()
     }
 
@@ -127,7 +128,7 @@ impl Store {
     pub(crate) async fn tokens(&self, account: &str) -> Result<Vec<TokenRow>, StoreError> {
         let rows = sqlx::query("SELECT * FROM tokens WHERE account = $1 ORDER BY created, id")
             .bind(account)
-            .fetch_all(&self.pool)
+            .fetch_all(&self.database.pool)
             .await;
         rows.map_err(StoreError::database(TOKEN))?.iter().map(token_of).collect()
     }
@@ -153,10 +154,13 @@ impl Store {
     /// The last lines of the audit log, newest last.
     pub(crate) async fn audit_log(&self, most: i64) -> Result<Vec<AuditRow>, StoreError> {
         let failed = |error| StoreError::database("be asked for the audit log")(error);
-        let rows = sqlx::query("SELECT * FROM audit ORDER BY seq DESC LIMIT $1").bind(most).fetch_all(&self.pool).await;
+        let rows = sqlx::query("SELECT * FROM audit ORDER BY seq DESC LIMIT $1")
+            .bind(most)
+            .fetch_all(&self.database.pool)
+            .await;
         let mut rows = rows.map_err(failed)?;
         rows.reverse();
-        let row_of = |row: &SqliteRow| {
+        let row_of = |row: &Row| {
             Ok(AuditRow {
                 seq: row.try_get("seq")?,
                 at_ms: row.try_get("at")?,
@@ -170,7 +174,7 @@ impl Store {
     }
 }
 
-fn account_of(row: &SqliteRow) -> Result<Account, StoreError> {
+fn account_of(row: &Row) -> Result<Account, StoreError> {
     let read = || {
         Ok(Account {
             name: row.try_get("name")?,
@@ -183,7 +187,7 @@ fn account_of(row: &SqliteRow) -> Result<Account, StoreError> {
     read().map_err(StoreError::database(ACCOUNT))
 }
 
-fn token_of(row: &SqliteRow) -> Result<TokenRow, StoreError> {
+fn token_of(row: &Row) -> Result<TokenRow, StoreError> {
     let read = || {
         Ok(TokenRow {
             id: row.try_get("id")?,
@@ -198,13 +202,7 @@ fn token_of(row: &SqliteRow) -> Result<TokenRow, StoreError> {
 }
 
 /// Writes a line to the audit log, in the transaction of the change that it records.
-pub(super) async fn audit(
-    tx: &mut Transaction<'static, Sqlite>,
-    who: &str,
-    action: &str,
-    subject: &str,
-    detail: &str,
-) -> Result<(), StoreError> {
+pub(super) async fn audit(tx: &mut Tx, who: &str, action: &str, subject: &str, detail: &str) -> Result<(), StoreError> {
     let failed = |error| StoreError::database("write the audit log")(error);
     // Whoever writes next waits for this row until the transaction ends. So the log has no gap, and nobody's number is taken.
     let row = sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'audit' RETURNING value");

@@ -19,7 +19,7 @@ impl Store {
             "SELECT id, badge, (SELECT COUNT(*) FROM episodes e WHERE e.submission = s.id AND e.verdict = 'refused') AS refused \
              FROM submissions s WHERE s.facts IS NULL AND s.results IS NOT NULL ORDER BY s.received, s.id",
         )
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database.pool)
         .await
         .map_err(failed)?;
         for row in &rows {

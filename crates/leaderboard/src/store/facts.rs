@@ -2,8 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use sqlx::{Sqlite, Transaction};
-
+use super::database::Tx;
 use crate::StoreError;
 use crate::claims::{Facts, HostedRun};
 
@@ -16,7 +15,7 @@ pub(crate) struct RunsInputs {
 }
 
 /// Forgets the rows of a submission that is in no table any more. Those of a person stay.
-pub(super) async fn forget_rows(tx: &mut Transaction<'static, Sqlite>, id: &str) -> Result<(), StoreError> {
+pub(super) async fn forget_rows(tx: &mut Tx, id: &str) -> Result<(), StoreError> {
     sqlx::query("DELETE FROM known_rows WHERE submission = $1 AND person = 0")
         .bind(id)
         .execute(&mut **tx)

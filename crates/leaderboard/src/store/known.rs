@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use fiatlux_bag::BagFiles;
 use fiatlux_cli::in_full;
 use fiatlux_grading::rows_of;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, Sqlite, Transaction};
+use sqlx::Row as _;
 
 use super::accounts::audit;
+use super::database::{Row, Tx};
 use super::facts::{RunsInputs, facts_in};
 use super::{Digest, Store, Term, now_ms};
 use crate::claims::{HostedRun, KnownRow, Label};
@@ -47,13 +47,15 @@ impl Store {
         let failed = |error| StoreError::database(ASK)(error);
         let (mut known, mut count) = (Vec::new(), BTreeMap::new());
         for EpisodeRows { digest, task, seed } in rows {
-            let found = sqlx::query("SELECT * FROM known_rows WHERE rows = $1").bind(digest).fetch_optional(&self.pool);
+            let found = sqlx::query("SELECT * FROM known_rows WHERE rows = $1")
+                .bind(digest)
+                .fetch_optional(&self.database.pool);
             let Some(row) = found.await.map_err(failed)? else { continue };
             let row = known_row(&row, (task.clone(), *seed)).map_err(failed)?;
             if let Slot::Vacant(slot) = count.entry(row.first.clone()) {
                 let all = sqlx::query("SELECT COUNT(*) AS count FROM known_rows WHERE submission = $1")
                     .bind(&row.first)
-                    .fetch_one(&self.pool)
+                    .fetch_one(&self.database.pool)
                     .await
                     .map_err(failed)?;
                 slot.insert(all.try_get::<i64, _>("count").map_err(failed)? as u64);
@@ -114,7 +116,7 @@ impl Store {
             "SELECT id FROM submissions WHERE state IN ('graded', 'verified') AND indexed IS NULL \
              ORDER BY received, id LIMIT 1",
         )
-        .fetch_optional(&self.pool)
+        .fetch_optional(&self.database.pool)
         .await
         .map_err(StoreError::database(ASK))?;
         row.map(|row| super::submissions::id_of(&row, "id")).transpose()
@@ -128,7 +130,7 @@ impl Store {
              WHERE e.submission = $1 ORDER BY e.place",
         )
         .bind(id.to_string())
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database.pool)
         .await
         .map_err(failed)?;
         rows.iter().map(|row| super::submissions::digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
@@ -170,8 +172,10 @@ impl Store {
 
     pub(crate) async fn runs(&self) -> Result<RunsInputs, StoreError> {
         let failed = |error| StoreError::database("be asked for runs")(error);
-        let rows = sqlx::query("SELECT registration FROM hosted_runs ORDER BY server, run").fetch_all(&self.pool).await;
-        let read = |row: &SqliteRow| {
+        let rows = sqlx::query("SELECT registration FROM hosted_runs ORDER BY server, run")
+            .fetch_all(&self.database.pool)
+            .await;
+        let read = |row: &Row| {
             let text: String = row.try_get("registration").map_err(failed)?;
             serde_json::from_str(&text).map_err(|error| StoreError::corrupt("a run", error))
         };
@@ -181,7 +185,7 @@ impl Store {
         let mut shown = BTreeSet::new();
         // Without a run nothing is compared with it.
         if !runs.is_empty() {
-            for row in rows.fetch_all(&self.pool).await.map_err(failed)? {
+            for row in rows.fetch_all(&self.database.pool).await.map_err(failed)? {
                 let facts = facts_in(&row.try_get::<String, _>("facts").map_err(failed)?)?;
                 if facts.hosted {
                     shown.extend(facts.runs);
@@ -195,7 +199,7 @@ impl Store {
 /// Gives the rows of a submission to it, and takes the submissions that it replaces out of the tables. A verified one stays until
 /// this one is verified, too: a bad submission does not cost its account a good one.
 pub(super) async fn own(
-    tx: &mut Transaction<'static, Sqlite>,
+    tx: &mut Tx,
     id: SubmissionId,
     account: &str,
     label: &Label,
@@ -224,7 +228,7 @@ pub(super) async fn own(
 }
 
 /// Gives a submission that was verified the place of those that it replaces. Its rows are noted as its own by the next look.
-pub(super) async fn take_place(tx: &mut Transaction<'static, Sqlite>, id: SubmissionId) -> Result<(), StoreError> {
+pub(super) async fn take_place(tx: &mut Tx, id: SubmissionId) -> Result<(), StoreError> {
     let failed = |error| StoreError::database(CHANGE)(error);
     let row = sqlx::query("SELECT replaces FROM submissions WHERE id = $1").bind(id.to_string());
     let replaces = row.fetch_one(&mut **tx).await.map_err(failed)?.try_get::<Option<String>, _>("replaces");
@@ -243,13 +247,13 @@ pub(super) async fn take_place(tx: &mut Transaction<'static, Sqlite>, id: Submis
         .map_err(failed)
 }
 
-async fn is_verified(tx: &mut Transaction<'static, Sqlite>, id: &str) -> Result<bool, StoreError> {
+async fn is_verified(tx: &mut Tx, id: &str) -> Result<bool, StoreError> {
     let row = sqlx::query("SELECT 1 FROM submissions WHERE id = $1 AND state = 'verified'").bind(id);
     let row = row.fetch_optional(&mut **tx).await.map_err(StoreError::database(ASK))?;
     Ok(row.is_some())
 }
 
-async fn replace(tx: &mut Transaction<'static, Sqlite>, other: &str, by: SubmissionId) -> Result<(), StoreError> {
+async fn replace(tx: &mut Tx, other: &str, by: SubmissionId) -> Result<(), StoreError> {
     let other: SubmissionId = other.parse().map_err(|error| StoreError::corrupt(format!("the id '{other}'"), error))?;
     let reason = format!("replaced by {by}, a later submission of the same episodes");
     super::submissions::refuse(tx, other, "service", &reason).await
@@ -257,7 +261,7 @@ async fn replace(tx: &mut Transaction<'static, Sqlite>, other: &str, by: Submiss
 
 /// Adds rows that are not known yet; returns their number.
 async fn know(
-    tx: &mut Transaction<'static, Sqlite>,
+    tx: &mut Tx,
     first: &str,
     account: &str,
     label: &Label,
@@ -287,7 +291,7 @@ async fn know(
     Ok(count)
 }
 
-fn known_row(row: &SqliteRow, said: (String, u64)) -> Result<KnownRow, sqlx::Error> {
+fn known_row(row: &Row, said: (String, u64)) -> Result<KnownRow, sqlx::Error> {
     Ok(KnownRow {
         task: row.try_get("task")?,
         seed: row.try_get("seed")?,

@@ -1,8 +1,11 @@
-//! The lock of a folder: all scorers of a folder hold it together, and whoever changes its tables holds it alone.
+//! The lock of a store: all scorers of a store hold it together, and whoever changes its tables holds it alone. For SQLite it is a file
+//! next to the database, for PostgreSQL an advisory lock.
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::{Duration, Instant};
+
+use sqlx::AnyConnection;
 
 use crate::StoreError;
 
@@ -11,24 +14,22 @@ const LOCK: &str = "lock";
 pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Locks a folder against all scorers.
-pub(super) async fn alone(folder: &Path) -> Result<File, StoreError> {
-    let locked = lock(folder, File::try_lock, PATIENCE).await?;
-    locked.ok_or_else(|| StoreError::InUse { folder: folder.into() })
+/// The lock, until it is dropped. A connection that breaks gives it up: a scorer that starts then ends claims of others, which costs a
+/// verification and no verdict.
+#[derive(Debug)]
+pub(super) enum Held {
+    File { _file: File },
+    Connection { _connection: AnyConnection },
 }
 
-/// Locks a folder in this way; `None` if another scorer keeps it locked for so long.
-pub(super) async fn lock(
-    folder: &Path,
-    way: fn(&File) -> Result<(), TryLockError>,
-    patience: Duration,
-) -> Result<Option<File>, StoreError> {
+/// Locks a folder; `None` if another scorer keeps it locked for so long.
+pub(super) async fn held(folder: &Path, alone: bool, patience: Duration) -> Result<Option<Held>, StoreError> {
     let path = folder.join(LOCK);
     let file = File::create(&path).map_err(StoreError::io("make", &path))?;
     let start = Instant::now();
     loop {
-        match way(&file) {
-            Ok(()) => return Ok(Some(file)),
+        match if alone { file.try_lock() } else { file.try_lock_shared() } {
+            Ok(()) => return Ok(Some(Held::File { _file: file })),
             Err(TryLockError::WouldBlock) if start.elapsed() < patience => tokio::time::sleep(LOOK).await,
             Err(TryLockError::WouldBlock) => return Ok(None),
             Err(TryLockError::Error(source)) => return Err(StoreError::Io { action: "lock", path, source }),

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use sqlx::Row as _;
 
+use super::database::Row;
 use super::submissions::{digest_of, id_of};
 use super::{Digest, Store, now_ms};
 use crate::{StoreError, SubmissionId};
@@ -34,7 +35,7 @@ impl Store {
              (SELECT 1 FROM episodes e WHERE e.submission = s.id AND e.verdict = 'equal'))) \
              ORDER BY state DESC, received, id LIMIT 1",
         );
-        let row = row.fetch_optional(&self.pool).await.map_err(StoreError::database(ASK))?;
+        let row = row.fetch_optional(&self.database.pool).await.map_err(StoreError::database(ASK))?;
         row.map(|row| id_of(&row, "id")).transpose()
     }
 
@@ -62,7 +63,7 @@ impl Store {
     pub(crate) async fn pictured(&self, id: SubmissionId) -> Result<BTreeSet<String>, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query("SELECT task FROM pictures WHERE submission = $1").bind(id.to_string());
-        let rows = rows.fetch_all(&self.pool).await.map_err(failed)?;
+        let rows = rows.fetch_all(&self.database.pool).await.map_err(failed)?;
         rows.iter().map(|row| row.try_get("task").map_err(failed)).collect()
     }
 
@@ -81,8 +82,8 @@ impl Store {
 
     pub(crate) async fn pictures(&self) -> Result<Pictures, StoreError> {
         let failed = |error| StoreError::database(ASK)(error);
-        let rows = sqlx::query("SELECT * FROM pictures").fetch_all(&self.pool).await.map_err(failed)?;
-        let picture_of = |row: &sqlx::sqlite::SqliteRow| {
+        let rows = sqlx::query("SELECT * FROM pictures").fetch_all(&self.database.pool).await.map_err(failed)?;
+        let picture_of = |row: &Row| {
             let text = |column| row.try_get::<String, _>(column).map_err(failed);
             let number = |column| {
                 text(column)?.parse::<u64>().map_err(|error| StoreError::corrupt("a picture's episode", error))
@@ -110,10 +111,10 @@ mod tests {
     #[tokio::test]
     async fn pictures_are_drawn_while_episodes_are_verified() {
         let folder = Folder::new("pictures");
-        let store = Store::open(&folder.0).await.unwrap();
+        let store = Store::of_test(&folder.0).await.unwrap();
         fill(&store, 2, 3).await;
         let run = async |statement: &'static str| {
-            sqlx::query(statement).execute(&store.writer).await.unwrap();
+            sqlx::query(statement).execute(&store.database.writer).await.unwrap();
         };
         assert_eq!(store.next_undrawn().await.unwrap(), None);
         run("UPDATE episodes SET verdict = 'equal' WHERE seed = '1' AND submission LIKE '%1'").await;

@@ -8,10 +8,10 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use sqlx::sqlite::SqliteRow;
 use sqlx::{AssertSqlSafe, Row as _};
 
 use super::accounts::audit;
+use super::database::Row;
 use super::facts::{facts_in, facts_text};
 use super::known::{EpisodeRows, own, take_place};
 use super::lease::{MAX_PAUSE, after};
@@ -28,7 +28,7 @@ macro_rules! free {
              WHERE e.verdict = 'waiting' AND e.leased_until = 0 AND e.version = ",
             $version,
             " AND (SELECT s.state FROM submissions s WHERE s.id = e.submission) = 'graded' \
-             ORDER BY e.queue, e.submission, e.task, e.seed, e.episode LIMIT 1"
+             ORDER BY e.queue, e.submission, e.task, e.seed, e.episode LIMIT 1 /* FOR UPDATE */"
         )
     };
 }
@@ -37,15 +37,16 @@ const ASK: &str = "be asked for work";
 const CHANGE: &str = "take the outcome of a job";
 
 /// Claims the free episode that has waited longest, of those for any server and those for this version (`$1`): each is the first one of an
-/// index, as long as refused submissions have none that wait. One statement, so that nobody waits for more than that.
+/// index, as long as refused submissions have none that wait. One statement, so that nobody waits for more than that. The one to claim is
+/// picked once, however the database comes to its row.
 const CLAIM: &str = concat!(
-    "UPDATE episodes SET attempt = attempt + 1, leased_until = $2 WHERE (submission, task, seed, episode) IN \
-     (SELECT submission, task, seed, episode FROM (SELECT * FROM (",
+    "WITH picked AS MATERIALIZED (SELECT * FROM (SELECT * FROM (",
     free!("''"),
-    ") UNION ALL SELECT * FROM (",
+    ") any_server UNION ALL SELECT * FROM (",
     free!("$1"),
-    ")) ORDER BY queue, submission, task, seed, episode LIMIT 1) \
-     RETURNING submission, task, seed, episode, attempt, refusals, \
+    ") own_version) free ORDER BY queue, submission, task, seed, episode LIMIT 1) \
+     UPDATE episodes SET attempt = attempt + 1, leased_until = $2 WHERE (submission, task, seed, episode) IN \
+     (SELECT submission, task, seed, episode FROM picked) RETURNING submission, task, seed, episode, attempt, refusals, \
      (SELECT f.sha256 FROM files f WHERE f.submission = episodes.submission AND f.place = episodes.place) AS sha256"
 );
 
@@ -126,7 +127,7 @@ impl Store {
     /// The submission that has waited longest to be graded.
     pub(crate) async fn next_received(&self) -> Result<Option<SubmissionId>, StoreError> {
         let row = sqlx::query("SELECT id FROM submissions WHERE state = 'received' ORDER BY received, id LIMIT 1")
-            .fetch_optional(&self.pool)
+            .fetch_optional(&self.database.pool)
             .await
             .map_err(StoreError::database(ASK))?;
         row.map(|row| id_of(&row, "id")).transpose()
@@ -198,16 +199,19 @@ impl Store {
         let far = "leased_until > $1";
         for (which, limit) in [(ended, now), (far, after(now, MAX_PAUSE))] {
             let found = format!("SELECT 1 FROM episodes WHERE verdict = 'waiting' AND {which} LIMIT 1");
-            let found = sqlx::query(AssertSqlSafe(found)).bind(limit).fetch_optional(&self.pool).await;
+            let found = sqlx::query(AssertSqlSafe(found)).bind(limit).fetch_optional(&self.database.pool).await;
             if found.map_err(failed)?.is_some() {
                 let free = format!("UPDATE episodes SET leased_until = 0 WHERE verdict = 'waiting' AND {which}");
-                sqlx::query(AssertSqlSafe(free)).bind(limit).execute(&self.writer).await.map_err(failed)?;
+                // It changes many rows, so it takes its turn with other such changes.
+                let mut tx = self.write().await?;
+                sqlx::query(AssertSqlSafe(free)).bind(limit).execute(&mut *tx).await.map_err(failed)?;
+                tx.commit().await.map_err(failed)?;
             }
         }
-        let claimed = sqlx::query(CLAIM)
+        let claimed = sqlx::query(AssertSqlSafe(self.database.passing_by(CLAIM)))
             .bind(version)
             .bind(after(now, lease))
-            .fetch_optional(&self.writer)
+            .fetch_optional(&self.database.writer)
             .await
             .map_err(failed)?;
         claimed.map(|row| job_of(&row)).transpose()
@@ -216,7 +220,7 @@ impl Store {
     /// True if an episode that is free waits for a server of a certain version.
     pub(crate) async fn wants_version(&self) -> Result<bool, StoreError> {
         let wanting = "SELECT 1 FROM episodes WHERE verdict = 'waiting' AND leased_until = 0 AND version > '' LIMIT 1";
-        let row = sqlx::query(wanting).fetch_optional(&self.pool).await.map_err(StoreError::database(ASK))?;
+        let row = sqlx::query(wanting).fetch_optional(&self.database.pool).await.map_err(StoreError::database(ASK))?;
         Ok(row.is_some())
     }
 
@@ -246,7 +250,7 @@ impl Store {
         .bind(until)
         .bind(i64::from(*why == Return::Refused))
         .bind(version)
-        .execute(&self.writer)
+        .execute(&self.database.writer)
         .await
         .map_err(StoreError::database(CHANGE))?;
         Ok(done.rows_affected() == 1)
@@ -310,13 +314,13 @@ impl Store {
     pub(crate) async fn verdicts(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT verdict AS kind, COUNT(*) AS count FROM episodes GROUP BY verdict ORDER BY verdict")
-                .fetch_all(&self.pool)
+                .fetch_all(&self.database.pool)
                 .await;
         counts(rows)
     }
 }
 
-fn job_of(row: &SqliteRow) -> Result<EpisodeJob, StoreError> {
+fn job_of(row: &Row) -> Result<EpisodeJob, StoreError> {
     let failed = |error| StoreError::database(ASK)(error);
     let text = |column| row.try_get::<String, _>(column).map_err(failed);
     Ok(EpisodeJob {

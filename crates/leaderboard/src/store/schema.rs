@@ -3,9 +3,10 @@
 //! The SQL works in SQLite and PostgreSQL: `BIGINT` for numbers, `TEXT` for the rest, `$1` for parameters. Times are
 //! milliseconds since 1970. Seeds are written in decimal digits, since they are unsigned 64-bit numbers.
 
-use sqlx::sqlite::SqlitePool;
 use sqlx::{AssertSqlSafe, Row as _};
 
+use super::database::{Database, DatabaseUrl};
+use super::lock::PATIENCE;
 use crate::StoreError;
 
 /// The statements of each version, from version 1 on.
@@ -155,29 +156,43 @@ const SUMMARIES: &[&str] = &["CREATE TABLE summaries (
 /// The version of this program.
 pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;
 
+/// Opens a database with the tables of this version: makes those that are missing, and brings those of an older version to it.
+pub(super) async fn open(url: &DatabaseUrl) -> Result<Database, StoreError> {
+    let opened = Database::connect(url).await?;
+    let _opening = opened.opening().await?;
+    if version(&opened).await? < KNOWN {
+        let in_use = || StoreError::InUse { store: url.to_string() };
+        let _alone = opened.held(true, PATIENCE).await?.ok_or_else(in_use)?;
+        migrate(&opened, KNOWN).await?;
+    }
+    Ok(opened)
+}
+
 /// The version of a database; 0 for a new one.
 ///
 /// # Errors
 /// As [`StoreError::Database`]; [`StoreError::Newer`]: this program is older than the database.
-pub(super) async fn version(pool: &SqlitePool) -> Result<i64, StoreError> {
+pub(super) async fn version(database: &Database) -> Result<i64, StoreError> {
     let failed = |action| StoreError::database(action);
     sqlx::query("CREATE TABLE IF NOT EXISTS schema_version (version BIGINT NOT NULL)")
-        .execute(pool)
+        .execute(&database.writer)
         .await
         .map_err(failed("be opened"))?;
-    let row = sqlx::query("SELECT COALESCE(MAX(version), 0) AS version FROM schema_version").fetch_one(pool).await;
+    let row = sqlx::query("SELECT COALESCE(MAX(version), 0) AS version FROM schema_version")
+        .fetch_one(&database.writer)
+        .await;
     let found: i64 = row.and_then(|row| row.try_get("version")).map_err(failed("tell its version"))?;
     if found > KNOWN { Err(StoreError::Newer { found, known: KNOWN }) } else { Ok(found) }
 }
 
 /// Brings a database to a version. Nothing else may use it.
-pub(super) async fn migrate(pool: &SqlitePool, to: i64) -> Result<(), StoreError> {
+pub(super) async fn migrate(database: &Database, to: i64) -> Result<(), StoreError> {
     let failed = |error| StoreError::database("be migrated")(error);
-    let found = version(pool).await?;
-    let mut tx = pool.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database("be locked"))?;
+    let found = version(database).await?;
+    let mut tx = database.write().await?;
     for (version, statements) in (1..=to).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or_default()) {
         for statement in *statements {
-            sqlx::query(AssertSqlSafe(*statement)).execute(&mut *tx).await.map_err(failed)?;
+            sqlx::query(AssertSqlSafe(database.in_bytes(statement))).execute(&mut *tx).await.map_err(failed)?;
         }
         sqlx::query("INSERT INTO schema_version (version) VALUES ($1)")
             .bind(version)

@@ -1,21 +1,21 @@
 //! The scorers that work on one store: which are there, and the duties that one of them has at a time.
 
-use std::fs::File;
 use std::time::Duration;
 
-use sqlx::{Row as _, Sqlite, Transaction};
+use sqlx::Row as _;
 
+use super::database::Tx;
 use super::lease::{LEASE, MAX_PAUSE, after};
-use super::lock::{PATIENCE, lock};
+use super::lock::{Held, PATIENCE};
 use super::{Store, now_ms};
 use crate::StoreError;
 
 const CHANGE: &str = "give a duty";
 
-/// A scorer's place in a folder, until it is dropped.
+/// A scorer's place among those of a store, until it is dropped.
 #[derive(Debug)]
 pub struct Joined {
-    _file: File,
+    _held: Held,
     /// Number of half-written bags of scorers that were killed, which were removed.
     pub halves: usize,
 }
@@ -44,10 +44,10 @@ pub(crate) struct Term {
 }
 
 impl Store {
-    /// Joins the scorers that work on the folder; `None` if one of an older version does, which works alone. The first one ends the
+    /// Joins the scorers that work on the store; `None` if one of an older version does, which works alone. The first one ends the
     /// claims of those that were killed, and removes half of a bag that one of them was writing.
     pub async fn join(&self) -> Result<Option<Joined>, StoreError> {
-        let alone = lock(&self.folder, File::try_lock, Duration::ZERO).await?;
+        let alone = self.database.held(true, Duration::ZERO).await?;
         let halves = match &alone {
             Some(_) => {
                 self.end_claims().await?;
@@ -57,7 +57,7 @@ impl Store {
         };
         // A lock for all cannot become one for several: another scorer may be first in between, and do the same.
         drop(alone);
-        Ok(lock(&self.folder, File::try_lock_shared, PATIENCE).await?.map(|file| Joined { _file: file, halves }))
+        Ok(self.database.held(false, PATIENCE).await?.map(|held| Joined { _held: held, halves }))
     }
 
     /// Ends all claims: nobody is left to hold one. Pauses after a refusal, minutes long, stay.
@@ -112,7 +112,7 @@ impl Store {
     }
 
     /// A transaction that writes what the holder of a duty found; `None` if another scorer has the duty now.
-    pub(super) async fn write_on(&self, term: Term) -> Result<Option<Transaction<'static, Sqlite>>, StoreError> {
+    pub(super) async fn write_on(&self, term: Term) -> Result<Option<Tx>, StoreError> {
         let mut tx = self.write().await?;
         let row = sqlx::query("SELECT term FROM duties WHERE name = $1").bind(term.duty.name());
         let number: i64 =
@@ -131,7 +131,7 @@ mod tests {
     async fn a_duty_has_one_holder() {
         let folder = std::env::temp_dir().join(format!("fiatlux-duties-{}", std::process::id()));
         drop(std::fs::remove_dir_all(&folder));
-        let [one, other] = [Store::open(&folder).await.unwrap(), Store::open(&folder).await.unwrap()];
+        let [one, other] = [Store::of_test(&folder).await.unwrap(), Store::of_test(&folder).await.unwrap()];
         let lease = Duration::from_secs(600);
         let first = one.take(Duty::Grade, lease).await.unwrap().unwrap();
         assert_eq!(other.take(Duty::Grade, lease).await.unwrap(), None);
@@ -160,8 +160,8 @@ mod tests {
     async fn nobody_upgrades_a_database_in_use() {
         let folder = std::env::temp_dir().join(format!("fiatlux-upgrades-{}", std::process::id()));
         drop(std::fs::remove_dir_all(&folder));
-        let store = Store::open(&folder).await.unwrap();
-        let is_free = async || lock(&folder, File::try_lock, Duration::from_millis(1)).await.unwrap().is_some();
+        let store = Store::of_test(&folder).await.unwrap();
+        let is_free = async || store.database.held(true, Duration::from_millis(1)).await.unwrap().is_some();
         assert!(is_free().await);
         let joined = store.join().await.unwrap();
         assert!(!is_free().await);

@@ -1,9 +1,9 @@
 //! Submissions and their files.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, Sqlite, Transaction};
+use sqlx::Row as _;
 
 use super::accounts::audit;
+use super::database::{Row, Tx};
 use super::facts::{RunsInputs, facts_in, forget_rows};
 use super::{Account, Digest, Store, Term, moment, now_ms};
 use crate::claims::{Facts, Progress, decide, tries_of};
@@ -83,7 +83,7 @@ macro_rules! entries {
 impl Store {
     pub(super) async fn listed(&self) -> Result<Vec<Entry>, StoreError> {
         let rows = sqlx::query(entries!("WHERE s.state IN ('graded', 'verified') ORDER BY s.received, s.id"))
-            .fetch_all(&self.pool)
+            .fetch_all(&self.database.pool)
             .await;
         let runs = self.runs().await?;
         rows.map_err(StoreError::database(ASK))?.iter().map(|row| entry_of(row, &runs)).collect()
@@ -93,14 +93,15 @@ impl Store {
     pub(crate) async fn every(&self, account: Option<&str>) -> Result<Vec<Entry>, StoreError> {
         let rows = sqlx::query(entries!("WHERE $1 IS NULL OR s.account = $1 ORDER BY s.begun, s.id"))
             .bind(account)
-            .fetch_all(&self.pool)
+            .fetch_all(&self.database.pool)
             .await;
         let runs = self.runs().await?;
         rows.map_err(StoreError::database(ASK))?.iter().map(|row| entry_of(row, &runs)).collect()
     }
 
     pub(super) async fn one(&self, id: SubmissionId) -> Result<Option<Entry>, StoreError> {
-        let row = sqlx::query(entries!("WHERE s.id = $1")).bind(id.to_string()).fetch_optional(&self.pool).await;
+        let row =
+            sqlx::query(entries!("WHERE s.id = $1")).bind(id.to_string()).fetch_optional(&self.database.pool).await;
         let runs = self.runs().await?;
         row.map_err(StoreError::database(ASK))?.map(|row| entry_of(&row, &runs)).transpose()
     }
@@ -108,7 +109,7 @@ impl Store {
     pub(super) async fn results_digest(&self, id: SubmissionId) -> Result<Option<Digest>, StoreError> {
         let row = sqlx::query("SELECT results FROM submissions WHERE id = $1")
             .bind(id.to_string())
-            .fetch_optional(&self.pool)
+            .fetch_optional(&self.database.pool)
             .await
             .map_err(StoreError::database(ASK))?;
         let Some(row) = row else { return Ok(None) };
@@ -131,7 +132,7 @@ impl Store {
         .bind(task)
         .bind(seed.to_string())
         .bind(episode.to_string())
-        .fetch_optional(&self.pool)
+        .fetch_optional(&self.database.pool)
         .await
         .map_err(StoreError::database(ASK))?;
         let text = row.map(|row| row.try_get::<String, _>("sha256")).transpose();
@@ -148,7 +149,7 @@ impl Store {
             "SELECT (SELECT COUNT(*) FROM submissions WHERE id = $1) AS known, \
              (SELECT COUNT(*) FROM submissions WHERE account = $2 AND begun > $3 AND begun <= $4) AS today, \
              (SELECT COUNT(*) FROM submissions WHERE account = $2 AND state = 'uploading') AS open, \
-             (SELECT COALESCE(SUM(bytes), 0) FROM submissions WHERE account = $2) AS bytes",
+             (SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) FROM submissions WHERE account = $2) AS bytes",
         )
         .bind(&id)
         .bind(&account.name)
@@ -209,10 +210,10 @@ impl Store {
         let failed = |error| StoreError::database(ASK)(error);
         let rows = sqlx::query("SELECT * FROM files WHERE submission = $1 ORDER BY place")
             .bind(id.to_string())
-            .fetch_all(&self.pool)
+            .fetch_all(&self.database.pool)
             .await
             .map_err(failed)?;
-        let row_of = |row: &SqliteRow| {
+        let row_of = |row: &Row| {
             Ok(FileRow {
                 place: row.try_get("place")?,
                 name: row.try_get("name")?,
@@ -229,7 +230,7 @@ impl Store {
         let row = sqlx::query("SELECT bytes, sha256, stored FROM files WHERE submission = $1 AND place = $2")
             .bind(id.to_string())
             .bind(i64::from(place))
-            .fetch_optional(&self.pool)
+            .fetch_optional(&self.database.pool)
             .await
             .map_err(failed)?;
         let Some(row) = row else { return Ok(None) };
@@ -360,7 +361,7 @@ impl Store {
         let rows =
             sqlx::query("SELECT id FROM submissions WHERE state = 'uploading' AND begun < $1 ORDER BY begun, id")
                 .bind(before_ms)
-                .fetch_all(&self.pool)
+                .fetch_all(&self.database.pool)
                 .await
                 .map_err(failed)?;
         rows.iter().map(|row| id_of(row, "id")).collect()
@@ -374,7 +375,7 @@ impl Store {
              SELECT results FROM submissions WHERE results IS NOT NULL UNION \
              SELECT still FROM pictures UNION SELECT clip FROM pictures ORDER BY 1",
         )
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database.pool)
         .await
         .map_err(failed)?;
         rows.iter().map(|row| digest_of(&row.try_get::<String, _>(0).map_err(failed)?)).collect()
@@ -383,19 +384,14 @@ impl Store {
     pub(crate) async fn states(&self) -> Result<Vec<Count>, StoreError> {
         let rows =
             sqlx::query("SELECT state AS kind, COUNT(*) AS count FROM submissions GROUP BY state ORDER BY state")
-                .fetch_all(&self.pool)
+                .fetch_all(&self.database.pool)
                 .await;
         counts(rows)
     }
 }
 
 /// Refuses a submission, unless it was refused before.
-pub(super) async fn refuse(
-    tx: &mut Transaction<'static, Sqlite>,
-    id: SubmissionId,
-    who: &str,
-    reason: &str,
-) -> Result<(), StoreError> {
+pub(super) async fn refuse(tx: &mut Tx, id: SubmissionId, who: &str, reason: &str) -> Result<(), StoreError> {
     let done =
         sqlx::query("UPDATE submissions SET state = 'refused', reason = $2 WHERE id = $1 AND state <> 'refused'")
             .bind(id.to_string())
@@ -415,13 +411,13 @@ pub(super) async fn refuse(
     Ok(())
 }
 
-pub(super) fn counts(rows: Result<Vec<SqliteRow>, sqlx::Error>) -> Result<Vec<Count>, StoreError> {
+pub(super) fn counts(rows: Result<Vec<Row>, sqlx::Error>) -> Result<Vec<Count>, StoreError> {
     let failed = |error| StoreError::database("count")(error);
-    let of = |row: &SqliteRow| Ok(Count { kind: row.try_get("kind")?, count: row.try_get("count")? });
+    let of = |row: &Row| Ok(Count { kind: row.try_get("kind")?, count: row.try_get("count")? });
     rows.map_err(failed)?.iter().map(of).collect::<Result<_, _>>().map_err(failed)
 }
 
-pub(super) fn id_of(row: &SqliteRow, column: &str) -> Result<SubmissionId, StoreError> {
+pub(super) fn id_of(row: &Row, column: &str) -> Result<SubmissionId, StoreError> {
     let text: String = row.try_get(column).map_err(StoreError::database(ASK))?;
     text.parse().map_err(|error| StoreError::corrupt(format!("the id '{text}'"), error))
 }
@@ -431,7 +427,7 @@ pub(super) fn digest_of(text: &str) -> Result<Digest, StoreError> {
         .ok_or_else(|| StoreError::corrupt(format!("the digest '{text}'"), "it is not 64 hexadecimal digits"))
 }
 
-fn entry_of(row: &SqliteRow, runs: &RunsInputs) -> Result<Entry, StoreError> {
+fn entry_of(row: &Row, runs: &RunsInputs) -> Result<Entry, StoreError> {
     let id = id_of(row, "id")?;
     let corrupt = |error: serde_json::Error| StoreError::corrupt(format!("submission {id}"), error);
     let text = |column: &str| row.try_get::<String, _>(column).map_err(StoreError::database(ASK));

@@ -17,7 +17,7 @@ impl Store {
              WHERE u.layout = $1",
         )
         .bind(layout)
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database.pool)
         .await
         .map_err(failed)?;
         rows.iter().map(|row| Ok((id_of(row, "id")?, row.try_get("summary").map_err(failed)?))).collect()

@@ -48,19 +48,19 @@ impl Store {
              AND (p.state NOT IN ('verified', 'refused') OR p.received > $1)) ORDER BY f.sha256",
         )
         .bind(before)
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database.pool)
         .await
         .map_err(failed)?;
-        let scratch = self.folder.join(INCOMING).join(format!("thin-{}", std::process::id()));
+        let scratch = self.place.folder.join(INCOMING).join(format!("thin-{}", std::process::id()));
         let mut done = ThinnedBags::default();
         for row in &rows {
             let old = digest_of(&row.try_get::<String, _>("sha256").map_err(failed)?)?;
-            let (from, to) = (self.blobs.local(&old), scratch.clone());
+            let (from, to) = (self.blobs.local(&old).await?, scratch.clone());
+            let size = from.metadata().map_or(0, |file| file.len());
             let made = tokio::task::spawn_blocking(move || thin_copy(&from, to)).await;
             match made.map_err(|_| StoreError::corrupt("a bag", "a thread ended early"))? {
                 Ok(Some((file, new))) => {
-                    let [size, thin] =
-                        [&self.blobs.local(&old), &file.0].map(|path| path.metadata().map_or(0, |file| file.len()));
+                    let thin = file.0.metadata().map_or(0, |file| file.len());
                     self.replace_file(&old, &new, thin, &file.0).await?;
                     done.bags += 1;
                     done.before += size;

@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::common::{Board, PATIENCE, bag, manifest, sha256, wish};
+use crate::common::{Board, PATIENCE, bag, manifest, place, sha256, wish};
 use fiatlux_bag::{Unsimulated, convert, simulate_with};
-use fiatlux_leaderboard::{ServiceOptions, Store};
+use fiatlux_leaderboard::{Place, Quota, ServiceOptions, Store, StoreError};
 use serde_json::{Value, json};
 
 /// Guards the course of a submission: announced, sent, graded, listed, with the grader's results and the bag that was
@@ -196,6 +196,45 @@ fn a_backup_has_the_same_entries_and_bags() {
         copy.remove_submission(id).await.unwrap();
         assert!(copy.entries().await.unwrap().is_empty());
         assert_eq!(board.store.entries().await.unwrap().len(), 1);
+    });
+}
+
+/// Guards a move to another store, of either kind and back: everything is there, the log goes on, and nobody changes the old one meanwhile.
+#[test]
+fn a_moved_store_has_everything() {
+    let board = Board::start("move", ServiceOptions::default());
+    let token = board.token("lab");
+    let id = board.submit(&token, &manifest(), &[bag(&board.folder.0, 3)]);
+    board.decided(&id, &token);
+    let at = |name: &str| board.folder.0.join(name);
+    let [first, second] = [Place::folder(&at("first")), place(&at("second"))];
+    board.runtime.block_on(async {
+        let joined = board.store.join().await.unwrap();
+        let refused = board.store.move_to(&first).await.unwrap_err();
+        assert!(matches!(refused, StoreError::InUse { .. }), "{refused}");
+        drop(joined);
+        assert_eq!(board.store.move_to(&first).await.unwrap().0, 2, "the bag and the results");
+        let refused = board.store.move_to(&first).await.unwrap_err();
+        assert!(matches!(refused, StoreError::Taken { .. }), "{refused}");
+        let one = Store::open_existing(&first).await.unwrap();
+        one.move_to(&second).await.unwrap();
+        let two = Store::open_existing(&second).await.unwrap();
+        let id = id.parse().unwrap();
+        for moved in [&one, &two] {
+            assert_eq!(moved.entries().await.unwrap(), board.store.entries().await.unwrap());
+            assert_eq!(moved.list_accounts().await.unwrap(), board.store.list_accounts().await.unwrap());
+            assert_eq!(moved.list_audit(100).await.unwrap(), board.store.list_audit(100).await.unwrap());
+            assert_eq!(moved.results(id).await.unwrap(), board.store.results(id).await.unwrap());
+            let [a, b] = [moved, &board.store].map(|store| store.bag(id, "S01", 3, 0));
+            let [a, b] =
+                [a.await.unwrap().unwrap(), b.await.unwrap().unwrap()].map(|path| std::fs::read(path).unwrap());
+            assert_eq!(sha256(&a), sha256(&b));
+        }
+        let lines = two.list_audit(100).await.unwrap().len() as i64;
+        two.make_account("new", Quota::default()).await.unwrap();
+        assert_eq!(two.list_audit(1).await.unwrap()[0].seq, lines + 1);
+        let nothing = Store::open_existing(&place(&at("third"))).await.unwrap_err();
+        assert!(matches!(nothing, StoreError::Nothing { .. }) && !at("third").exists(), "{nothing}");
     });
 }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use data_encoding::HEXLOWER;
-use fiatlux_leaderboard::{Jobs, Quota, Service, ServiceOptions, Store};
+use fiatlux_leaderboard::{Jobs, Place, Quota, Service, ServiceOptions, Store};
 use fiatlux_rules::Task;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -33,23 +33,32 @@ pub struct Board {
     stop: Option<oneshot::Sender<()>>,
 }
 
+/// The place of the store of a test.
+pub fn place(folder: &Path) -> Place {
+    let mut place = Place::folder(folder);
+    if let Some((database, files)) = crate::stores::addresses(folder) {
+        (place.database, place.files) = (database.parse().unwrap(), files.parse().unwrap());
+    }
+    place
+}
+
 impl Board {
     pub fn start(name: &str, options: ServiceOptions) -> Self {
         let folder = Folder::new(&format!("leaderboard-{name}"));
-        let store = folder.0.join("board");
+        let store = place(&folder.0.join("board"));
         Self::over(folder, &store, options)
     }
 
     /// A service on an existing folder, such as a backup.
     pub fn on(name: &str, store: &Path) -> Self {
-        Self::over(Folder::new(&format!("leaderboard-{name}")), store, ServiceOptions::default())
+        Self::over(Folder::new(&format!("leaderboard-{name}")), &Place::folder(store), ServiceOptions::default())
     }
 
-    fn over(folder: Folder, store: &Path, options: ServiceOptions) -> Self {
+    fn over(folder: Folder, store: &Place, options: ServiceOptions) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
         let (stop, stopped) = oneshot::channel();
         let (address, metrics, store, jobs) = runtime.block_on(async {
-            let store = Store::open(store).await.unwrap();
+            let store = Store::open_at(store).await.unwrap();
             let service = Arc::new(Service::new(store.clone(), options));
             let jobs = Jobs::start(&service, Vec::new(), 1).unwrap();
             let [listener, metrics] =
@@ -61,6 +70,19 @@ impl Board {
             (address, at, store, jobs)
         });
         Self { folder, address, metrics, store, runtime, jobs: Some(jobs), stop: Some(stop) }
+    }
+
+    /// Runs a statement on its database, as a hand would.
+    pub fn execute(&self, statement: &'static str) {
+        sqlx::any::install_default_drivers();
+        let folder = self.folder.0.join("board");
+        let own = || format!("sqlite://{}/leaderboard.sqlite", folder.display());
+        let url = crate::stores::addresses(&folder).map_or_else(own, |(database, _)| database);
+        self.runtime.block_on(async {
+            let pool = sqlx::AnyPool::connect(&url).await.unwrap();
+            sqlx::query(statement).execute(&pool).await.unwrap();
+            pool.close().await;
+        });
     }
 
     pub fn token(&self, account: &str) -> String {

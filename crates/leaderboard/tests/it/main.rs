@@ -8,4 +8,13 @@ mod migrated;
 mod mutated;
 mod openapi;
 mod pages;
+#[path = "../stores/mod.rs"]
+mod stores;
 mod trust;
+
+/// Guards every promise of the service where it keeps its data in PostgreSQL and a bucket, as here in a folder.
+#[test]
+#[ignore = "needs PostgreSQL: tests/run"]
+fn the_service_on_postgres_and_a_bucket() {
+    stores::on_postgres_and_a_bucket("the_service_on_postgres_and_a_bucket");
+}

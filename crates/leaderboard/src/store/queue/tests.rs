@@ -6,7 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[path = "waiting.rs"]
 mod waiting;
 
+use sqlx::Connection as _;
+
+use super::super::database::Database;
 use super::super::lease::LEASE;
+use super::super::{DatabaseUrl, schema};
 use super::*;
 
 /// A folder that is removed when it is dropped.
@@ -27,7 +31,7 @@ impl Drop for Folder {
 }
 
 async fn run(store: &Store, statement: &str) {
-    sqlx::query(AssertSqlSafe(statement.to_owned())).execute(&store.writer).await.unwrap();
+    sqlx::query(AssertSqlSafe(statement.to_owned())).execute(&store.database.writer).await.unwrap();
 }
 
 /// Adds graded submissions 1 to `submissions` with `each` episodes that wait. The last one was received first.
@@ -40,7 +44,7 @@ pub(crate) async fn fill(store: &Store, submissions: u64, each: u64) {
 }
 
 async fn filled(folder: &Folder, submissions: u64, each: u64) -> Store {
-    let store = Store::open(&folder.0).await.unwrap();
+    let store = Store::of_test(&folder.0).await.unwrap();
     fill(&store, submissions, each).await;
     store
 }
@@ -72,21 +76,24 @@ async fn a_claim_costs_the_same_however_much_waits() {
     let mut steps = Vec::new();
     for submissions in [20, 2_000] {
         let folder = Folder::new(&format!("cost-{submissions}"));
-        let store = filled(&folder, submissions, 48).await;
+        let store = Store::open(&folder.0).await.unwrap();
+        fill(&store, submissions, 48).await;
+        for _ in 0..3 {
+            next(&store).await;
+        }
+        end_claims(&store).await;
+        next(&store).await;
+        // SQLite counts the steps of a connection of its own.
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(folder.0.join("leaderboard.sqlite"));
+        let mut connection = sqlx::SqliteConnection::connect_with(&options).await.unwrap();
         let count = Arc::new(AtomicU64::new(0));
-        let mut connection = store.writer.acquire().await.unwrap();
         let counted = Arc::clone(&count);
         connection.lock_handle().await.unwrap().set_progress_handler(1, move || {
             counted.fetch_add(1, Ordering::Relaxed);
             true
         });
-        drop(connection);
-        for _ in 0..3 {
-            next(&store).await;
-        }
-        end_claims(&store).await;
-        count.store(0, Ordering::Relaxed);
-        next(&store).await;
+        let claim = sqlx::query(AssertSqlSafe(store.database.passing_by(CLAIM))).bind("").bind(1_i64);
+        assert!(claim.fetch_optional(&mut connection).await.unwrap().is_some());
         steps.push(count.load(Ordering::Relaxed));
     }
     assert!(steps[0] > 0 && steps[1] <= steps[0] + 5, "{steps:?}");
@@ -109,7 +116,7 @@ async fn a_claim_costs_the_same_however_much_waits() {
 async fn two_claimers_never_get_the_same_episode() {
     let folder = Folder::new("two");
     let one = filled(&folder, 10, 4).await;
-    let other = Store::open(&folder.0).await.unwrap();
+    let other = Store::of_test(&folder.0).await.unwrap();
     let all = async |store: &Store| {
         let mut found = Vec::new();
         while let Some(job) = store.claim("", LEASE).await.unwrap() {
@@ -157,7 +164,7 @@ async fn pauses_and_refusals_are_kept() {
     let first = next(&store).await;
     store.release(&first, Duration::from_secs(600), &Return::Refused).await.unwrap();
     drop(store);
-    let store = Store::open(&folder.0).await.unwrap();
+    let store = Store::of_test(&folder.0).await.unwrap();
     let second = next(&store).await;
     assert_eq!((&*second.seed, second.refusals), ("2", 0));
     assert_eq!(store.claim("", LEASE).await.unwrap(), None);
@@ -229,7 +236,7 @@ async fn writers_at_once_lose_no_line_of_the_audit_log() {
     let folder = Folder::new("audit");
     let mut stores = Vec::new();
     for _ in 0..4 {
-        stores.push(Store::open(&folder.0).await.unwrap());
+        stores.push(Store::of_test(&folder.0).await.unwrap());
     }
     let writers = stores.iter().enumerate().map(|(writer, store)| async move {
         for number in 0..changes {
@@ -248,10 +255,8 @@ async fn writers_at_once_lose_no_line_of_the_audit_log() {
 async fn an_old_queue_keeps_its_order() {
     let folder = Folder::new("old");
     std::fs::create_dir_all(&folder.0).unwrap();
-    let options =
-        sqlx::sqlite::SqliteConnectOptions::new().filename(folder.0.join("leaderboard.sqlite")).create_if_missing(true);
-    let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
-    super::super::schema::migrate(&pool, 4).await.unwrap();
+    let old = Database::connect(&DatabaseUrl::in_folder(&folder.0)).await.unwrap();
+    schema::migrate(&old, 4).await.unwrap();
     for statement in [
         "INSERT INTO accounts (name, created, submissions_a_day, max_bytes) VALUES ('lab', 0, 1, 1)",
         "INSERT INTO audit (seq, at, who, action, subject, detail) VALUES (7, 0, 'admin', 'account made', 'lab', '')",
@@ -264,9 +269,9 @@ async fn an_old_queue_keeps_its_order() {
         "INSERT INTO episodes (submission, task, seed, episode, place, verdict, server, detail) \
          SELECT id, 'S01', '1', '0', 0, 'waiting', '', '' FROM submissions",
     ] {
-        sqlx::query(statement).execute(&pool).await.unwrap_or_else(|error| panic!("{statement}: {error}"));
+        sqlx::query(statement).execute(&old.writer).await.unwrap_or_else(|error| panic!("{statement}: {error}"));
     }
-    pool.close().await;
+    old.close().await;
     let store = Store::open(&folder.0).await.unwrap();
     assert_eq!((place(&next(&store).await).0, place(&next(&store).await).0), (3, 1));
     assert_eq!(store.claim("", LEASE).await.unwrap(), None, "nothing of a refused submission waits");
