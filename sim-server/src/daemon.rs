@@ -1,7 +1,7 @@
 //! The server as a process.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use fiatlux_access::{Identity, RecorderKey, Tokens};
 use fiatlux_cli::{BagForm, whole};
 use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::count;
-use fiatlux_server::{RecordsTo, Server, ServerOptions};
+use fiatlux_server::{RecordsTo, Server, ServerOptions, SharedSeeds};
 use fiatlux_world::{AssetArg, SceneConfig};
 
 use crate::metrics::Metrics;
@@ -61,6 +61,13 @@ pub struct DaemonArgs {
     /// DIR/RUN/, those of other sessions to DIR/SERVER/SESSION/.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
+    /// File with the key from which all servers of --seed-group draw the same hosted seeds: a copy of one that `fiatlux keys` made as
+    /// recorder_key, for this alone. Whoever has it knows all hosted seeds.
+    #[arg(long, value_name = "FILE", requires_all = ["seed_group", "record"])]
+    seed_key: Option<PathBuf>,
+    /// Names of all servers that share hosted runs, each with a folder of its own, this one among them: each episode belongs to one of them
+    #[arg(long, value_name = "NAMES", requires = "seed_key", value_delimiter = ',')]
+    seed_group: Vec<String>,
     /// Form of the bags below --record: thin keeps actions and result alone; rows are simulated again when they are read.
     #[arg(long, value_name = "FORM", value_enum, default_value_t)]
     bags: BagForm,
@@ -89,6 +96,12 @@ fn seconds(text: &str) -> Result<Duration, String> {
     parsed.map(Duration::from_secs_f64).ok_or_else(|| "use a number of seconds from 0.01 to 1e6".into())
 }
 
+fn shared_seeds(key: Option<&Path>, mut group: Vec<String>) -> anyhow::Result<Option<SharedSeeds>> {
+    group.sort();
+    group.dedup();
+    key.map(|key| Ok(SharedSeeds { key: RecorderKey::read(key)?, group })).transpose()
+}
+
 /// Serves until it is told to stop; returns whether recorders then have every record.
 pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
     fiatlux_cli::init_log();
@@ -112,6 +125,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         weights: args.weights,
         meshes: args.meshes,
         record: args.record,
+        shared_seeds: shared_seeds(args.seed_key.as_deref(), args.seed_group)?,
         thin: args.bags.is_thin(),
         records_to: match &args.recorder_key {
             Some(path) => RecordsTo::Recorders(RecorderKey::read(path)?),

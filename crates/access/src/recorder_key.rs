@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use ring::hmac;
+
 use crate::file::{self, read_secret, write_new};
 use crate::{AccessError, random};
 
@@ -30,6 +32,17 @@ impl RecorderKey {
     /// Writes the key into a new file with mode 0600.
     pub fn write(&self, path: &Path) -> Result<(), AccessError> {
         write_new(path, &(file::encode(PREFIX, &self.0) + "\n"), 0o600)
+    }
+
+    /// Number `count` that follows from the key and a text, uniform in 64 bits: the same for everybody who has the key, and unknown to
+    /// all others.
+    pub fn number(&self, of: &[u8], count: u64) -> u64 {
+        let mut context = hmac::Context::with_key(&hmac::Key::new(hmac::HMAC_SHA256, &self.0));
+        context.update(b"fiatlux number\0");
+        context.update(&count.to_be_bytes());
+        context.update(of);
+        let tag = context.sign();
+        tag.as_ref().iter().take(8).fold(0, |number, byte| number << 8 | u64::from(*byte))
     }
 
     /// The secret itself, as the key of a MAC. It is never sent.

@@ -26,6 +26,7 @@
 //!     episodes: vec![PlannedEpisode { task: "S05".into(), seed: 0 }, PlannedEpisode { task: "S05".into(), seed: 1 }],
 //!     unix_ms: 0,
 //!     holder: String::new(),
+//!     group: Vec::new(),
 //! };
 //! let mut writer = LedgerWriter::create(&folder, registration)?;
 //! writer.append(Event::Opened { episode: 0, attempt: 1, session: "a-1".into(), unix_ms: 1 })?;
@@ -87,6 +88,17 @@ pub struct Registration {
     /// The token that registered it, `token ID`; empty on a server without tokens. Hosted runs of one holder are counted.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub holder: String,
+    /// The servers that share the episodes of a hosted run without sharing a folder, sorted: episode k belongs to number k modulo their
+    /// count, and no other one begins it. Empty where every server may begin every episode.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub group: Vec<String>,
+}
+
+impl Registration {
+    /// The only server that may begin an episode; `None` if all may.
+    pub fn owner(&self, index: usize) -> Option<&str> {
+        index.checked_rem(self.group.len()).map(|place| self.group[place].as_str())
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -55,6 +55,11 @@ pub enum ScoreError {
         first.display(), second.display()
     )]
     Copies { first: PathBuf, second: PathBuf, server: String },
+    #[error(
+        "run {run} was registered with server {server} after server {other} had finished it: its hosted seeds were known by then; play a \
+         new run"
+    )]
+    Late { run: String, server: String, other: String },
     #[error("{} has a task of another version; grade the run with the scorer of that version", path.display())]
     Task { path: PathBuf, source: UnknownTask },
     /// The machine failed, see [`BagError::is_of_machine`].

@@ -87,6 +87,9 @@ impl RunJournals {
                     return Err(ScoreError::Journals { first: first.path.clone(), second: other.path.clone(), field });
                 }
             }
+            if let Some((server, other)) = registered_late(&journals) {
+                return Err(ScoreError::Late { run: registration.run, server, other });
+            }
             if let Some(known) = parts.first()
                 && let Some(field) = other_evaluation(&known.registration, &registration)
             {
@@ -118,8 +121,22 @@ impl RunJournals {
                     outcome,
                 });
             }
-            // One finished journal is enough: the other servers begin no more episodes, and one of them may be dead.
-            let finished = journals.iter().any(|journal| journal.ledger.is_finished());
+            // One finished journal is enough: the other servers begin no more episodes, and one of them may be dead. Of a group, each has
+            // its own episodes.
+            let has_finished = |server: &String| {
+                journals
+                    .iter()
+                    .any(|Journal { ledger, .. }| ledger.registration().server == *server && ledger.is_finished())
+            };
+            let finished = match &registration.group[..] {
+                [] => journals.iter().any(|journal| journal.ledger.is_finished()),
+                group => group.iter().all(has_finished),
+            };
+            for server in &registration.group {
+                if !journals.iter().any(|journal| journal.ledger.registration().server == *server) {
+                    notes.push(format!("the journal of server {server} is missing; its episodes count as failures"));
+                }
+            }
             parts.push(Part { registration, finished });
         }
         let all_signed = signers.iter().all(|signers: &BTreeSet<PublicKey>| !signers.is_empty());
@@ -375,8 +392,19 @@ fn different(first: &Registration, second: &Registration) -> Option<&'static str
         ("key", first.key_sha256 == second.key_sha256),
         ("spec", first.spec == second.spec),
         ("list of episodes", first.episodes == second.episodes),
+        ("group of servers", first.group == second.group),
     ];
     fields.into_iter().find(|(_, is_same)| !is_same).map(|(field, _)| field)
+}
+
+/// A server of a group where the run was registered after another one had finished it, and that one: hosted seeds were known by then.
+fn registered_late(journals: &[Journal]) -> Option<(String, String)> {
+    let of_group =
+        journals.iter().map(|journal| &journal.ledger).filter(|ledger| !ledger.registration().group.is_empty());
+    let ended = of_group.clone().filter_map(|ledger| Some((ledger.finished_ms()?, &ledger.registration().server)));
+    let (end, other) = ended.min()?;
+    let late = of_group.map(Ledger::registration).find(|registration| registration.unix_ms > end)?;
+    Some((late.server.clone(), other.clone()))
 }
 
 /// An episode as one server's journal has it.

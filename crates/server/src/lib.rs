@@ -15,4 +15,4 @@ mod server;
 
 pub use local::{LocalBags, LocalServer};
 pub use recorder::{BagEnd, BagReport, Naming, OnLoss, Recorder, RecorderError, RecorderOptions, RecordsFrom};
-pub use server::{Counts, RecordError, RecordsTo, Server, ServerError, ServerOptions, simulate_thin_bags};
+pub use server::{Counts, RecordError, RecordsTo, Server, ServerError, ServerOptions, SharedSeeds, simulate_thin_bags};

@@ -31,7 +31,7 @@ mod state;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use counts::Counts;
-pub use runs::RecordError;
+pub use runs::{RecordError, SharedSeeds};
 pub use shell::{RecordsTo, Server, ServerError, ServerOptions};
 pub use simulate::simulate_thin_bags;
 

@@ -201,6 +201,7 @@ fn server(folder: &Path, name: &str, run: &str, played: &[(u32, u64)]) -> PathBu
         episodes: (0..SEEDS).map(planned).collect(),
         unix_ms: 0,
         holder: String::new(),
+        group: Vec::new(),
     };
     let folder = folder.join(name).join(run);
     let mut writer = LedgerWriter::create(&folder, registration).unwrap();

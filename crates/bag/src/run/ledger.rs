@@ -75,6 +75,7 @@ pub struct Ledger {
     registration: Registration,
     episodes: Vec<LedgerEpisode>,
     finished: bool,
+    finished_ms: Option<u64>,
     seal: Option<Seal>,
 }
 
@@ -90,7 +91,7 @@ impl Ledger {
             opened_ms: None,
         };
         let episodes = vec![waiting; registration.episodes.len()];
-        Ok(Self { registration, episodes, finished: false, seal: None })
+        Ok(Self { registration, episodes, finished: false, finished_ms: None, seal: None })
     }
 
     pub fn read(path: impl AsRef<Path>) -> Result<Self, LedgerError> {
@@ -124,6 +125,11 @@ impl Ledger {
     /// True if no episode is waiting or open.
     pub fn is_finished(&self) -> bool {
         self.finished
+    }
+
+    /// Time of its end, ms since 1970.
+    pub fn finished_ms(&self) -> Option<u64> {
+        self.finished_ms
     }
 
     pub fn seal(&self) -> Option<&Seal> {
@@ -165,7 +171,7 @@ impl Ledger {
                 }
                 return Ok(());
             }
-            Event::Finished { .. } => return self.finish(),
+            Event::Finished { unix_ms } => return self.finish(*unix_ms),
             Event::Sealed { .. } => return Ok(()),
         };
         let count = self.episodes.len();
@@ -173,6 +179,10 @@ impl Ledger {
         let episode =
             episode.ok_or_else(|| format!("there is no episode {index}; the run has {count}, counted from 0"))?;
         if let Event::Opened { session, unix_ms, .. } = event {
+            let Registration { server, .. } = &self.registration;
+            if let Some(owner) = self.registration.owner(index as usize).filter(|owner| owner != server) {
+                return Err(format!("episode {index} belongs to server {owner}, and {server} began it, too"));
+            }
             if episode.state != EpisodeState::Waiting {
                 return Err(format!("episode {index} is already open or decided"));
             }
@@ -246,7 +256,7 @@ impl Ledger {
         Ok(())
     }
 
-    fn finish(&mut self) -> Result<(), String> {
+    fn finish(&mut self, unix_ms: u64) -> Result<(), String> {
         if let Some((index, _)) = self.open().next() {
             return Err(format!("episode {index} is open"));
         }
@@ -257,7 +267,7 @@ impl Ledger {
                 episode.state = EpisodeState::Failed { cause: if begun { ABANDONED } else { NOT_RUN }.into() };
             }
         }
-        self.finished = true;
+        (self.finished, self.finished_ms) = (true, Some(unix_ms));
         Ok(())
     }
 }
@@ -278,6 +288,12 @@ fn check(registration: &Registration) -> Result<(), String> {
     }
     if episodes.iter().collect::<BTreeSet<_>>().len() < episodes.len() {
         return Err("two episodes have the same task and seed".into());
+    }
+    let Registration { group, spec, .. } = registration;
+    let is_sorted = group.is_sorted_by(|one, other| one < other);
+    let is_group = is_sorted && group.contains(server) && spec.hosted_seeds > 0;
+    if !group.is_empty() && !is_group {
+        return Err("its group is not a sorted list of servers with its own, or its seeds are not hosted".into());
     }
     Ok(())
 }

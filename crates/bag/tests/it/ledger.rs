@@ -23,7 +23,26 @@ fn registration() -> Registration {
         episodes: ["S01", "S02", "S03"].map(|task| PlannedEpisode { task: task.into(), seed: (1 << 53) - 1 }).into(),
         unix_ms: 1,
         holder: String::new(),
+        group: Vec::new(),
     }
+}
+
+/// A hosted run of a group.
+fn shared(group: &[&str]) -> Registration {
+    let spec = RunSpec { hosted_seeds: 3, ..RunSpec::default() };
+    Registration { spec, group: group.iter().map(|name| (*name).to_owned()).collect(), ..registration() }
+}
+
+/// Guards an episode of a group against a second play: a journal in which another server begins it is no journal.
+#[test]
+fn an_episode_of_a_group_has_one_server() {
+    let mut ledger = Ledger::new(shared(&["lab", "lab-2"])).expect("a ledger");
+    ledger.apply(&opened(0, 1)).expect("its own");
+    let refused = ledger.apply(&opened(1, 1)).expect_err("lab-2's");
+    assert!(refused.contains("episode 1 belongs to server lab-2, and lab began it"), "{refused}");
+    ledger.apply(&opened(2, 1)).expect("its own");
+    assert_eq!(ledger.registration().owner(3), Some("lab-2"));
+    assert_eq!(Ledger::new(registration()).expect("a ledger").registration().owner(1), None);
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -149,6 +168,10 @@ fn what_does_not_follow_is_refused_and_changes_nothing() {
         Registration { run: "../a".into(), ..registration() },
         Registration { key_sha256: "secret".into(), ..registration() },
         Registration { spec: infinite, ..registration() },
+        shared(&["lab-2", "lab-3"]),
+        shared(&["lab", "lab"]),
+        shared(&["lab-2", "lab"]),
+        Registration { spec: RunSpec::default(), ..shared(&["lab", "lab-2"]) },
     ] {
         assert!(LedgerWriter::create(&folder("wrong"), wrong).is_err());
     }

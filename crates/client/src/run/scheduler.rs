@@ -53,6 +53,8 @@ struct Episode {
     tries: u32,
     /// The server on which it was last begun, which can compare the rows of a new attempt with those of the old one.
     home: Option<String>,
+    /// The only server that plays it, where servers share a run and no folder.
+    owner: Option<String>,
     problem: Option<String>,
 }
 
@@ -86,7 +88,7 @@ pub(super) struct Scheduler {
 
 impl Scheduler {
     pub(super) fn new(episodes: usize, parallel: usize) -> Self {
-        let episode = Episode { standing: Standing::Waiting, tries: 0, home: None, problem: None };
+        let episode = Episode { standing: Standing::Waiting, tries: 0, home: None, owner: None, problem: None };
         Self { episodes: vec![episode; episodes], servers: BTreeMap::new(), parallel, moment: 0 }
     }
 
@@ -133,6 +135,14 @@ impl Scheduler {
     pub(super) fn merge_ledger(&mut self, name: &str, asked: u64, ledger: &[RunEpisode]) -> Vec<usize> {
         let mut broken_off = Vec::new();
         for (index, (episode, entry)) in self.episodes.iter_mut().zip(ledger).enumerate() {
+            if entry.state() == Ledger::Unspecified && !entry.server.is_empty() {
+                // Its own ledger decides.
+                episode.owner = Some(entry.server.clone());
+                continue;
+            }
+            if episode.owner.as_deref().is_some_and(|owner| owner != name) {
+                continue;
+            }
             // Servers that share a folder list each other's episodes.
             let by = if entry.server.is_empty() { name } else { &entry.server };
             let decided = Standing::Decided { server: by.into(), entry: entry.clone() };
@@ -173,7 +183,10 @@ impl Scheduler {
         if self.playing().count() >= self.parallel {
             return None;
         }
-        let waiting = self.episodes.iter().enumerate().filter(|(_, episode)| episode.standing == Standing::Waiting);
+        let can_begin = |(_, episode): &(usize, &Episode)| {
+            episode.standing == Standing::Waiting && episode.owner.as_ref().is_none_or(|owner| self.has_room(owner))
+        };
+        let waiting = self.episodes.iter().enumerate().filter(can_begin);
         let (index, episode) = waiting.min_by_key(|(index, episode)| (episode.tries, *index))?;
         let mut loads: BTreeMap<&str, usize> = BTreeMap::new();
         for (_, server) in self.playing() {
@@ -181,7 +194,8 @@ impl Scheduler {
         }
         let load = |name: &str| loads.get(name).copied().unwrap_or(0);
         let has_room = |(name, server): &(&String, &Server)| server.is_live() && load(name) < server.room;
-        let home = episode.home.as_ref().and_then(|home| self.servers.get_key_value(home));
+        let home = episode.owner.as_ref().or(episode.home.as_ref());
+        let home = home.and_then(|home| self.servers.get_key_value(home));
         let least = || {
             let free = self.servers.iter().filter(has_room);
             free.min_by(|(a, left), (b, right)| (load(a) * right.room).cmp(&(load(b) * left.room)))
@@ -191,6 +205,12 @@ impl Scheduler {
         self.moment += 1;
         self.episodes[index].standing = Standing::Playing { server: name.clone(), since: u64::MAX };
         Some((index, name))
+    }
+
+    /// True if a server is live and takes one more episode.
+    fn has_room(&self, name: &str) -> bool {
+        let load = self.playing().filter(|(_, server)| *server == name).count();
+        self.servers.get(name).is_some_and(|server| server.is_live() && load < server.room)
     }
 
     /// The session of an episode is open.

@@ -1,5 +1,7 @@
 //! Grades folders of runs from end to end: every registered episode counts.
 
+mod group;
+
 use std::fs;
 use std::path::PathBuf;
 
@@ -30,6 +32,17 @@ impl RunFolder {
     }
 
     fn with(folder: &Folder, server: &str, episodes: &[PlannedEpisode], hosted_seeds: u32) -> Self {
+        Self::of_group(folder, server, episodes, hosted_seeds, (&[], 0))
+    }
+
+    /// Of a group, registered at this time.
+    fn of_group(
+        folder: &Folder,
+        server: &str,
+        episodes: &[PlannedEpisode],
+        hosted_seeds: u32,
+        (group, unix_ms): (&[&str], u64),
+    ) -> Self {
         let session = OpenRequest { episode_protocol: "published".into(), ..OpenRequest::default() };
         let registration = Registration {
             protocol: PROTOCOL,
@@ -46,8 +59,9 @@ impl RunFolder {
                 ..RunSpec::default()
             },
             episodes: episodes.to_vec(),
-            unix_ms: 0,
+            unix_ms,
             holder: String::new(),
+            group: group.iter().map(|name| (*name).to_owned()).collect(),
         };
         let folder = folder.0.join("first");
         let writer = LedgerWriter::create(&folder, registration).expect("a journal");

@@ -3,6 +3,7 @@
 
 mod attempt;
 mod register;
+mod shared;
 mod siblings;
 #[cfg(test)]
 mod tests;
@@ -30,6 +31,7 @@ use super::lock;
 use super::plan::{self, Plan};
 pub(super) use attempt::Attempt;
 use attempt::{not_written, unix_ms};
+pub use shared::SharedSeeds;
 use siblings::{Siblings, lock_of};
 
 /// Largest number of unfinished runs on a server, and of their episodes. Finished ones stay on disk alone.
@@ -66,6 +68,7 @@ pub(super) struct Runs {
     recent: Mutex<VecDeque<(String, Arc<Run>)>>,
     /// Largest number of unfinished runs.
     most: usize,
+    shared: Option<SharedSeeds>,
 }
 
 /// One run. Its lock is held while a line is written to disk.
@@ -92,7 +95,7 @@ pub(super) struct AssignedEpisode {
 impl Runs {
     /// Loads the runs of the server of that name from a folder, which is created if necessary. The file is a lock that
     /// keeps other servers out.
-    pub fn open(folder: &Path, server: &str) -> Result<(Self, File), RecordError> {
+    pub fn open(folder: &Path, server: &str, shared: Option<SharedSeeds>) -> Result<(Self, File), RecordError> {
         let failed = |action, path: &Path| {
             let path = path.to_owned();
             move |source| RecordError::Io { action, path, source }
@@ -137,7 +140,7 @@ impl Runs {
         }
         tracing::info!(folder = %folder.display(), runs = runs.len(), finished, "recording sessions to this folder");
         let (runs, recent) = (Mutex::new(runs), Mutex::default());
-        Ok((Self { folder: folder.into(), server: server.into(), runs, recent, most: MAX_RUNS }, file))
+        Ok((Self { folder: folder.into(), server: server.into(), runs, recent, most: MAX_RUNS, shared }, file))
     }
 
     /// The run of that name, from memory or from disk.
@@ -216,8 +219,10 @@ impl Runs {
             return Ok(run);
         }
         let folder = self.folder.join(name);
+        let shared = self.shared.as_ref().filter(|_| spec.hosted_seeds > 0);
         let drawn = Siblings::read(&folder, &self.server)?.episodes(name, &key_sha256, &spec)?;
-        let episodes = drawn.map_or_else(|| register::episodes(&spec), Ok)?;
+        let seeds = shared.map(|shared| shared.seeds(name, &key_sha256, &spec));
+        let episodes = drawn.map_or_else(|| register::episodes(&spec, seeds), Ok)?;
         self.retire();
         let known = lock(&self.runs).values().cloned().collect::<Vec<_>>();
         let all: usize = known.iter().map(|run| lock(&run.state).writer.ledger().episodes().len()).sum();
@@ -240,6 +245,7 @@ impl Runs {
             episodes,
             unix_ms: unix_ms(),
             holder: holder.into(),
+            group: shared.map(|shared| shared.group.clone()).unwrap_or_default(),
         };
         let writer = LedgerWriter::create(&folder, registration).map_err(|error| match error {
             LedgerError::Event { reason, .. } => Refusal::new(Code::Value, "register", reason),
@@ -297,13 +303,19 @@ impl Run {
         let is_over = || ledger.is_finished() && siblings.as_ref().is_some_and(Siblings::are_finished);
         let hides_seeds = ledger.is_hosted() && !is_over();
         let planned = &ledger.registration().episodes;
+        let own_name = &ledger.registration().server;
         let episodes = planned.iter().zip(ledger.episodes()).enumerate().map(|(index, (planned, episode))| {
+            let owner = ledger.registration().owner(index).filter(|owner| owner != own_name);
             let mut message = RunEpisode {
                 task: planned.task.clone(),
-                seed: if hides_seeds { 0 } else { planned.seed },
+                seed: if hides_seeds || owner.is_some() { 0 } else { planned.seed },
                 attempts: episode.attempts,
+                server: owner.unwrap_or_default().into(),
                 ..RunEpisode::default()
             };
+            if owner.is_some() {
+                return message;
+            }
             let own = (ledger.registration().server.as_str(), &episode.state);
             let elsewhere = || siblings.as_ref()?.decided(index, planned);
             let (server, state) = match own.1 {
@@ -372,6 +384,10 @@ impl Run {
                 format!("episode {index} does not exist; the run has {}, from 0 on", episodes.len()),
             );
         };
+        let Registration { server, .. } = ledger.registration();
+        if let Some(owner) = ledger.registration().owner(index as usize).filter(|owner| owner != server) {
+            return wrong(Code::Value, format!("episode {index} belongs to server '{owner}'; open it there"));
+        }
         match &episode.state {
             EpisodeState::Open { session } => {
                 let message =

@@ -25,7 +25,7 @@ use super::lock;
 use super::networks::Networks;
 use super::opens::Opens;
 use super::pool::Job;
-use super::runs::{RecordError, Runs};
+use super::runs::{RecordError, Runs, SharedSeeds};
 use super::scenes::{Robots, Scenes};
 use super::sessions::Sessions;
 use super::state::{Queues, ServerState};
@@ -81,6 +81,8 @@ pub struct ServerOptions {
     pub meshes: Option<PathBuf>,
     /// Folder into which the server itself records all sessions, and in which it keeps its runs.
     pub record: Option<PathBuf>,
+    /// Hosted seeds that servers with other folders share.
+    pub shared_seeds: Option<SharedSeeds>,
     /// Keep its bags of whole episodes thin, as of [`RecorderOptions`].
     pub thin: bool,
     /// Recipients of records if the server does not record itself.
@@ -107,6 +109,7 @@ impl Default for ServerOptions {
             weights: None,
             meshes: None,
             record: None,
+            shared_seeds: None,
             thin: false,
             records_to: RecordsTo::default(),
             identity: None,
@@ -121,6 +124,8 @@ pub enum ServerError {
     Name(String),
     #[error("another server is named '{0}'; stop it, or give this one another --name")]
     Taken(String),
+    #[error("the group of shared seeds has no server '{0}'; name all its servers, in every one the same")]
+    Group(String),
     #[error("{what} must be above 0")]
     Zero { what: &'static str },
     #[error("cannot load the robot")]
@@ -177,7 +182,11 @@ impl Server {
         if is_taken(&carrier, &server_keys.alive())? {
             return Err(ServerError::Taken(options.name));
         }
-        let recorded = options.record.as_ref().map(|folder| Runs::open(folder, &options.name)).transpose()?;
+        if options.shared_seeds.as_ref().is_some_and(|shared| !shared.group.contains(&options.name)) {
+            return Err(ServerError::Group(options.name));
+        }
+        let open = |folder| Runs::open(folder, &options.name, options.shared_seeds.clone());
+        let recorded = options.record.as_deref().map(open).transpose()?;
         let (runs, lock) = recorded.unzip();
         let signer = options.identity.clone();
         let identity = options.identity.map_or_else(|| Identity::generate().map(Arc::new), Ok)?;

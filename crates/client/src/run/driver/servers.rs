@@ -111,9 +111,12 @@ impl RunDriver<'_, '_> {
     pub(super) fn on_ledger(&mut self, server: &str, asked: u64, info: &RunInfo) {
         self.finished |= info.finished;
         if info.finished && info.episodes.len() == self.episodes.wanted.len() {
-            // Hosted seeds are disclosed at the end.
+            // Hosted seeds are disclosed at the end, each by a server that plays it.
+            let is_hosted = self.options.file.spec.hosted_seeds > 0;
             for (wanted, episode) in self.episodes.wanted.iter_mut().zip(&info.episodes) {
-                wanted.seed = Some(episode.seed);
+                if !is_hosted || episode.seed > 0 {
+                    wanted.seed = Some(episode.seed);
+                }
             }
         }
         let is_held = |((standing, _), entry): ((&Standing, _), &RunEpisode)| {

@@ -231,3 +231,37 @@ fn a_missing_server_gets_nothing_new() {
         run.server_is_missed("a");
     }
 }
+
+/// Guards hosted runs of servers with folders of their own: each episode waits for its one server, others are not held up by it, and what
+/// another server says of it counts for nothing.
+#[test]
+fn an_episode_waits_for_its_own_server() {
+    let owned = |of: &str| {
+        let mut ledger = ledger("....");
+        for (index, entry) in ledger.iter_mut().enumerate() {
+            let owner = ["a", "b"][index % 2];
+            if owner != of {
+                entry.server = owner.into();
+            }
+        }
+        ledger
+    };
+    let mut run = scheduler(4, &[("a", 1)]);
+    run.merge_ledger("a", run.moment() + 1, &owned("a"));
+    assert_eq!(on(&hand_out(&mut run)), [(0, "a")]);
+    run.ended(0);
+    assert_eq!(on(&hand_out(&mut run)), [(2, "a")], "episode 1 is not lost, and holds up nobody");
+    run.server_joins("b", 4);
+    run.merge_ledger("b", run.moment() + 1, &owned("b"));
+    assert_eq!(on(&hand_out(&mut run)), [(1, "b"), (3, "b")]);
+    // The run is closed on a: its ledger has failed what was not begun there.
+    assert!(tell(&mut run, "a", "pfpf").is_empty());
+    assert!(!run.is_over());
+    assert!(tell(&mut run, "b", "fpfp").is_empty());
+    assert!(run.is_over());
+    assert!(
+        run.standings().all(
+            |(standing, _)| matches!(standing, Standing::Decided { entry, .. } if entry.state() == Ledger::Played)
+        )
+    );
+}

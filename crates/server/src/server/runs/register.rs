@@ -84,8 +84,8 @@ pub(super) fn with_all_seeds(mut spec: RunSpec) -> Result<RunSpec, Refusal> {
     Ok(spec)
 }
 
-/// The episodes of a new run; draws hosted seeds.
-pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
+/// The episodes of a new run; draws hosted seeds from these numbers, or else from the system's random source.
+pub(super) fn episodes(spec: &RunSpec, numbers: Option<impl FnMut() -> u64>) -> Result<Vec<PlannedEpisode>, Refusal> {
     let wrong = |field: &str, message: String| Refusal::new(Code::Value, &format!("register.{field}"), message);
     for (field, text, least, most) in [
         ("policy", &spec.policy, 1, MAX_NAME),
@@ -140,7 +140,7 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
     let mut seeds = match (spec.hosted_seeds, spec.seeds.len()) {
         (0, 0) => PUBLIC_SEEDS.to_vec(),
         (0, _) => spec.seeds.clone(),
-        (hosted, _) => draw(hosted as usize)?,
+        (hosted, _) => draw(hosted as usize, numbers)?,
     };
     // In the order in which they were named.
     let mut seen = BTreeSet::new();
@@ -158,12 +158,12 @@ pub(super) fn episodes(spec: &RunSpec) -> Result<Vec<PlannedEpisode>, Refusal> {
     Ok(seeds.into_iter().flat_map(of_seed).collect())
 }
 
-/// Draws distinct seeds from the system's random source.
-fn draw(count: usize) -> Result<Vec<u64>, Refusal> {
+/// Draws distinct seeds from these numbers, or from the system's random source.
+fn draw(count: usize, mut numbers: Option<impl FnMut() -> u64>) -> Result<Vec<u64>, Refusal> {
     let mut seeds = BTreeSet::new();
     let mut drawn = Vec::with_capacity(count);
     while drawn.len() < count {
-        let number = getrandom::u64().map_err(|error| {
+        let number = numbers.as_mut().map_or_else(getrandom::u64, |numbers| Ok(numbers())).map_err(|error| {
             let message =
                 format!("the server's system gives no random numbers ({error}); name seeds, or use another server");
             Refusal::new(Code::Busy, "register.hosted_seeds", message)

@@ -1,5 +1,7 @@
 //! The runs of a server in memory and on disk.
 
+use fiatlux_access::RecorderKey;
+
 use super::*;
 
 const KEY: &str = "ed25519:AAAA";
@@ -15,7 +17,7 @@ fn spec(seeds: &[u64]) -> RunSpec {
 }
 
 fn few(folder: &Path) -> Runs {
-    let (runs, lock) = Runs::open(folder, "lab").expect("runs");
+    let (runs, lock) = Runs::open(folder, "lab", None).expect("runs");
     // The lock goes with its file, so that the folder can be opened again.
     drop(lock);
     Runs { most: 3, ..runs }
@@ -77,4 +79,61 @@ fn ranges_of_seeds_are_their_seeds() {
     }
     let refusal = runs.register("other", KEY, ranges(vec![range(4, 6)]), "").err().expect("5 is named twice");
     assert_eq!(refusal.field, "register.seeds");
+}
+
+/// Guards hosted seeds that servers with folders of their own share: all draw the same, each plays its own and no other's, and none shows
+/// another's. A run that has only the name in common has other seeds.
+#[test]
+fn servers_of_a_group_share_their_seeds() {
+    let group: Vec<String> = ["lab-1", "lab-2", "lab-3"].map(str::to_owned).into();
+    let key = RecorderKey::generate().expect("a key");
+    let of = |server: &str, key: &RecorderKey, group: &[String]| {
+        let shared = SharedSeeds { key: key.clone(), group: group.to_vec() };
+        let folder = folder(&format!("group-{server}-{}", group.len()));
+        let (runs, lock) = Runs::open(&folder, server, Some(shared)).expect("runs");
+        drop(lock);
+        runs
+    };
+    let hosted = || RunSpec { hosted_seeds: 8, ..spec(&[]) };
+    let planned = |run: &Arc<Run>| lock(&run.state).ledger().registration().episodes.clone();
+    let servers: Vec<Runs> = group.iter().map(|server| of(server, &key, &group)).collect();
+    let runs: Vec<Arc<Run>> =
+        servers.iter().map(|server| server.register("shared", KEY, hosted(), "").expect("registered")).collect();
+    let episodes = planned(&runs[0]);
+    assert!(runs.iter().all(|run| planned(run) == episodes));
+    assert!(episodes.iter().all(|episode| (1 << 32..1 << 53).contains(&episode.seed)));
+    for (place, run) in runs.iter().enumerate() {
+        for index in 0..8 {
+            let is_own = index as usize % 3 == place;
+            match run.plan(index) {
+                Ok((plan, _)) => assert!(is_own && plan.ticket.is_some_and(|ticket| ticket.hosted), "{place} {index}"),
+                Err(refusal) => {
+                    let owner = format!("belongs to server '{}'", group[index as usize % 3]);
+                    assert!(!is_own && refusal.message.contains(&owner), "{place} {index}: {}", refusal.message);
+                }
+            }
+        }
+        run.finish(None).expect("finished");
+        let info = run.info().expect("its state");
+        for (index, (shown, planned)) in info.episodes.iter().zip(&episodes).enumerate() {
+            let expected = if index % 3 == place { (planned.seed, "lab") } else { (0, &*group[index % 3]) };
+            assert_eq!((shown.seed, shown.server.starts_with(expected.1)), (expected.0, true), "{place} {index}");
+            assert_eq!(shown.state() == StateMessage::Failed, index % 3 == place);
+        }
+    }
+    let fresh = |server: &Runs, name, spec| planned(&server.register(name, KEY, spec, "").expect("registered"));
+    let other_spec = RunSpec { policy_version: "2".into(), ..hosted() };
+    let other_key = of("lab-1", &RecorderKey::generate().expect("a key"), &group[..1]);
+    let other_group = of("lab-1", &key, &group[..2]);
+    let others = [
+        fresh(&servers[0], "other", hosted()),
+        fresh(&servers[0], "another", other_spec),
+        fresh(&other_key, "shared", hosted()),
+        fresh(&other_group, "shared", hosted()),
+    ];
+    let all: std::collections::BTreeSet<_> = others.iter().chain([&episodes]).flatten().collect();
+    assert_eq!(all.len(), 5 * 8);
+    // Named seeds are not shared: every server may play all of them.
+    let named = servers[0].register("named", KEY, spec(&[1, 2]), "").expect("registered");
+    assert!(lock(&named.state).ledger().registration().group.is_empty() && named.plan(1).is_ok());
 }
