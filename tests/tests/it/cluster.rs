@@ -1,5 +1,6 @@
 //! Evaluations in shards, as the files for clusters start them.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -91,6 +92,26 @@ fn the_commands_of_a_fleet_are_read() {
         let output = Command::new(program(&words[0])).args(args).arg("--help").output().unwrap();
         assert!(output.status.success() && !output.stdout.is_empty(), "{words:?}: {}", said(&output));
     }
+}
+
+/// Guards the dashboard: each series that it draws is one that a scorer or a server has, by its whole name.
+#[test]
+fn the_dashboard_draws_what_there_is() {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let read = |path: &str| std::fs::read_to_string(repository.join(path)).unwrap();
+    let sources = read("crates/leaderboard/src/metrics.rs") + &read("sim-server/src/metrics.rs");
+    let named: Vec<&str> = sources.split('"').skip(1).step_by(2).collect();
+    let dashboard: serde_json::Value = serde_json::from_str(&read("deploy/grafana/fleet.json")).unwrap();
+    let targets = dashboard["panels"].as_array().unwrap().iter().flat_map(|panel| panel["targets"].as_array().unwrap());
+    let words = targets.flat_map(|target| {
+        target["expr"].as_str().unwrap().split(|letter: char| !letter.is_alphanumeric() && letter != '_')
+    });
+    let drawn: BTreeSet<&str> = words.filter_map(|word| word.strip_prefix("fiatlux_")).collect();
+    for series in &drawn {
+        let stem = series.strip_suffix("_bucket").unwrap_or(series);
+        assert!(named.contains(&stem), "no metric is named {series}");
+    }
+    assert!(drawn.len() > 12, "{drawn:?}");
 }
 
 /// Guards shards against a kill: the same command goes on, and the result is that of one process.
