@@ -167,7 +167,9 @@ class _Service:
         self._url, self._prefix = url, parts.path
         self._address = (parts.hostname, parts.port)
         self._connect = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
-        self._headers = {"Authorization": f"Bearer {token.strip()}"}
+        # A file that an editor of Windows wrote begins with a mark.
+        token = token.removeprefix("\ufeff").strip()
+        self._headers = {"Authorization": f"Bearer {token}"}
 
     def ask(self, method: str, path: str, content: Any = None) -> dict[str, Any]:
         """Sends a request without a file; tries again while the service does not answer."""

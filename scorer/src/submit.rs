@@ -134,8 +134,8 @@ fn read_token(path: &Path) -> Result<String> {
     if let Err(exposed) = check_private(&file, path) {
         fiatlux_cli::report(format!("warning: {exposed}"));
     }
-    let text = String::from_utf8(fiatlux_files::limited(file, MAX_TOKEN_BYTES).with_context(unreadable)?)
-        .with_context(unreadable)?;
+    let bytes = fiatlux_files::limited(file, MAX_TOKEN_BYTES).with_context(unreadable)?;
+    let text = fiatlux_files::text(bytes).with_context(unreadable)?;
     let token = text.trim();
     anyhow::ensure!(
         token.starts_with("fiatlux_") && !token.contains(char::is_whitespace),

@@ -66,12 +66,12 @@ fn open(path: &Path) -> Result<File, AccessError> {
 
 fn text_of(file: &File, path: &Path) -> Result<String, AccessError> {
     let error = |source| AccessError::Read { path: path.to_owned(), source };
-    let mut text = String::new();
-    file.take(MAX_FILE + 1).read_to_string(&mut text).map_err(error)?;
-    if text.len() as u64 > MAX_FILE {
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(error)?;
+    if bytes.len() as u64 > MAX_FILE {
         return Err(error(io::Error::new(io::ErrorKind::FileTooLarge, "it is too large for a file of keys")));
     }
-    Ok(text)
+    fiatlux_files::text(bytes).map_err(error)
 }
 
 /// The lines that are not empty, without comments, with their numbers from 1. `#` starts a comment at the start of a word.

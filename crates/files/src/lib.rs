@@ -94,8 +94,18 @@ pub fn limited(file: File, limit: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn text(bytes: Vec<u8>) -> io::Result<String> {
-    String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))
+/// The text of a file. A mark of its order of bytes, which editors of Windows put first, is not part of it.
+///
+/// # Errors
+/// [`ErrorKind::InvalidData`] where it is not UTF-8.
+pub fn text(mut bytes: Vec<u8>) -> io::Result<String> {
+    // What PowerShell writes by `>`.
+    let is_wide = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
+    }
+    let what = if is_wide { "it is UTF-16; save it as UTF-8" } else { "it is not text in UTF-8" };
+    String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, what))
 }
 
 #[cfg(all(test, unix))]
@@ -122,6 +132,19 @@ mod tests {
         fn drop(&mut self) {
             drop(std::fs::remove_dir_all(&self.0));
         }
+    }
+
+    #[test]
+    fn texts_that_windows_wrote_are_read_or_named() {
+        let read = |bytes: &[u8]| text(bytes.to_vec()).map_err(|error| error.to_string());
+        assert_eq!(read(b"\xef\xbb\xbfkey:AA==\r\n"), Ok("key:AA==\r\n".into()));
+        for wide in [&b"\xff\xfek\0e\0y\0"[..], b"\xfe\xff\0k\0e\0y"] {
+            assert!(read(wide).unwrap_err().contains("UTF-16; save it as UTF-8"));
+        }
+        assert!(read(b"k\xe9y").unwrap_err().contains("not text in UTF-8"));
+        // In the middle it is a letter like others.
+        assert_eq!(read("a\u{feff}b".as_bytes()), Ok("a\u{feff}b".into()));
+        assert_eq!(read(b"\xef\xbb\xbf"), Ok(String::new()));
     }
 
     #[test]
