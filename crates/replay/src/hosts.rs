@@ -1,8 +1,8 @@
 //! Names under which a page of this machine may be asked for.
 //!
 //! A page of another host can lead its own name to this machine (DNS rebinding), and would then read what is served here as its own.
-//! So a request must name this machine by an address in digits, by `localhost`, or by a name that its user gave. The port may be any:
-//! `ssh -L` and `adb reverse` listen on another one.
+//! So a request must name this machine by an address in digits, by `localhost` or a name below it, which browsers lead to their own
+//! machine and nobody can own, or by a name that its user gave. The port may be any: `ssh -L` and `adb reverse` listen on another one.
 
 use std::net::IpAddr;
 
@@ -33,7 +33,8 @@ pub fn name_of(authority: &str) -> Option<&str> {
 /// True if a request with this header `Host` is meant for this machine, which is also called `names`.
 pub fn is_own(host: &str, names: &[String]) -> bool {
     name_of(host).is_some_and(|name| {
-        name.parse::<IpAddr>().is_ok() || name.eq_ignore_ascii_case("localhost") || is_one_of(name, names)
+        let last = name.rsplit('.').next().unwrap_or_default();
+        name.parse::<IpAddr>().is_ok() || last.eq_ignore_ascii_case("localhost") || is_one_of(name, names)
     })
 }
 
@@ -67,6 +68,8 @@ mod tests {
             "127.0.0.1",
             "localhost:9000",
             "LOCALHOST.:1",
+            "robot.localhost:9000",
+            "Robot.LocalHost.",
             "[::1]:80",
             "[::1]",
             "192.168.1.7:8443",
@@ -81,6 +84,10 @@ mod tests {
             "example.org",
             "evil.example:8420",
             "localhost.evil.example",
+            "robot.localhost.evil.example:9000",
+            "evillocalhost",
+            "evil-localhost:80",
+            "localhost%2eevil.example",
             "127.0.0.1.evil.example:8420",
             "user@localhost:8420",
             "localhost:8420@evil.example",
@@ -111,6 +118,10 @@ mod tests {
             ("http://evil.example", "localhost:9000", false),
             ("http://localhost:9000.evil.example", "localhost:9000", false),
             ("http://localhost:3000", "localhost:9000", false),
+            ("http://robot.localhost:9000", "robot.localhost:9000", true),
+            // Another program of this machine.
+            ("http://evil.localhost:9000", "robot.localhost:9000", false),
+            ("http://evil.localhost:9000", "127.0.0.1:9000", false),
             ("https://localhost", "localhost:80", false),
             ("null", "null", false),
             ("", "", false),
