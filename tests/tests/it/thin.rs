@@ -26,6 +26,7 @@ fn thin_bags_give_what_full_ones_give() {
         let play = |out: &str, more: &[&str]| {
             let (code, said) = run("fiatlux", &[&options[..], &["--out", out], more].concat(), folder);
             assert_eq!(code, Some(0), "{said}");
+            assert_eq!(said.contains("no replays and stills: thin bags"), out == "thin", "{said}");
         };
         play("full", &[]);
         play("thin", &["--bags", "thin"]);
