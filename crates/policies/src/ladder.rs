@@ -156,6 +156,8 @@ pub struct Ladder {
     network: Arc<Network>,
     /// It does not look where in its task the robot is.
     pub(crate) at_start: bool,
+    /// Distance of the ladder's middle from a lamp at the ceiling, m, in place of the usual one.
+    pub(crate) standoff: Option<f64>,
     episode: Option<Episode>,
 }
 
@@ -168,6 +170,7 @@ struct Episode {
     /// Obstacles that never move, for the robot alone and for the ladder.
     maps: [Map; 2],
     socket: Pose,
+    standoff: Option<f64>,
     phases: Phases<Phase, u64>,
     /// Control steps for which height and pitch have been those of the phase.
     held: u64,
@@ -192,7 +195,18 @@ impl Ladder {
     /// A file that cannot be read or does not fit.
     pub fn new(file: &str) -> Result<Self, PolicyError> {
         let (name, network) = body::network("ladder", file, file)?;
-        Ok(Self { name, network, at_start: false, episode: None })
+        Ok(Self { name, network, at_start: false, standoff: None, episode: None })
+    }
+
+    /// Takes in what the robot has learned since the first observation: what stands in the room, and where the lamp is.
+    pub(crate) fn learn(&mut self, info: &SessionInfo, socket: Pose) {
+        let Some(episode) = &mut self.episode else { return };
+        for (map, heights) in episode.maps.iter_mut().zip(IN_THE_WAY) {
+            for (name, corners) in Map::outlines(info, heights) {
+                map.set(&name, corners);
+            }
+        }
+        episode.socket = socket;
     }
 
     /// Control step at which an episode first came into a phase of this name; `None` where it has not.
@@ -251,6 +265,7 @@ impl Policy for Ladder {
             is_ready: false,
             maps,
             socket,
+            standoff: self.standoff,
             phases: Phases::new(Phase::Approach, first.step),
             held: 0,
             site: None,
@@ -468,7 +483,7 @@ impl Episode {
     /// Walks with the ladder; true once it is where it is put down.
     fn carry(&mut self, step: u64, robot: Place, ladder: Place) -> bool {
         let (socket, map) = (&self.socket, &self.maps[1]);
-        let (goal, yaw) = *self.site.get_or_insert_with(|| choose_site(socket, map, ladder));
+        let (goal, yaw) = *self.site.get_or_insert_with(|| choose_site(socket, map, ladder, self.standoff));
         self.plan(step, 1, ladder.0, goal);
         let (left, error) = (distance(ladder.0, goal), wrapped(yaw - ladder.1));
         let waits = left < WAITS_M && error.abs() > 3.0 * PLACED.1;

@@ -35,6 +35,7 @@ impl Default for Policies {
             climb::ENTRY,
             expert::ENTRY,
             see::ENTRY,
+            see::carry::ENTRY,
             vla::ENTRY,
             foreign::GEAR,
             foreign::SONIC,

@@ -2,11 +2,13 @@
 //! what to do where the cameras see this; and on the ladder it reckons where it is, and does there what the expert does.
 
 mod bulb;
+pub(crate) mod carry;
 mod finds;
 mod network;
 mod on_ladder;
 mod posture;
 mod reckoning;
+mod room;
 mod shape;
 #[cfg(test)]
 mod tests;

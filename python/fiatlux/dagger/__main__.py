@@ -15,7 +15,7 @@ import torch
 from torch import nn
 
 from .._files import regular
-from .finds import LOOKS_IN, find
+from .finds import IN_ROOM, ON_LADDER, find
 from .lessons import GOALS, Lesson, play, shape_of, state_of
 from .network import WALKS, Network, Shape, export, learning_rate, normalised, on_device, read, varied
 from .settings import FIRST_ROOM, keep
@@ -88,10 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--hardware", default=platform.machine(), help="for the record")
     train.set_defaults(run=train_rounds)
     finds = commands.add_parser(
-        "find", help="looks on while the expert plays, and learns where the robot is on the ladder"
+        "find", help="looks on while the expert plays, and learns where the robot is in the room or on the ladder"
     )
     finds.add_argument(
-        "--tasks", nargs="+", default=LOOKS_IN, choices=LOOKS_IN, help="tasks that it looks on in [default: all four]"
+        "--tasks", nargs="+", default=ON_LADDER.looks_in, choices=(*ON_LADDER.looks_in, *IN_ROOM.looks_in), help="tasks that it looks on in: S01 for the place in the room, others for the place on the ladder [default: all four of these]"
     )
     finds.add_argument("--out", type=Path, required=True, help="folder of the run; looks that are there are kept")
     finds.add_argument(

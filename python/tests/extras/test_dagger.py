@@ -16,7 +16,7 @@ pytest.importorskip("safetensors")
 
 from fiatlux.dagger import lessons  # noqa: E402
 from fiatlux.dagger.__main__ import load, main  # noqa: E402
-from fiatlux.dagger.finds import FINDS, Looks  # noqa: E402
+from fiatlux.dagger.finds import IN_ROOM, ON_LADDER, Looks  # noqa: E402
 from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, Phases, play  # noqa: E402
 from fiatlux.dagger.network import WALKS, Network, Shape, export  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
@@ -345,7 +345,7 @@ def test_it_learns_where_the_robot_is_from_looks_that_it_keeps(found, tmp_path, 
     assert "kept out" in capsys.readouterr().out
     network, record = load(found / "found.pt", "cpu")
     assert record["looks"] == 2 * len(looks.place) and set(record["errors"]) == {"x", "y", "heading", "wall"}
-    assert network.shape.finds == FINDS and network.shape.state == network.shape.measured
+    assert network.shape.finds == ON_LADDER.finds and network.shape.state == network.shape.measured
     assert main(["export", str(found / "found.pt"), str(tmp_path / "found.safetensors")]) == 0
     again, _ = load(tmp_path / "found.safetensors", "cpu")
     assert again.shape == network.shape
@@ -369,8 +369,29 @@ def test_looks_of_other_settings_are_not_taken_for_its_own(found, capsys, other,
     assert ended.value.code == 2 and re.search(message, capsys.readouterr().err)
 
 
+def test_it_learns_where_the_room_is_and_what_stands_in_it(tmp_path, capsys):
+    run = ["find", "--tasks", "S01", *SMALL, "--out", str(tmp_path / "room")]
+    assert main(run) == 0
+    looks = Looks.load(tmp_path / "room" / "looks-S01")
+    assert len(looks.place) == 2 * 60 // 10
+    place = dict(zip(IN_ROOM.numbers, looks.place.T))
+    assert np.hypot(place["cos"], place["sin"]) == pytest.approx(1, abs=1e-5)
+    # Bench and crate stay where they are in the room, as the robot goes.
+    for thing in ("bench", "crate"):
+        ahead, left = place[f"{thing}_ahead"], place[f"{thing}_left"]
+        x = place["x"] + place["cos"] * ahead - place["sin"] * left
+        y = place["y"] + place["sin"] * ahead + place["cos"] * left
+        for room in (1000, 1001):
+            assert np.ptp(x[looks.room == room]) < 1e-3 and np.ptp(y[looks.room == room]) < 1e-3
+        assert np.ptp(x) > 0.1
+    network, record = load(tmp_path / "room" / "found.pt", "cpu")
+    assert network.shape.finds == IN_ROOM.finds and set(record["errors"]) == {*IN_ROOM.numbers, "wall"}
+    with pytest.raises(SystemExit, match="S12 and S01 find other things"):
+        main(["find", "--tasks", "S12", "S01", *SMALL, "--out", str(tmp_path / "both")])
+
+
 def test_the_shipped_network_finds_what_is_learned_here():
     """The policy reads the shipped file by names of its own, and refuses others."""
     shipped = Path(__file__).parents[3] / "crates/policies/weights/platform.safetensors"
     network, record = load(shipped, "cpu")
-    assert network.shape.finds == FINDS and record["errors"]["y"] < 0.002
+    assert network.shape.finds == ON_LADDER.finds and record["errors"]["y"] < 0.002

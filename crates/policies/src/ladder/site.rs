@@ -24,7 +24,7 @@ pub(super) fn outside((origin, yaw): Place, [x, y]: Point) -> Point {
 
 /// The place and heading of the ladder from which the fixture is reached as the benchmark's own layouts have it: behind the
 /// guard rail, steps away from it. Below the ceiling, the heading that takes the least turn and has the most room.
-pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place) -> Place {
+pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place, below_ceiling: Option<f64>) -> Place {
     let at = [socket.position[0], socket.position[1]];
     let [w, i, j, k] = [0, 1, 2, 3].map(|index| socket.quaternion[index]);
     // The socket's axis, out of its mouth.
@@ -43,7 +43,8 @@ pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place) -> Place {
         let places: f64 = PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum();
         COSTS.0 * wrapped(site.1 - ladder.1).abs() + COSTS.1 * (missing(site.0, ROOM_M) + corners + places)
     };
-    let sites =
-        (0..HEADINGS).map(|part| site(f64::from(part) * std::f64::consts::TAU / f64::from(HEADINGS), STANDOFF.0));
+    let sites = (0..HEADINGS).map(|part| {
+        site(f64::from(part) * std::f64::consts::TAU / f64::from(HEADINGS), below_ceiling.unwrap_or(STANDOFF.0))
+    });
     sites.min_by(|one, other| cost(one).total_cmp(&cost(other))).unwrap_or((at, ladder.1))
 }

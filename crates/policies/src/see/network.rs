@@ -10,7 +10,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use super::finds::FINDS;
+use super::finds::{IN_ROOM, ON_LADDER};
 
 /// Name and version of the contract's layout.
 const FORMAT: &str = "fiatlux-see/1";
@@ -155,7 +155,8 @@ impl Contract {
         if self.phases.len() > MAX_PARTS {
             return refuse("phases", &self.phases.len(), "at most 128");
         }
-        if self.finds_place() && (self.finds != FINDS || !self.phases.is_empty() || self.ages.len() > 1) {
+        let is_known = self.finds == ON_LADDER || self.finds == IN_ROOM;
+        if self.finds_place() && (!is_known || !self.phases.is_empty() || self.ages.len() > 1) {
             return refuse(
                 "finds",
                 &self.finds,
@@ -204,6 +205,11 @@ impl Contract {
     /// True if it moves arms and hands, too.
     pub fn has_hands(&self) -> bool {
         !self.joints.is_empty()
+    }
+
+    /// True if it says where the robot is in the room.
+    pub fn finds_room(&self) -> bool {
+        self.finds == IN_ROOM
     }
 
     /// True if it says where the robot is in place of what to do.

@@ -17,7 +17,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::bulb::{Bulb, Fresh, Old};
 use super::finds::Found;
 use super::posture::Posture;
-use super::reckoning::{Goes, Reckoning};
+use super::reckoning::{EVERY, FOUND, Goes, Reckoning};
 use crate::Climb;
 use crate::body::{angles, message, sensed};
 use crate::hands::{Hands, hand_link};
@@ -103,8 +103,11 @@ impl OnLadder {
         let reckoning = Reckoning::new(body, up, SPREAD);
         let mut reckoning = reckoning.ok_or_else(|| unfit("the robot has no LiDAR; use another robot"))?;
         let sensed = sensed("see", first)?;
-        if f64::from(sensed.base_height) < UP_M && !reckoning.search(sensed, &angles(sensed, &q0), &first.lidar) {
-            return Err(unfit("the LiDAR does not see the ladder; begin before it or on it"));
+        if f64::from(sensed.base_height) < UP_M {
+            let seen = reckoning.search(sensed, &angles(sensed, &q0), &first.lidar, EVERY);
+            let seen = seen.filter(|seen| seen.cost.is_finite());
+            let seen = seen.ok_or_else(|| unfit("the LiDAR does not see the ladder; begin before it or on it"))?;
+            reckoning.begin(seen.ladder_from_pelvis, FOUND);
         }
         Ok(Self {
             info: info.clone(),

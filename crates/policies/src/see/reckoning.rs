@@ -12,7 +12,8 @@ use fiatlux_dynamics::{Mechanics, Site, State};
 use fiatlux_kinematics::JointFilter;
 use fiatlux_proto::v3::Proprioception;
 use fiatlux_rules::CONTROL_DT;
-use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
+use fiatlux_skills::path::wrapped;
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 
 use super::shape::Shape;
 
@@ -24,7 +25,7 @@ const ELEVATION: f64 = 25.0 * PI / 180.0;
 /// Ranges below this are hits, m.
 const RANGE: f64 = 9.9;
 /// One hit of so many is read.
-const EVERY: usize = 2;
+pub(super) const EVERY: usize = 2;
 /// Standard deviations of what is sensed: velocity, m/s, and turning, rad/s, of the pelvis (uniform within 0.1 and 0.2).
 const VELOCITY: f64 = 0.058;
 const TURNING: f64 = 0.116;
@@ -35,28 +36,44 @@ const POINT: f64 = 0.01;
 const MOUNT: [f64; 2] = [0.002, 0.005];
 /// Points farther from all surfaces than this count little, m: in the parts of the search, and once the place is known; and from the floor
 /// while height and tilt are looked for.
-const STRAYS: [f64; 3] = [0.15, 0.08, 0.03];
+const STRAYS: [f64; 4] = [0.15, 0.08, 0.03, 0.01];
 const STRAY: f64 = 0.03;
 const OFF_FLOOR: [f64; 6] = [0.2, 0.1, 0.05, 0.02, 0.02, 0.02];
 /// Of the search: headings that it begins from, rounds of each part, points between these heights, m, and how many of them it needs.
-const HEADINGS: u32 = 16;
-const ROUNDS: usize = 16;
+const HEADINGS: u32 = 32;
+const ROUNDS: usize = 10;
+const DAMPING: f64 = 0.02;
 const ABOVE_FLOOR: [f64; 2] = [0.06, 1.95];
-const POINTS: usize = 10;
-/// Standard deviations after it: m and rad.
-const FOUND: [f64; 2] = [0.02, 0.03];
+const FEWEST: usize = 6;
+/// The ladder's middle is so much farther than that of the hits, and beside it, m. So many of the rough fits are made exact.
+const BEYOND: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
+const BESIDE: [f64; 3] = [-0.25, 0.0, 0.25];
+const BEST: usize = 60;
+/// Mean cost of hits that lie on the ladder to the millimetre, and standard deviations of where they say that the pelvis is, m and rad: by the
+/// joints of the waist.
+pub(super) const EXACT: f64 = 1e-5;
+const FIXED: [f64; 2] = [0.008, 0.008];
+/// Pictures of the room err by so much at least: x and y, m, and heading, rad.
+const BELIEVED: [f64; 3] = [0.2, 0.2, 0.03];
+/// Standard deviations after it near the ladder: m and rad.
+pub(super) const FOUND: [f64; 2] = [0.02, 0.03];
 /// Of velocity, m/s, and turning, rad/s, at first; and of what is not known at all.
 const MOVES: f64 = 0.2;
 const UNKNOWN: f64 = 1.0;
+/// Points of a ladder that is carried: as high over the floor, and as far from where it was, m; by how much it moves from scan to scan, m and
+/// rad.
+const OFF_THE_FLOOR: f64 = 0.08;
+const SWINGS: [f64; 2] = [0.01, 0.02];
 /// Rounds in which a scan is fitted.
 const FITS: usize = 3;
 /// Square of a difference, in standard deviations, from which it is not believed.
 const ABSURD: f64 = 40.0;
 
-/// Errors of the estimate: place, turn, velocity and turning of the pelvis, then place and turn of each foot.
-const N: usize = 24;
-/// The first one of a foot.
+/// Errors of the estimate: place, turn, velocity and turning of the pelvis, place and turn of each foot, and the place of a mark.
+const N: usize = 27;
+/// The first one of a foot, and of the mark.
 const FEET: [usize; 2] = [12, 18];
+const MARK: usize = 24;
 type Covariance = SMatrix<f64, N, N>;
 type Error = SVector<f64, N>;
 
@@ -71,6 +88,7 @@ pub(super) struct Reckoning {
     poses: [Isometry3<f64>; 3],
     /// Velocity of the pelvis, m/s, and its turning, rad/s.
     moves: [Vector3<f64>; 2],
+    mark: Vector3<f64>,
     covariance: Covariance,
     /// Feet that rested in the last control step.
     rested: [bool; 2],
@@ -87,6 +105,8 @@ pub(super) enum Goes<'a> {
     ByPlan(&'a [f64]),
     /// It stands, and leans slowly.
     Stands,
+    /// It stands, and may sway.
+    Stays,
     Walks,
 }
 
@@ -97,7 +117,7 @@ impl Goes<'_> {
         match self {
             Self::ByPlan(_) => [0.25, 0.6],
             Self::Stands => [0.1, 0.4],
-            Self::Walks => [3.0, 10.0],
+            Self::Stays | Self::Walks => [3.0, 10.0],
         }
     }
 
@@ -108,6 +128,20 @@ impl Goes<'_> {
             _ => [2e-4, 5e-4],
         }
     }
+}
+
+/// What a search found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub ladder_from_pelvis: Isometry3<f64>,
+    /// The pelvis over the floor, ahead to x.
+    pub upright: Isometry3<f64>,
+    /// Mean of the robust costs of hits; infinite where they are too few to say how the ladder stands.
+    pub cost: f64,
+    /// Hits above the floor.
+    pub hits: usize,
+    /// The middle of them from below the pelvis, ahead and to the left, m.
+    pub middle: Vector3<f64>,
 }
 
 /// Of the LiDAR's rays, in its frame.
@@ -147,6 +181,7 @@ impl Reckoning {
             shape: Shape::new(),
             poses: [ladder_from_pelvis; 3],
             moves: [Vector3::zeros(); 2],
+            mark: Vector3::zeros(),
             covariance: Covariance::from_diagonal(&deviations.map(|deviation| deviation * deviation)),
             rested: [false; 2],
         })
@@ -185,7 +220,7 @@ impl Reckoning {
         let expected = match goes {
             Goes::ByPlan(expected) => Some(expected),
             Goes::Stands => Some(self.still.as_slice()),
-            Goes::Walks => None,
+            Goes::Stays | Goes::Walks => None,
         };
         match expected {
             Some(expected) => self.filter.step(angles, expected, &mut self.state),
@@ -204,49 +239,194 @@ impl Reckoning {
         }
         self.rested = rests;
         if let Some(scan) = scan {
-            let points = self.points(scan);
+            let points = self.points(scan, EVERY);
             self.look(&points);
         }
     }
 
-    /// Looks for the ladder all round, from a robot that stands on the floor. False where it is not seen.
-    pub fn search(&mut self, sensed: &Proprioception, angles: &[f64], scan: &[f32]) -> bool {
+    /// Marks a place that the pelvis knows, in its frame, with the covariance of that, m^2: what is learned of the pelvis afterwards tells
+    /// where it is.
+    pub fn put_mark(&mut self, at: &Vector3<f64>, unsure: &Matrix3<f64>) {
+        let pelvis = self.poses[0];
+        let arm = pelvis.rotation * at;
+        self.mark = pelvis.translation.vector + arm;
+        let mut by = SMatrix::<f64, 3, N>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+        by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-arm.cross_matrix());
+        let shared = by * self.covariance;
+        let turn = pelvis.rotation.to_rotation_matrix();
+        let own = by * self.covariance * by.transpose() + turn.matrix() * unsure * turn.matrix().transpose();
+        self.covariance.fixed_view_mut::<3, N>(MARK, 0).copy_from(&shared);
+        self.covariance.fixed_view_mut::<N, 3>(0, MARK).copy_from(&shared.transpose());
+        self.covariance.fixed_view_mut::<3, 3>(MARK, MARK).copy_from(&own);
+        self.settle();
+    }
+
+    /// The mark.
+    pub fn mark(&self) -> Vector3<f64> {
+        self.mark
+    }
+
+    /// A place of this frame in the pelvis frame, and the covariance of that, m^2.
+    pub fn from_pelvis(&self, at: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+        let pelvis = self.poses[0];
+        let arm = at - pelvis.translation.vector;
+        let back = pelvis.rotation.inverse();
+        let mut by = SMatrix::<f64, 3, N>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&-Matrix3::identity());
+        by.fixed_view_mut::<3, 3>(0, 3).copy_from(&arm.cross_matrix());
+        let unsure = by * self.covariance * by.transpose();
+        let turn = back.to_rotation_matrix();
+        (back * arm, turn.matrix() * unsure * turn.matrix().transpose())
+    }
+
+    /// The ladder no longer stands where it did: of the LiDAR's points, those on the floor count from now on.
+    pub fn leave_ladder(&mut self) {
+        self.shape = Shape::floor();
+    }
+
+    /// Where a ladder that moves is in the pelvis frame, by a scan and where it was before; its joints at these angles, rad.
+    pub fn follow(&mut self, ladder: &Shape, angles: &[f64], scan: &[f32], before: &Isometry3<f64>) -> Isometry3<f64> {
         self.mechanics.update(&self.body.model, &self.body.state(&Isometry3::identity(), angles));
-        let points = self.points(scan);
-        let Some(upright) = on_floor(sensed, &points) else { return false };
-        let above: Vec<Vector3<f64>> = points
-            .iter()
-            .map(|point| (upright * Point3::from(*point)).coords)
-            .filter(|point| (ABOVE_FLOOR[0]..ABOVE_FLOOR[1]).contains(&point.z))
-            .collect();
-        if above.len() < POINTS {
-            return false;
+        let pelvis = self.poses[0];
+        let is_up = |point: &Vector3<f64>| (pelvis * Point3::from(*point)).z > OFF_THE_FLOOR;
+        let points: Vec<Vector3<f64>> = self.points(scan, EVERY).into_iter().filter(is_up).collect();
+        // Errors of the pelvis as the ladder sees it.
+        let prior = before.inverse();
+        let mut pose = prior;
+        for _ in 0..FITS {
+            let Equations { matrix, vector, .. } = equations(ladder, &pose, &points, STRAY);
+            let mut known = Matrix6::zeros();
+            for part in 0..6 {
+                known[(part, part)] = SWINGS[part / 3].powi(-2);
+            }
+            let mut pull = Vector6::zeros();
+            pull.fixed_rows_mut::<3>(0).copy_from(&(pose.translation.vector - prior.translation.vector));
+            pull.fixed_rows_mut::<3>(3).copy_from(&(pose.rotation * prior.rotation.inverse()).scaled_axis());
+            let Some(all) = (matrix / POINT.powi(2) + known).cholesky() else { return *before };
+            move_by(&mut pose, &-all.solve(&(vector / POINT.powi(2) + known * pull)));
+        }
+        pose.inverse()
+    }
+
+    /// Looks for the ladder all round, from a robot that stands on the floor, by some hits of a scan, one of so many. `None` where it is not
+    /// seen.
+    pub fn search(&mut self, sensed: &Proprioception, angles: &[f64], scan: &[f32], one_of: usize) -> Option<Seen> {
+        // The floor says how high and upright it stands: what is left is where, and which way it looks.
+        let (upright, above) = self.above_floor(sensed, angles, scan, one_of)?;
+        if above.is_empty() {
+            return None;
         }
         let middle = above.iter().sum::<Vector3<f64>>() / above.len() as f64;
-        let mut best = (f64::INFINITY, upright);
+        let mut seen = Seen { ladder_from_pelvis: upright, upright, cost: f64::INFINITY, hits: above.len(), middle };
+        if above.len() < FEWEST {
+            return Some(seen);
+        }
+        let [rough, fine @ ..] = STRAYS;
+        let cost = |place: &Isometry3<f64>, stray| equations(&self.shape, place, &above, stray).cost;
+        // Many rough fits, of which the best ones are made exact.
+        let away = Vector3::new(middle.x, middle.y, 0.0).normalize();
+        let aside = Vector3::new(-away.y, away.x, 0.0);
+        let mut fits = Vec::new();
         for heading in 0..HEADINGS {
-            let heading = TAU * f64::from(heading) / f64::from(HEADINGS);
-            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
-            let shift = -(turn * middle);
-            let mut pose = Isometry3::from_parts(Vector3::new(shift.x, shift.y, 0.0).into(), turn) * upright;
-            let mut cost = f64::INFINITY;
-            for stray in STRAYS {
-                for _ in 0..ROUNDS {
-                    let found = self.equations(&pose, &points, stray);
-                    cost = found.cost;
-                    let Some(damped) = (found.matrix + Matrix6::identity()).cholesky() else { return false };
-                    move_by(&mut pose, &-damped.solve(&found.vector));
-                }
-            }
-            if cost < best.0 {
-                best = (cost, pose);
+            let turn =
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), TAU * f64::from(heading) / f64::from(HEADINGS));
+            for (beyond, beside) in BEYOND.into_iter().flat_map(|beyond| BESIDE.map(|beside| (beyond, beside))) {
+                let shift = -(turn * (middle + away * beyond + aside * beside));
+                let start = Isometry3::from_parts(Vector3::new(shift.x, shift.y, 0.0).into(), turn);
+                let place = self.fit_level(start, &above, &[rough])?;
+                fits.push((cost(&place, rough), place));
             }
         }
-        self.poses[0] = best.1;
-        for part in 0..6 {
-            self.covariance[(part, part)] = FOUND[part / 3].powi(2);
+        fits.sort_by(|one, other| one.0.total_cmp(&other.0));
+        for (_, place) in fits.into_iter().take(BEST) {
+            let place = self.fit_level(place, &above, &fine)?;
+            let cost = cost(&place, STRAY);
+            if cost < seen.cost {
+                (seen.cost, seen.ladder_from_pelvis) = (cost, place * upright);
+            }
         }
+        Some(seen)
+    }
+
+    /// Takes in where pictures have the robot in the room: x and y, m, and by how much it looks to the left of the way up, rad, with their
+    /// standard deviations. One that is far from what was reckoned is not believed: pictures may err by much, and are sure of it.
+    pub fn see_place(&mut self, found: [f64; 3], spread: [f64; 3]) {
+        let pelvis = &self.poses[0];
+        let ahead = pelvis.rotation * Vector3::x();
+        let heading = wrapped(found[2] - libm::atan2(-ahead.x, ahead.y));
+        let off = Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, heading);
+        let mut design = SMatrix::<f64, 3, N>::zeros();
+        for (row, column) in [0, 1, 5].into_iter().enumerate() {
+            design[(row, column)] = 1.0;
+            let unsure = libm::sqrt(self.covariance[(column, column)] + BELIEVED[row].powi(2));
+            if off[row].abs() > 3.0 * unsure {
+                return;
+            }
+        }
+        self.measure(&design, &off, &Vector3::from(spread));
+    }
+
+    /// Takes in where it is by hits that lie on the ladder to the millimetre, all of them, if they do: from afar they are few, and others tell
+    /// little. False where they do not.
+    pub fn fix(&mut self, sensed: &Proprioception, angles: &[f64], scan: &[f32]) -> bool {
+        let Some((upright, above)) = self.above_floor(sensed, angles, scan, 1) else { return false };
+        let [_, fine @ ..] = STRAYS;
+        let Some(place) = self.fit_level(self.poses[0] * upright.inverse(), &above, &fine) else { return false };
+        if above.len() < FEWEST || equations(&self.shape, &place, &above, STRAY).cost > EXACT {
+            return false;
+        }
+        let (found, now) = (place * upright, self.poses[0]);
+        let turn = (found.rotation * now.rotation.inverse()).scaled_axis();
+        let away = found.translation.vector - now.translation.vector;
+        let mut design = SMatrix::<f64, 6, N>::zeros();
+        design.fixed_view_mut::<6, 6>(0, 0).fill_with_identity();
+        let off = Vector6::from_fn(|part, _| if part < 3 { away[part] } else { turn[part - 3] });
+        self.measure(&design, &off, &Vector6::from_fn(|part, _| FIXED[part / 3]));
         true
+    }
+
+    /// The pelvis over the floor, ahead to x, and hits above the floor from there.
+    fn above_floor(
+        &mut self,
+        sensed: &Proprioception,
+        angles: &[f64],
+        scan: &[f32],
+        one_of: usize,
+    ) -> Option<(Isometry3<f64>, Vec<Vector3<f64>>)> {
+        self.mechanics.update(&self.body.model, &self.body.state(&Isometry3::identity(), angles));
+        let points = self.points(scan, one_of);
+        let upright = on_floor(sensed, &points)?;
+        let over_floor = points.iter().map(|point| (upright * Point3::from(*point)).coords);
+        Some((upright, over_floor.filter(|point| (ABOVE_FLOOR[0]..ABOVE_FLOOR[1]).contains(&point.z)).collect()))
+    }
+
+    /// Moves points over the floor, and turns them about the vertical, onto the ladder, in rounds for each of these strays.
+    fn fit_level(&self, mut place: Isometry3<f64>, points: &[Vector3<f64>], strays: &[f64]) -> Option<Isometry3<f64>> {
+        const LEVEL: [usize; 3] = [0, 1, 5];
+        for stray in strays {
+            for _ in 0..ROUNDS {
+                let Equations { matrix, vector, .. } = equations(&self.shape, &place, points, *stray);
+                let matrix =
+                    Matrix3::from_fn(|row, column| matrix[(LEVEL[row], LEVEL[column])]) + Matrix3::identity() * DAMPING;
+                let step = -matrix.cholesky()?.solve(&Vector3::from_fn(|row, _| vector[LEVEL[row]]));
+                move_by(&mut place, &Vector6::new(step.x, step.y, 0.0, 0.0, 0.0, step.z));
+            }
+        }
+        Some(place)
+    }
+
+    /// Begins where the ladder was seen, with standard deviations, m and rad.
+    pub fn begin(&mut self, ladder_from_pelvis: Isometry3<f64>, spread: [f64; 2]) {
+        self.poses[0] = ladder_from_pelvis;
+        self.rested = [false; 2];
+        for part in 0..6 {
+            for other in 0..N {
+                self.covariance[(part, other)] = 0.0;
+                self.covariance[(other, part)] = 0.0;
+            }
+            self.covariance[(part, part)] = spread[part / 3].powi(2);
+        }
     }
 
     fn predict(&mut self, goes: Goes<'_>) {
@@ -357,7 +537,8 @@ impl Reckoning {
         let pelvis = &self.poses[0];
         let ahead = pelvis.rotation * Vector3::x();
         let heading = libm::atan2(-ahead.x, ahead.y);
-        let off = Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, found[2] - heading);
+        let off =
+            Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, wrapped(found[2] - heading));
         let mut design = SMatrix::<f64, 3, N>::zeros();
         for (row, column) in [0, 1, 5].into_iter().enumerate() {
             design[(row, column)] = 1.0;
@@ -367,14 +548,14 @@ impl Reckoning {
 
     /// The points of a scan on ladder and floor.
     fn look(&mut self, points: &[Vector3<f64>]) {
-        let (prior, moved) = (self.poses, self.moves);
+        let (prior, moved, marked) = (self.poses, self.moves, self.mark);
         let Some(known) = self.covariance.cholesky().map(|factor| factor.inverse()) else { return };
         let mut mount = Matrix6::zeros();
         for part in 0..6 {
             mount[(part, part)] = MOUNT[part / 3].powi(-2);
         }
         for _ in 0..FITS {
-            let Equations { matrix, vector, .. } = self.equations(&self.poses[0], points, STRAY);
+            let Equations { matrix, vector, .. } = equations(&self.shape, &self.poses[0], points, STRAY);
             let (matrix, vector) = (matrix / POINT.powi(2), vector / POINT.powi(2));
             // All points share where the LiDAR is.
             let Some(shared) = (matrix + mount).cholesky() else { return };
@@ -383,7 +564,9 @@ impl Reckoning {
             let mut all = known;
             let mut corner = all.fixed_view_mut::<6, 6>(0, 0);
             corner += matrix;
-            let mut pull = known * away(&self.poses, &self.moves, &prior, &moved);
+            let mut off = away(&self.poses, &self.moves, &prior, &moved);
+            off.fixed_rows_mut::<3>(MARK).copy_from(&(self.mark - marked));
+            let mut pull = known * off;
             let mut head = pull.fixed_rows_mut::<6>(0);
             head += vector;
             let Some(solved) = all.cholesky() else { return };
@@ -400,6 +583,7 @@ impl Reckoning {
         for (moves, first) in self.moves.iter_mut().zip([6, 9]) {
             *moves += error.fixed_rows::<3>(first);
         }
+        self.mark += error.fixed_rows::<3>(MARK);
     }
 
     fn settle(&mut self) {
@@ -409,26 +593,27 @@ impl Reckoning {
         }
     }
 
-    /// Hits of a scan that are read, in the pelvis frame.
-    fn points(&self, scan: &[f32]) -> Vec<Vector3<f64>> {
+    /// Hits of a scan, one of so many, in the pelvis frame.
+    fn points(&self, scan: &[f32], one_of: usize) -> Vec<Vector3<f64>> {
         let pelvis_from_lidar = self.mechanics.world_from_site(&self.lidar);
-        hits(scan).step_by(EVERY).map(|hit| (pelvis_from_lidar * Point3::from(hit)).coords).collect()
+        hits(scan).step_by(one_of).map(|hit| (pelvis_from_lidar * Point3::from(hit)).coords).collect()
     }
+}
 
-    fn equations(&self, pose: &Isometry3<f64>, points: &[Vector3<f64>], stray: f64) -> Equations {
-        let mut found = Equations { matrix: Matrix6::zeros(), vector: Vector6::zeros(), cost: 0.0 };
-        for point in points {
-            let turned = pose.rotation * point;
-            let surface = self.shape.nearest(&(turned + pose.translation.vector));
-            let share = (surface.distance / stray).powi(2);
-            let weight = (1.0 + share).powi(-2);
-            let row = row(&surface.normal, &turned);
-            found.matrix += row * row.transpose() * weight;
-            found.vector += row * (surface.distance * weight);
-            found.cost += share / (1.0 + share) / points.len() as f64;
-        }
-        found
+/// Of points in the pelvis frame, which are on these surfaces.
+fn equations(shape: &Shape, pose: &Isometry3<f64>, points: &[Vector3<f64>], stray: f64) -> Equations {
+    let mut found = Equations { matrix: Matrix6::zeros(), vector: Vector6::zeros(), cost: 0.0 };
+    for point in points {
+        let turned = pose.rotation * point;
+        let surface = shape.nearest(&(turned + pose.translation.vector));
+        let share = (surface.distance / stray).powi(2);
+        let weight = (1.0 + share).powi(-2);
+        let row = row(&surface.normal, &turned);
+        found.matrix += row * row.transpose() * weight;
+        found.vector += row * (surface.distance * weight);
+        found.cost += share / (1.0 + share) / points.len() as f64;
     }
+    found
 }
 
 fn vector(list: &[f32]) -> Vector3<f64> {

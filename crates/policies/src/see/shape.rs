@@ -12,8 +12,11 @@ enum Part {
     Block { middle: Vector3<f64>, half: Vector3<f64> },
 }
 
-/// The surfaces of ladder and floor.
-pub(super) struct Shape(Vec<Part>);
+/// The surfaces of ladder and floor, or of one of them.
+pub(super) struct Shape {
+    ladder: Vec<Part>,
+    floor: bool,
+}
 
 /// The surface that is nearest to a point.
 #[derive(Debug, Clone, Copy)]
@@ -50,13 +53,24 @@ impl Shape {
         let ([x0, x1], [y0, y1]) = (numbers::PLATFORM_X, numbers::PLATFORM_Y);
         let top = numbers::PLATFORM_HEIGHT;
         parts.push(block([x0, y0, top - numbers::PLATFORM_THICKNESS], [x1, y1, top]));
-        Self(parts)
+        Self { ladder: parts, floor: true }
     }
 
-    /// The surface of ladder or floor that is nearest to a point, in the ladder's frame.
+    /// Without the ladder.
+    pub fn floor() -> Self {
+        Self { ladder: Vec::new(), floor: true }
+    }
+
+    /// Without the floor.
+    pub fn ladder() -> Self {
+        Self { floor: false, ..Self::new() }
+    }
+
+    /// The surface that is nearest to a point, in the ladder's frame.
     pub fn nearest(&self, point: &Vector3<f64>) -> Surface {
-        let floor = Surface { distance: point.z, normal: Vector3::z() };
-        let surfaces = self.0.iter().map(|part| part.nearest(point));
+        let distance = if self.floor { point.z } else { f64::INFINITY };
+        let floor = Surface { distance, normal: Vector3::z() };
+        let surfaces = self.ladder.iter().map(|part| part.nearest(point));
         surfaces.fold(floor, |best, next| if next.distance.abs() < best.distance.abs() { next } else { best })
     }
 }

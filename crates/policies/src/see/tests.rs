@@ -6,7 +6,7 @@ use fiatlux_client::Policy;
 use fiatlux_rules::Task;
 
 use super::See;
-use super::finds::{FINDS, Found};
+use super::finds::{Found, ON_LADDER};
 use super::network::{Network, SeeError, WALKS};
 
 const SIDE: usize = 16;
@@ -236,10 +236,10 @@ fn the_shipped_networks_play_all_tasks_but_the_first() {
 #[test]
 fn a_network_that_finds_says_where_the_robot_is() {
     let [joints, _] = PARTS;
-    let made = Made::of(10 + joints, FINDS.len());
+    let made = Made::of(10 + joints, ON_LADDER.len());
     let mut contract = with_hands();
     contract["touched"] = json!(0);
-    contract["finds"] = json!(FINDS);
+    contract["finds"] = json!(ON_LADDER);
     let file = |contract: &Value| Network::from_bytes(&made.file(contract, &[]));
     let refused = |contract: &Value| file(contract).map(|_| ()).expect_err("it does not fit").to_string();
     assert!(refused(&contract).contains("the contract's finds is"), "two ages");
@@ -247,7 +247,7 @@ fn a_network_that_finds_says_where_the_robot_is() {
     contract["phases"] = json!(["Open"]);
     assert!(refused(&contract).contains("the contract's finds is"), "phases");
     contract["phases"] = json!([]);
-    for other in [&FINDS[1..], &["x"; FINDS.len()], &["wall", "x", "y"]] {
+    for other in [&ON_LADDER[1..], &["x"; ON_LADDER.len()], &["wall", "x", "y"]] {
         contract["finds"] = json!(other);
         assert!(refused(&contract).contains("the contract's finds is"), "{other:?}");
     }

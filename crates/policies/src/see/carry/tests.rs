@@ -1,0 +1,118 @@
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use fiatlux_play::Play;
+use fiatlux_robot::GainSet;
+use fiatlux_rules::errand;
+use fiatlux_sensing::{Sensor as Kind, SensorSuite, Sensors, Setup};
+use fiatlux_world::{Episode as Played, EpisodeSpec, Scene, SceneConfig};
+
+use super::*;
+
+/// A room of training, and what the policy is told of it.
+struct Game {
+    scene: Arc<Scene>,
+    play: Play,
+    info: SessionInfo,
+    sensors: [Sensors; 2],
+}
+
+impl Game {
+    fn of(room: u64) -> Self {
+        let robot = Arc::new(Robot::benchmark().unwrap());
+        let spec = EpisodeSpec::new(Task::S01, room, 0);
+        let of_scene = spec.scene(robot.gains(GainSet::default()));
+        let scene = Arc::new(Scene::build(&SceneConfig::default(), robot, of_scene).unwrap());
+        let body = Sensors::of(&[Kind::Proprioception, Kind::LastAction, Kind::Lidar, Kind::Goal]);
+        let all = Sensors::of(&[
+            Kind::Proprioception,
+            Kind::LastAction,
+            Kind::Lidar,
+            Kind::Goal,
+            Kind::Camera,
+            Kind::ChestCamera,
+        ]);
+        let setup = Setup { image_size: [128; 2], ..Setup::new(&scene, Task::S01) };
+        let episode = Played::start(Arc::clone(&scene), &spec).unwrap();
+        let play = Play::start(episode, SensorSuite::new(all, setup), 0).unwrap();
+        let mut info = fiatlux_wire::session_terms(Task::S01, &scene);
+        info.footprints.clear();
+        Self { scene, play, info, sensors: [body, all] }
+    }
+
+    fn observe(&mut self, step: u64) -> Observation {
+        let [body, all] = self.sensors;
+        let mut seen = self.play.observe(if step.is_multiple_of(10) { all } else { body }).unwrap();
+        if step % 2 == 1 {
+            seen.lidar.clear();
+        }
+        seen
+    }
+}
+
+/// From the first scan on, metres away from the ladder, it knows to centimetres where the lamp is from there; and it tells a lamp at a
+/// wall from one at the ceiling, and where the room is.
+#[test]
+fn it_knows_where_ladder_lamp_and_room_are() {
+    for (room, at_wall) in [(1001, true), (1003, false), (1006, false)] {
+        let mut game = Game::of(room);
+        let mut carry = Carry::new("").unwrap();
+        let world_from_ladder = game.scene.layout.ladder.world_from_place(0.0);
+        for step in 0..100 {
+            let seen = game.observe(step);
+            if step == 0 {
+                carry.reset(&game.info, &seen).unwrap();
+            }
+            let command = carry.act(&seen).unwrap();
+            game.play.step(&command).unwrap();
+        }
+        let episode = carry.episode.as_ref().unwrap();
+        let row = game.play.episode().row();
+        let pelvis = world_from_ladder.inverse() * row.robot.pose;
+        let off = (episode.reckoning.ladder_from_pelvis().translation.vector - pelvis.translation.vector).norm();
+        assert!(off < 0.05 && pelvis.translation.vector.norm() > 3.0, "room {room}: the robot is {off} m off");
+        let seat = world_from_ladder.inverse() * row.things[errand::FIXTURE].pose;
+        let off = (episode.lamp() - seat.translation.vector).xy().norm();
+        assert!(off < 0.2, "room {room}: the lamp is {off} m off");
+        let axis = carry.episode.as_ref().unwrap().room.socket(seat.translation.vector).quaternion;
+        let is_level =
+            (axis[0] * axis[1] + axis[2] * axis[3]).abs() > 0.3 || (axis[0] * axis[2] - axis[1] * axis[3]).abs() > 0.3;
+        assert_eq!(is_level, at_wall, "room {room}: {axis:?}");
+    }
+}
+
+/// A session that lacks `goal`, or that has something else in its place, is refused by name.
+#[test]
+fn it_needs_the_place_of_the_lamp() {
+    let mut game = Game::of(1003);
+    let first = game.observe(0);
+    let mut carry = Carry::new("").unwrap();
+    let mut refuse = |goal: Vec<f32>| {
+        let seen = Observation { goal, ..first.clone() };
+        carry.reset(&game.info, &seen).expect_err("no goal").to_string()
+    };
+    assert!(refuse(Vec::new()).contains("needs the sensor goal"));
+    assert!(refuse(vec![1.0, f32::NAN, 0.0]).contains("not finite"));
+    let blind = Observation { lidar: vec![10.0; first.lidar.len()], ..first.clone() };
+    assert!(carry.reset(&game.info, &blind).expect_err("no hit").to_string().contains("does not see the ladder"));
+}
+
+/// The whole task in one room, by the robot's own senses.
+#[test]
+fn it_puts_the_ladder_under_the_lamp() {
+    let mut game = Game::of(1003);
+    let mut carry = Carry::new("").unwrap();
+    for step in 0..3000 {
+        let seen = game.observe(step);
+        if step == 0 {
+            carry.reset(&game.info, &seen).unwrap();
+        }
+        let command = carry.act(&seen).unwrap();
+        game.play.step(&command).unwrap();
+        if game.play.episode().verdict().end.is_some() {
+            break;
+        }
+    }
+    assert!(game.play.episode().verdict().success, "{:?}", game.play.episode().verdict().end);
+}
