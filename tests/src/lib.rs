@@ -21,7 +21,7 @@ pub fn at_full_length() -> bool {
     std::env::var_os("FIATLUX_SLOW_TESTS").is_some()
 }
 
-/// How often a check is repeated: `all` times with `FIATLUX_ALL_ROOMS` set, `full` times at full length, and else `short` times.
+/// Repetitions of a check: `all` with `FIATLUX_ALL_ROOMS` set, `full` at full length, and else `short`.
 pub fn repeats(all: u64, full: u64, short: u64) -> u64 {
     match std::env::var_os("FIATLUX_ALL_ROOMS") {
         Some(_) => all,
