@@ -96,7 +96,7 @@ def pictured(folder: pathlib.Path, figures: dict) -> list[str]:
     drawn = tomllib.loads((folder / "figures.toml").read_text())
     wrong = []
     for name, entry in drawn.items():
-        again = f"{name}: draw it anew, deploy/pictures.sh {entry['part']}"
+        again = f"{name}: draw it anew, deploy/pictures.py {entry['part']}"
         if hashlib.sha256((folder / name).read_bytes()).hexdigest() != entry["sha256"]:
             wrong.append(f"{again}: it is not the picture that docs/pictures/figures.toml is of")
         if entry["version"] != version():
