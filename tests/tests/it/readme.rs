@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use fiatlux_rules::Task;
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, free_port, program, wait_until};
 
 /// Pages in the order in which a reader takes them: commands use what earlier ones made.
@@ -144,6 +145,38 @@ fn the_commands_of_the_leaderboard_work() {
     commands_work("docs/leaderboard.md", 5);
 }
 
+/// A line with each number as 0: fewer rooms and tasks are played here than the pages name.
+fn form(line: &str) -> String {
+    let mut text = String::new();
+    for letter in line.chars() {
+        let letter = if letter.is_ascii_digit() { '0' } else { letter };
+        if letter != '0' || !text.ends_with('0') {
+            text.push(letter);
+        }
+    }
+    text
+}
+
+/// Compares what a page quotes below a command with what it printed: result and head of the table, and the columns of its rows.
+fn assert_quoted(page: &str, command: &str, printed: &str) {
+    let text = std::fs::read_to_string(repository().join(page)).unwrap();
+    let (_, after) =
+        text.split_once(&format!("{command}\n```\n\n```\n")).expect("the page quotes the command's output");
+    let quoted: Vec<&str> = after.split("\n```").next().unwrap().lines().take_while(|line| *line != "...").collect();
+    let printed: Vec<&str> = printed.lines().collect();
+    let is_row = |line: &&str| Task::ALL.iter().any(|task| line.starts_with(&format!("{task} ")));
+    let (rows, head): (Vec<&str>, Vec<&str>) = quoted.into_iter().partition(is_row);
+    for (quoted, printed) in head.iter().zip(&printed) {
+        assert_eq!(form(quoted), form(printed), "{page}: {command} prints another line");
+    }
+    let width = printed.iter().find(|line| is_row(*line)).expect("a row of the table").len();
+    for row in &rows {
+        let spec = Task::ALL.iter().find(|task| row.starts_with(&format!("{task} "))).unwrap().spec();
+        assert!(row.len() == width && row.contains(spec.name), "{page}: a row is not as {command} prints it: {row}");
+    }
+    assert!(head.len() >= 4 && rows.len() >= 2, "{page} quotes a table");
+}
+
 /// Commands run in the order of the pages. Servers and recorders go on until the end; the second pair of machines is this
 /// one, at another port, where each new server takes the place of the one before. `tests/run` is what runs this.
 #[test]
@@ -153,6 +186,7 @@ fn every_command_works() {
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
     let (mut background, mut lab, mut external) = (Vec::new(), None, None);
     let (mut lab_port, mut second_port) = (free_port(), free_port());
+    let mut quoted = 0;
     for line in blocks(&pages(), "sh").iter().flat_map(|block| block.lines()) {
         let listens_to_all = line.contains("0.0.0.0");
         // It stays next to the first one.
@@ -210,11 +244,22 @@ fn every_command_works() {
                 let [out, log] = [&done.stdout, &done.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
                 assert!(done.status.success(), "{line}: {}\n{out}\n{log}", done.status);
                 assert!(!log.contains("file of known servers"), "{line}: {log}");
+                if line.ends_with("evaluate --policy expert") {
+                    assert_quoted("README.md", &line, &out);
+                } else if line.ends_with("results/walk1000") && line.contains("evaluate") {
+                    let result = out.lines().next().unwrap_or_default();
+                    assert!(
+                        pages().contains(&format!("`{result}`")),
+                        "docs/index.md quotes another result than {result}"
+                    );
+                    quoted += 1;
+                }
                 assert!(!out.is_empty() || log.is_empty() || line.contains("export"), "{line} says nothing: {log}");
             }
         }
     }
     assert!(scratch.path().join("results/expert/report.html").exists());
+    assert_eq!(quoted, 1, "docs/index.md quotes a result");
     let (status, _) = external.unwrap().finish(std::time::Duration::from_secs(60));
     assert!(status.success(), "{status}");
     assert!(scratch.path().join("results/lab/results.json").exists());
