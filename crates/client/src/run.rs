@@ -43,6 +43,9 @@ pub struct RunOptions {
     /// The servers play for this shard alone, so the run is closed there with it. Otherwise whoever plays the last episode
     /// closes it.
     pub is_alone: bool,
+    /// The servers of the group draw the same hosted seeds, and each has episodes of its own (`sim-server --seed-group`): a run with hosted
+    /// seeds is played on all of them. Without it one server plays it.
+    pub shares_seeds: bool,
 }
 
 impl RunOptions {
@@ -57,6 +60,7 @@ impl RunOptions {
             access: Access::default(),
             shard: None,
             is_alone: false,
+            shares_seeds: false,
         }
     }
 }
@@ -138,7 +142,7 @@ impl Group {
             return Ok(Self { name: find_server(link, None)?, is_open: false });
         };
         // Each server would draw its own seeds.
-        let group = Self { name: name.clone(), is_open: options.file.spec.hosted_seeds == 0 };
+        let group = Self { name: name.clone(), is_open: options.file.spec.hosted_seeds == 0 || options.shares_seeds };
         let start = Instant::now();
         loop {
             let found = live_servers(link)?;

@@ -35,7 +35,8 @@ const MAX_SHOWN: usize = 3;
 
 Several servers:
   --server lab plays on all servers named lab or lab-SOMETHING that can be reached. If one is lost, its episodes go to
-  the others; one that appears later joins. Hosted seeds are drawn by one server, which then has to play the whole run.
+  the others; one that appears later joins. Hosted seeds are drawn by one server, which then has to play the whole run;
+  with --shared-seeds by servers that were started with one --seed-key and --seed-group, each of which plays its part.
 
 Examples:
   policy-client evaluate --policy stand -e tcp/192.168.1.7:7447
@@ -68,6 +69,9 @@ pub struct EvaluateArgs {
     /// Number of seeds to be drawn by the server when the run is registered; it discloses them when the run is over
     #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = fiatlux_cli::whole::<u32>(1..=10_000))]
     hosted: Option<u32>,
+    /// With --hosted: play on all servers of the group, which draw the same seeds (sim-server --seed-group)
+    #[arg(long, requires_all = ["hosted", "server"])]
+    shared_seeds: bool,
     /// Name of the server, or of a group of servers; not needed if there is only one
     #[arg(long, value_name = "NAME")]
     server: Option<String>,
@@ -159,6 +163,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<bool, Failure> {
         patience: Duration::from_secs(args.patience.into()),
         shard: args.shard,
         is_alone: args.finish,
+        shares_seeds: args.shared_seeds,
         ..RunOptions::new(file)
     };
     let line = ProgressLine::default();

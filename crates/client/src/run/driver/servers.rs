@@ -60,6 +60,13 @@ impl RunDriver<'_, '_> {
     pub(super) fn on_joined(&mut self, server: &str, asked: u64, info: &ServerInfo, run: &RunInfo) {
         let build =
             Build { version: info.version.clone(), model: info.model_digest.clone(), scene: info.scene_digest.clone() };
+        let is_unshared = |episode: &RunEpisode| episode.server.is_empty() || episode.state() != Ledger::Unspecified;
+        let is_hosted = self.options.file.spec.hosted_seeds > 0;
+        if is_hosted && self.options.shares_seeds && run.episodes.iter().all(is_unshared) {
+            let reason =
+                format!("server {server} has hosted seeds of its own; start it with --seed-key and --seed-group");
+            return self.refuse(server, true, ClientError::Session { reason });
+        }
         let same_build = self.build.as_ref().is_none_or(|first| *first == build);
         let wanted = self.wanted(info, run);
         let same_episodes = !self.is_registered() || self.finished || self.episodes.wanted == wanted;
