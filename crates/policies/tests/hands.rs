@@ -39,6 +39,26 @@ fn it_puts_the_bulb_into_the_crate() {
     assert!(lowest < 0.5, "{lowest} m");
 }
 
+/// The same with a bulb that begins in the left hand, which the right arm's numbers mirrored put into the crate. The right hand stays
+/// away from it.
+#[test]
+fn it_puts_a_bulb_from_the_left_hand_into_the_crate() {
+    let changes = Changes { left: true, ..Changes::default() };
+    for seed in [1000, 1001, 1003] {
+        let mut of_hands = [0.0_f64; 2];
+        let watch = |moment: &Moment<'_>| {
+            // The right hand's bodies come first.
+            let forces: Vec<f64> = play::forces(moment.row, Bulb::Old).collect();
+            let (right, left) = forces.split_at(forces.len() / 2);
+            of_hands = [(0, left), (1, right)].map(|(side, hand)| hand.iter().copied().fold(of_hands[side], f64::max));
+        };
+        let ended = play::play(Task::S06, seed, Hands::new().unwrap(), &changes, watch).unwrap();
+        assert!(ended.cause == Cause::Success && !ended.is_spoilt, "room {seed}: {:?}, {}", ended.cause, ended.phase);
+        assert!(ended.later_peak < 25.0 && ended.seconds < 30.0, "room {seed}: {} N", ended.later_peak);
+        assert!(of_hands[0] > 1.0 && of_hands[1] == 0.0, "room {seed}: {of_hands:?} N");
+    }
+}
+
 /// Below a ceiling and in front of a wall it puts the bulb into the socket, lets go, and does not press it hard. In room 1016, a way that
 /// lets the bulb near the fixture strikes it; in 1020, the arm does not reach where the hand goes first, and the palm stays at the glass.
 #[test]

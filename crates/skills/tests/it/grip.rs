@@ -2,7 +2,7 @@
 
 use fiatlux_proto::v3::Joint;
 use fiatlux_robot::{BODY, Robot};
-use fiatlux_skills::grip::{Carrying, FINGERS, Finger, Grip, HandBodies, Hold, finger, grasp_of, side};
+use fiatlux_skills::grip::{Carrying, FINGERS, Finger, Grip, HandBodies, Hold, finger, grasp_of, on_side, side};
 
 const STIFFNESS: f64 = 2.0;
 
@@ -29,6 +29,19 @@ fn every_hand_has_its_own_grasp() {
         assert!(right.iter().all(|name| grasp.contains_key(*name) && finger(name).is_some()), "{name}: {grasp:?}");
         assert_eq!(grasp.len(), right.len(), "{name}");
     }
+}
+
+/// The left hand has the same grasp by its own names, and what is on no side keeps its name.
+#[test]
+fn the_left_hand_has_the_mirrored_grasp() {
+    for name in ["g1_inspire", "g1_dex3", "g1_inspire6"] {
+        let robot = Robot::by_name(name).unwrap();
+        let [left, right] = [0, 1].map(|side| grasp_of(&robot, side));
+        assert_eq!(left.len(), right.len(), "{name}");
+        assert!(left.keys().all(|joint| side(joint).unwrap().0 == 0 && robot.joint_index(joint).is_some()), "{left:?}");
+        assert!(right.iter().all(|(joint, angle)| left[&on_side(joint, 0)] == *angle), "{name}");
+    }
+    assert_eq!(["R_a", "right_a", "L_a", "waist_a"].map(|name| on_side(name, 1)), ["R_a", "right_a", "R_a", "waist_a"]);
 }
 
 /// A finger that presses against something stops short of it, however it is turned, and opens freely.
