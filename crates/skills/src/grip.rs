@@ -60,8 +60,9 @@ pub fn side(name: &str) -> Option<(usize, &str)> {
 /// The name of the same joint or body on a side, left first.
 pub fn on_side(name: &str, of_side: usize) -> String {
     let starts = SIDES.iter().flat_map(|starts| starts.iter().enumerate());
-    let renamed = starts.filter_map(|(form, start)| Some([SIDES[of_side][form], name.strip_prefix(start)?].concat()));
-    renamed.last().unwrap_or_else(|| name.into())
+    let mut renamed =
+        starts.filter_map(|(form, start)| Some([SIDES[of_side][form], name.strip_prefix(start)?].concat()));
+    renamed.next_back().unwrap_or_else(|| name.into())
 }
 
 /// The finger that a joint or body is of, by its name.
