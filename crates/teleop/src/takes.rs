@@ -157,7 +157,7 @@ struct Take {
     ended: Result<String, ClientError>,
     /// Its session was closed in order.
     is_closed: bool,
-    /// What went wrong; empty where nothing did.
+    /// The problem to show; empty where there is none.
     problem: String,
     bag: Option<Bag>,
     operator: Operator,

@@ -1,4 +1,4 @@
-//! What a session hears: messages on its keys, and whether its server is there.
+//! Messages on the keys of a session, and whether its server is there.
 
 use std::sync::Arc;
 

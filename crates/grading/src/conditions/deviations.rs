@@ -1,4 +1,4 @@
-//! What separates a run from the benchmark, each in words.
+//! Departures of a run from the benchmark, each in words.
 
 use fiatlux_proto::v3;
 use fiatlux_rules::{BENCHMARK_VERSION, Thresholds, pins};

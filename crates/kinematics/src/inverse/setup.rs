@@ -1,4 +1,4 @@
-//! What a solver moves, where its joints rest and what it keeps apart.
+//! Joints that a solver moves, where they rest, and shapes that it keeps apart.
 
 use fiatlux_dynamics::{BodyId, Joint, Mechanics, Model};
 
