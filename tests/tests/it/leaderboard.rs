@@ -1,6 +1,7 @@
 //! The leaderboard as a process, with servers that verify.
 
 mod forged;
+mod group;
 mod kills;
 mod lab;
 mod make;
