@@ -30,14 +30,10 @@ PICTURES = ROOT / "docs/pictures"
 TASKS = [*(f"S{number:02}" for number in range(1, 13)), "replace", "climb"]
 #: Strips: name, task, room, columns, size of a picture, view, parts of the time to the end that are shown.
 STRIPS = [
-    ("ladder_s01", "S01", 1000, 3, (420, 420), "room", (0.12, 0.3, 0.42, 0.6, 0.8, 1.0)),
-    ("hands_s03", "S03", 1000, 3, (480, 400), "follow", (0.0, 0.45, 0.6, 0.72, 0.85, 1.0)),
     ("hands_s06", "S06", 1000, 3, (400, 340), "follow", (0.0, 0.3, 0.45, 0.6, 0.8, 1.0)),
     ("hands_s08", "S08", 1000, 3, (400, 340), "follow", (0.0, 0.35, 0.55, 0.7, 0.85, 1.0)),
-    ("hands_s11", "S11", 1000, 3, (480, 400), "follow", (0.0, 0.35, 0.5, 0.65, 0.85, 1.0)),
     ("climb_s04", "S04", 1000, 8, (200, 260), "follow", tuple(part / 7 for part in range(8))),
     ("climb_s10", "S10", 1000, 8, (200, 260), "follow", tuple(part / 7 for part in range(8))),
-    ("climb_s12", "S12", 1000, 8, (200, 260), "follow", tuple(part / 7 for part in range(8))),
 ]
 #: Commands of the picture of a terminal, and how many lines of each answer it shows.
 TERMINAL = [
