@@ -77,7 +77,7 @@ def check(page: str, content: str, figures: dict) -> tuple[str, list[str]]:
 
 
 def quoted(page: str, content: str, figures: dict) -> list[str]:
-    """What is wrong in results that a page quotes from a terminal, where no comment can be."""
+    """Faults of results that a page quotes from a terminal, where no comment can be."""
     wrong = []
     for policy, *said in RESULT.findall(content):
         right = text(figures, RESULTS[policy], "of") if policy in RESULTS else "in no figure"
@@ -92,7 +92,7 @@ def version() -> int:
 
 
 def pictured(folder: pathlib.Path, figures: dict) -> list[str]:
-    """What is wrong in the pictures of scores: docs/pictures/figures.toml says which figures each one shows."""
+    """Faults of the pictures of scores: docs/pictures/figures.toml says which figures each one shows."""
     drawn = tomllib.loads((folder / "figures.toml").read_text())
     wrong = []
     for name, entry in drawn.items():
