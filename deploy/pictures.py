@@ -205,7 +205,7 @@ COLOURS = {"31": "#ff7b72", "32": "#56d364", "33": "#e3b341", "34": "#79c0ff", "
 
 
 def styled(line: str) -> list[tuple[str, str]]:
-    """What a terminal shows of a line, in parts with a style each."""
+    """A line as a terminal shows it, in parts with a style each."""
     # What was written over does not count.
     line = re.sub(r"\x1b\[[0-9;?]*[A-LN-Za-ln-z]", "", line.split("\r")[-1])
     parts, style = [], ""

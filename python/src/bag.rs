@@ -24,7 +24,7 @@ use crate::build;
 use crate::fault::{failed, guarded, refused};
 use crate::numbers::Numbers;
 use crate::painter::Painter;
-use values::dictionary;
+use values::{dictionary, object};
 
 /// Names of the topics that can be read as columns.
 const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];

@@ -6,21 +6,21 @@ mod kinds;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_batch::{Batch as Worlds, Begin, Buffers, Climbing, Drawn, Snapshot as Saved, Walking};
+use fiatlux_batch::{
+    Batch as Worlds, BatchError, Begin, Buffers, ClimbingOptions, Drawn, Snapshot as Saved, WalkingOptions,
+};
 use fiatlux_render::Lighting;
 use fiatlux_rules::Row;
-use fiatlux_world::{EpisodeSpec, LadderPart, Scene, SceneConfig, SceneKind, SceneParts, SceneSpec};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
-use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::build;
 use crate::episode::describe_verdicts;
-use crate::fault::{failed, guarded, not_contiguous, own, own_mut, refused};
+use crate::fault::{guarded, not_contiguous, own, own_mut};
 use crate::painter::Painter;
-use crate::settings::{self, Settings};
-use crate::state::{self, Parts, describe_row, set_part, set_parts};
+use crate::state::{self, Parts, describe_row, set_parts};
 
 pub(crate) use error::error;
 
@@ -73,7 +73,6 @@ impl Batch {
     #[new]
     #[pyo3(signature = (kind, arguments, snapshot=None))]
     fn new(kind: &str, arguments: Bound<'_, PyTuple>, snapshot: Option<&Snapshot>) -> PyResult<Self> {
-        let py = arguments.py();
         let mut worlds = kinds::made(kind, &arguments)?;
         if let Some(Snapshot(saved)) = snapshot {
             let mut observation = vec![0.0; worlds.worlds() * worlds.spec().observation_length()];

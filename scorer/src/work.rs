@@ -37,7 +37,7 @@ pub struct WorkArgs {
     verifiers: VerifierArgs,
 }
 
-/// What of a store is not in its folder.
+/// The parts of a store that are not in its folder.
 #[derive(Debug, Args)]
 pub struct StoreArgs {
     /// Database, if it is not in the folder: sqlite:FILE, or postgres://USER@HOST/NAME for scorers on several machines; its password is

@@ -37,7 +37,7 @@ def check(holds: bool, what: str, found: object = "") -> None:
 
 
 def documented(row: str) -> list[str]:
-    """What docs/leaderboard.md has between backquotes in the row of a proxy."""
+    """The text that docs/leaderboard.md has between backquotes in the row of a proxy."""
     page = (ROOT / "docs/leaderboard.md").read_text()
     line = next(line for line in page.splitlines() if line.startswith(f"| {row}"))
     return re.findall(r"`([^`]+)`", line.split("|")[2])
@@ -83,7 +83,7 @@ backend board
 
 
 def caddy(folder: Path, board: str, source: str | None) -> list[str]:
-    """What the page's command does, without its certificates, which Caddy would have the machine trust."""
+    """The same as the page's command, without its certificates, which Caddy would have the machine trust."""
     command = documented("Caddy on")[0]
     if not command.startswith("caddy reverse-proxy --from") or not command.endswith(f"--to {NEAR}"):
         sys.exit(f"docs/leaderboard.md has another command for Caddy: {command}")

@@ -32,6 +32,9 @@ struct Trials {
     is_verbose: bool,
 }
 
+/// One of the trials.
+type Trial = fn(&Trials);
+
 fn main() {
     let args: Vec<String> = std::env::args().collect();
     let has = |flag: &str| args.iter().any(|arg| arg == flag);
@@ -45,7 +48,7 @@ fn main() {
         exact: has("--exact"),
         is_verbose: has("-v"),
     };
-    let named: [(&str, fn(&Trials)); 3] =
+    let named: [(&str, Trial); 3] =
         [("reach", Trials::reach), ("minute", Trials::minute), ("posture", Trials::posture)];
     named.into_iter().filter(|(name, _)| on(name)).for_each(|(_, trial)| trial(&trials));
     for (name, load, pull_n, push) in [

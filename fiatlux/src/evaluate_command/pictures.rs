@@ -52,7 +52,7 @@ pub(super) fn draw(out: &Path, results: &Results, stop: &AtomicBool) -> bool {
     drawn.into_inner()
 }
 
-/// What became of an episode's replay and still.
+/// The end of the drawing of an episode's replay and still.
 enum Done {
     Drew,
     WasDrawn,

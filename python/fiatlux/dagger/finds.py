@@ -30,14 +30,14 @@ BULB_SPOT = (-0.10, 0.28)
 
 @dataclass(frozen=True)
 class Finding:
-    """What is found."""
+    """Things that are found together."""
 
     tasks: tuple[str, ...]
     """Tasks that are played with it."""
     looks_in: tuple[str, ...]
     """Those of them in which the expert shows it."""
     numbers: tuple[str, ...]
-    """What is to be found, as :func:`place_of` has it."""
+    """Names of the numbers, as :func:`place_of` has them."""
     widths: tuple[float, ...]
     """Counts as 1, m, and rad for a heading."""
     deviations: dict[str, tuple[int, ...]]
@@ -88,7 +88,7 @@ IN_ROOM = Finding(
 
 
 def finding_of(task: str) -> Finding:
-    """What is found in a task."""
+    """The things that are found in a task."""
     return next(finding for finding in (ON_LADDER, IN_ROOM) if task in finding.looks_in)
 
 

@@ -15,7 +15,8 @@ pub(super) fn dictionary<'py>(py: Python<'py>, message: &DynamicMessage) -> PyRe
     Ok(dict)
 }
 
-fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+/// A value of a message.
+pub(super) fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
         Value::Bool(value) => value.into_pyobject(py)?.to_owned().into_any(),
         Value::I32(value) | Value::EnumNumber(value) => value.into_pyobject(py)?.into_any(),

@@ -169,7 +169,7 @@ fn assert_quoted(page: &str, command: &str, printed: &str) {
     for (quoted, printed) in head.iter().zip(&printed) {
         assert_eq!(form(quoted), form(printed), "{page}: {command} prints another line");
     }
-    let width = printed.iter().find(|line| is_row(*line)).expect("a row of the table").len();
+    let width = printed.iter().find(|line| is_row(line)).expect("a row of the table").len();
     for row in &rows {
         let spec = Task::ALL.iter().find(|task| row.starts_with(&format!("{task} "))).unwrap().spec();
         assert!(row.len() == width && row.contains(spec.name), "{page}: a row is not as {command} prints it: {row}");

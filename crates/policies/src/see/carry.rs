@@ -264,7 +264,7 @@ impl Episode {
         if !is_sure || !is_new {
             return Ok(false);
         }
-        let (lamp, unsure) = self.reckoning.from_pelvis(&self.lamp);
+        let (lamp, unsure) = self.reckoning.in_pelvis(&self.lamp);
         self.reckoning.begin(seen.ladder_from_pelvis, SEEN);
         if self.seeks.take().is_some() {
             self.room = Room::default();

@@ -1,4 +1,4 @@
-//! What a network finds in pictures: the place of the robot on the ladder, or in the room.
+//! Numbers that a network finds in pictures: the place of the robot on the ladder, or in the room.
 
 /// Names of the numbers, as a network's contract and `python/fiatlux/dagger/finds.py` have them.
 pub(super) const ON_LADDER: [&str; 7] = ["x", "y", "heading", "log_x", "log_y", "log_heading", "wall"];

@@ -130,7 +130,7 @@ impl Goes<'_> {
     }
 }
 
-/// What a search found.
+/// The outcome of a search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub ladder_from_pelvis: Isometry3<f64>,
@@ -268,7 +268,7 @@ impl Reckoning {
     }
 
     /// A place of this frame in the pelvis frame, and the covariance of that, m^2.
-    pub fn from_pelvis(&self, at: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+    pub fn in_pelvis(&self, at: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
         let pelvis = self.poses[0];
         let arm = at - pelvis.translation.vector;
         let back = pelvis.rotation.inverse();
