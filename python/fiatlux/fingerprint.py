@@ -460,7 +460,9 @@ class _Walk:
             if id(function) in reach.uses:
                 changed = reach.changed_in(function.__globals__)
                 used = reach.globals_of(function)
-                yield from self._named({name: part for name, part in used if name.removeprefix("by name ") not in changed})
+                yield from self._named(
+                    {name: part for name, part in used if name.removeprefix("by name ") not in changed}
+                )
         else:
             yield _package(function)
         for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):

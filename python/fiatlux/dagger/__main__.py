@@ -91,7 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "find", help="looks on while the expert plays, and learns where the robot is in the room or on the ladder"
     )
     finds.add_argument(
-        "--tasks", nargs="+", default=ON_LADDER.looks_in, choices=(*ON_LADDER.looks_in, *IN_ROOM.looks_in), help="tasks that it looks on in: S01 for the place in the room, others for the place on the ladder [default: all four of these]"
+        "--tasks",
+        nargs="+",
+        default=ON_LADDER.looks_in,
+        choices=(*ON_LADDER.looks_in, *IN_ROOM.looks_in),
+        help="tasks that it looks on in: S01 for the place in the room, others for the place on the ladder [default: all four of these]",
     )
     finds.add_argument("--out", type=Path, required=True, help="folder of the run; looks that are there are kept")
     finds.add_argument(
