@@ -86,7 +86,7 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
         let message = Policies::default().make(name).err().expect("refused").to_string();
         assert!(
             message.contains(
-                "zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], vla, \
+                "zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], carry[:FILE], vla, \
                  gear:DIR, sonic:DIR, replay:BAG"
             ),
             "{message}"

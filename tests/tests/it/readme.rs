@@ -145,7 +145,7 @@ fn the_commands_of_the_leaderboard_work() {
     commands_work("docs/leaderboard.md", 5);
 }
 
-/// A line with each number as 0: fewer rooms and tasks are played here than the pages name.
+/// A line with each number as 0: fewer rooms and tasks are played here than the pages name, so that S is not comparable, too.
 fn form(line: &str) -> String {
     let mut text = String::new();
     for letter in line.chars() {
@@ -167,6 +167,7 @@ fn assert_quoted(page: &str, command: &str, printed: &str) {
     let is_row = |line: &&str| Task::ALL.iter().any(|task| line.starts_with(&format!("{task} ")));
     let (rows, head): (Vec<&str>, Vec<&str>) = quoted.into_iter().partition(is_row);
     for (quoted, printed) in head.iter().zip(&printed) {
+        let printed = printed.trim_end_matches(": not comparable");
         assert_eq!(form(quoted), form(printed), "{page}: {command} prints another line");
     }
     let width = printed.iter().find(|line| is_row(line)).expect("a row of the table").len();
