@@ -33,14 +33,14 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
     let cases: [(&[&str], &str); 16] = [
         (
             &["run", "--policy", "waddle", "--task", "S01"],
-            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
+            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], carry[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
         ),
         (&["run", "--policy", "zero"], "name a task"),
         (&["run", "--policy", "zero", "--task", "S01", "--set", "fragility"], "write NAME=VALUE"),
         (&["run", "--policy", "zero", "--task", "S01", "--episodes", "0"], "--episodes"),
         (
             &["inspect", "--task", "S05", "--policy", "waddle"],
-            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
+            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], carry[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
         ),
         (&["inspect", "--task", "S05", "--values"], "--json"),
         (&["inspect", "--task", "S05", "--seconds", "0"], "write seconds, such as 10"),
@@ -51,7 +51,7 @@ fn wrong_usage_exits_with_2_and_says_what_is_right() {
         ),
         (
             &["evaluate", "--policy", "waddle"],
-            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
+            "use one of zero, random, hold, stand, wbc[:COMMAND], walk[:FILE], hands, ladder[:FILE], climb[:FILE], expert, see[:FILE], carry[:FILE], vla, gear:DIR, sonic:DIR, replay:BAG",
         ),
         (&["evaluate", "--policy", "zero", "--seeds", "0", "--hosted", "4"], "cannot be used with"),
         (&["evaluate", "--policy", "zero", "--tasks", "S13"], "there is no task 'S13'"),

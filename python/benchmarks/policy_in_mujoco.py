@@ -52,10 +52,10 @@ LEVELS = ("room_floor", *(f"ladder_tread_{tread}" for tread in range(4)), "ladde
 TREADS = slice(2, None)  # from 0.47 m
 TOUCH_N, LOADED_N, LIFT_M, REST_M_S, TILT, FALLEN_M, FLOOR_M = 1.0, 20.0, 0.03, 0.05, 0.5, 0.35, 0.02
 SCENE = tomllib.loads((pathlib.Path(__file__).parents[2] / "crates/world/scene.toml").read_text())
-HOLD, BENCH, BULB = SCENE["attachment"], SCENE["bench"]["surface_height"], SCENE["bulb"]
+HOLD, BENCH, SHAPE = SCENE["attachment"], SCENE["bench"]["surface_height"], SCENE["bulb"]
 # Bottom of the cap and centre of the glass on the bulb's axis, and their radii.
-(GLASS, _, WIDEST), (_, CAP) = BULB["solids"][-1], BULB["outline"][0]
-AXIS, RADII = np.array([[0, 0, BULB["seat_z"]], [0, 0, GLASS]]), np.array([CAP, WIDEST])
+(GLASS, _, WIDEST), (_, CAP) = SHAPE["solids"][-1], SHAPE["outline"][0]
+AXIS, RADII = np.array([[0, 0, SHAPE["seat_z"]], [0, 0, GLASS]]), np.array([CAP, WIDEST])
 
 
 def main():

@@ -63,10 +63,10 @@ pub struct DaemonArgs {
     record: Option<PathBuf>,
     /// File with the key from which all servers of --seed-group draw the same hosted seeds: a copy of one that `fiatlux keys` made as
     /// recorder_key, for this alone. Whoever has it knows all hosted seeds.
-    #[arg(long, value_name = "FILE", requires_all = ["seed_group", "record"])]
+    #[arg(long, value_name = "FILE")]
     seed_key: Option<PathBuf>,
     /// Names of all servers that share hosted runs, each with a folder of its own, this one among them: each episode belongs to one of them
-    #[arg(long, value_name = "NAMES", requires = "seed_key", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     seed_group: Vec<String>,
     /// Form of the bags below --record: thin keeps actions and result alone; rows are simulated again when they are read.
     #[arg(long, value_name = "FORM", value_enum, default_value_t)]
@@ -96,7 +96,10 @@ fn seconds(text: &str) -> Result<Duration, String> {
     parsed.map(Duration::from_secs_f64).ok_or_else(|| "use a number of seconds from 0.01 to 1e6".into())
 }
 
-fn shared_seeds(key: Option<&Path>, mut group: Vec<String>) -> anyhow::Result<Option<SharedSeeds>> {
+fn shared_seeds(key: Option<&Path>, mut group: Vec<String>, records: bool) -> anyhow::Result<Option<SharedSeeds>> {
+    // Each of them stands by itself in a file of settings, so that the parser cannot ask for the others.
+    anyhow::ensure!(key.is_some() != group.is_empty(), "--seed-key and --seed-group go together: give both or neither");
+    anyhow::ensure!(key.is_none() || records, "--seed-key needs --record: a hosted run is kept in a folder");
     group.sort();
     group.dedup();
     key.map(|key| Ok(SharedSeeds { key: RecorderKey::read(key)?, group })).transpose()
@@ -115,6 +118,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         }
     };
     let scene = scene.with_assets(&args.assets).context("--asset")?;
+    let shared_seeds = shared_seeds(args.seed_key.as_deref(), args.seed_group, args.record.is_some())?;
     let mut options = ServerOptions {
         name: args.name,
         capacity: args.capacity,
@@ -125,7 +129,7 @@ pub fn run(args: DaemonArgs) -> anyhow::Result<bool> {
         weights: args.weights,
         meshes: args.meshes,
         record: args.record,
-        shared_seeds: shared_seeds(args.seed_key.as_deref(), args.seed_group)?,
+        shared_seeds,
         thin: args.bags.is_thin(),
         records_to: match &args.recorder_key {
             Some(path) => RecordsTo::Recorders(RecorderKey::read(path)?),

@@ -181,11 +181,14 @@ impl Client {
             link.publisher(&keys.action(), "Action", quality, Reach::Everywhere)
         };
         let (actions, actions_ahead) = (publisher(true)?, publisher(false)?);
+        let state = ClientSession::new(&info);
+        // Nothing is lost between threads of one process: what is slow there is a busy machine.
+        let state = if link.delivers_in_place() { state.patient() } else { state };
         let client = Self {
             link: link.clone(),
             sealing,
             rows: None,
-            state: ClientSession::new(&info),
+            state,
             keys,
             info,
             mailbox,

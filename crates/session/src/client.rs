@@ -38,6 +38,9 @@ const MAX_AHEAD: usize = MAX_WAITING_MESSAGES / 2;
 /// A server is gone if its token is away for this time and no message comes from it.
 const AWAY: Duration = Duration::from_secs(5);
 
+/// Silence of a server in the same process after which a client gives up, however busy the machine is.
+const PATIENCE: Duration = Duration::from_secs(3600);
+
 /// One in this many tries also asks for the last observation.
 const ASK_EVERY: u32 = 4;
 
@@ -174,6 +177,13 @@ impl Machine for ClientSession {
 }
 
 impl ClientSession {
+    /// The same where no message can be lost and the server lives as long as this does: one that is slow is waited for, for an hour. Only its
+    /// token says that it is gone.
+    #[must_use]
+    pub fn patient(self) -> Self {
+        Self { silence: PATIENCE, ..self }
+    }
+
     /// A client of the session that the server has described.
     pub fn new(info: &SessionInfo) -> Self {
         let resend = seconds(info.resend_s)

@@ -129,6 +129,20 @@ fn an_unanswered_action_is_sent_again_less_and_less_often_and_at_last_given_up()
     assert!(message.contains("server lab has not answered action 0 of episode 3 within 20 s"), "{message}");
 }
 
+/// A server of the same process is busy, not gone, however long it is silent: only its token says that it is gone.
+#[test]
+fn a_patient_client_waits_until_the_servers_token_is_away() {
+    let mut session = waiting(false).patient();
+    let failed = |outputs: &[Output]| outputs.iter().any(|output| matches!(output, Output::Failed(_)));
+    let mut now_s = 0.0;
+    while now_s < 600.0 {
+        now_s = session.wake_at().expect("there is always something to wait for").as_secs_f64();
+        assert!(!failed(&give(&mut session, Input::Tick, now_s)), "given up after {now_s} s");
+    }
+    assert!(!failed(&give(&mut session, Input::ServerSeen(false), now_s)));
+    assert!(failed(&give(&mut session, Input::Tick, now_s + 5.1)), "its token has been away for 5 s");
+}
+
 #[test]
 fn an_action_that_is_refused_again_and_again_ends_the_run_with_the_servers_words() {
     let notice = |episode| {
