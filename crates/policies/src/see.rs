@@ -144,6 +144,10 @@ impl See {
             }),
         };
         let networks = networks.map_err(PolicyError::of("see"))?;
+        if networks.iter().any(|player| player.network.contract().finds_room()) {
+            let reason = format!("{file} finds the room, which carry:{file} plays by");
+            return Err(PolicyError::Unfit { policy: "see", reason });
+        }
         let (name, body) = body::network("see", "", "")?;
         let digests: Vec<&str> = networks.iter().map(|player| player.network.digest()).collect();
         let name = if shipped { name } else { body::label("see", file, &digests) };

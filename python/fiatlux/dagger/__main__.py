@@ -217,7 +217,8 @@ def export_file(given: argparse.Namespace) -> None:
     except ValueError as error:
         raise SystemExit(str(error)) from error
     print(f"{given.file}: {given.file.stat().st_size} bytes")
-    print(f"play it: fiatlux evaluate --policy see:{given.file} --tasks {','.join(network.shape.tasks)}")
+    policy = "carry" if network.shape.finds == IN_ROOM.finds else "see"
+    print(f"play it: fiatlux evaluate --policy {policy}:{given.file} --tasks {','.join(network.shape.tasks)}")
 
 
 def fit(

@@ -6,6 +6,7 @@ use fiatlux_client::Policy;
 use fiatlux_rules::Task;
 
 use super::See;
+use super::carry::Carry;
 use super::finds::{Found, ON_LADDER};
 use super::network::{Network, SeeError, WALKS};
 
@@ -256,6 +257,17 @@ fn a_network_that_finds_says_where_the_robot_is() {
     assert_eq!(found.place, [x, y, heading].map(f64::from));
     assert!((found.spread[1] - (-1.0_f64).exp()).abs() < 1e-12 && found.wall == 2.0);
     assert!(Found::of(&[0.0; 6]).is_none() && Found::of(&[]).is_none());
+}
+
+/// A file is played by the policy that knows what it says.
+#[test]
+fn a_network_of_another_policy_is_refused_by_name() {
+    let file = |name: &str| format!("{}/weights/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let refused = See::new(&file("room")).map(|_| ()).expect_err("it finds the room").to_string();
+    assert!(refused.contains("carry:"), "{refused}");
+    let refused = Carry::new(&file("platform")).map(|_| ()).expect_err("it finds the ladder").to_string();
+    assert!(refused.contains("does not find the room"), "{refused}");
+    assert!(Carry::new(&file("room")).expect("its own").name().starts_with("carry:room.safetensors@"));
 }
 
 #[test]
