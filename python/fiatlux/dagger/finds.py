@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from .. import poses
+from .._scene import SCENE
 from ..expert import Experts
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
@@ -24,8 +25,6 @@ LOGARITHMS = -9.0, 2.0
 """Range of the logarithms of standard deviations."""
 KEPT_OUT = 16
 """One room of so many is kept out of training."""
-BULB_SPOT = (-0.10, 0.28)
-"""Where the fresh bulb stands on the bench, from its middle, m (``crates/world/scene.toml``)."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +203,7 @@ def place_of(finding: Finding, seen: Any) -> Array:
         return cos * x + sin * y, cos * y - sin * x
 
     # The fresh bulb stands on the bench, which never turns.
-    bench = ahead(poses.of(seen, "fresh_bulb")[:, :2] - np.array(BULB_SPOT))
+    bench = ahead(poses.of(seen, "fresh_bulb")[:, :2] - np.array(SCENE["bench"]["bulb_spot"]))
     return np.column_stack((robot[:, :2], cos, sin, *bench, *ahead(poses.of(seen, "crate")[:, :2])))
 
 

@@ -51,7 +51,7 @@ const BESIDE: [f64; 3] = [-0.25, 0.0, 0.25];
 const BEST: usize = 60;
 /// Mean cost of hits that lie on the ladder to the millimetre, and standard deviations of where they say that the pelvis is, m and rad: by the
 /// joints of the waist.
-pub(super) const EXACT: f64 = 1e-5;
+const EXACT: f64 = 1e-5;
 const FIXED: [f64; 2] = [0.008, 0.008];
 /// Pictures of the room err by so much at least: x and y, m, and heading, rad.
 const BELIEVED: [f64; 3] = [0.2, 0.2, 0.03];
@@ -71,6 +71,8 @@ const ABSURD: f64 = 40.0;
 
 /// Errors of the estimate: place, turn, velocity and turning of the pelvis, place and turn of each foot, and the place of a mark.
 const N: usize = 27;
+/// Those of x, y and heading of the pelvis.
+const PLACE: [usize; 3] = [0, 1, 5];
 /// The first one of a foot, and of the mark.
 const FEET: [usize; 2] = [12, 18];
 const MARK: usize = 24;
@@ -300,11 +302,9 @@ impl Reckoning {
             for part in 0..6 {
                 known[(part, part)] = SWINGS[part / 3].powi(-2);
             }
-            let mut pull = Vector6::zeros();
-            pull.fixed_rows_mut::<3>(0).copy_from(&(pose.translation.vector - prior.translation.vector));
-            pull.fixed_rows_mut::<3>(3).copy_from(&(pose.rotation * prior.rotation.inverse()).scaled_axis());
             let Some(all) = (matrix / POINT.powi(2) + known).cholesky() else { return *before };
-            move_by(&mut pose, &-all.solve(&(vector / POINT.powi(2) + known * pull)));
+            let pull = known * change(&pose, &prior);
+            move_by(&mut pose, &-all.solve(&(vector / POINT.powi(2) + pull)));
         }
         pose.inverse()
     }
@@ -352,38 +352,34 @@ impl Reckoning {
     /// Takes in where pictures have the robot in the room: x and y, m, and by how much it looks to the left of the way up, rad, with their
     /// standard deviations. One that is far from what was reckoned is not believed: pictures may err by much, and are sure of it.
     pub fn see_place(&mut self, found: [f64; 3], spread: [f64; 3]) {
+        let off = self.off_place(found);
+        let unsure = |row: usize| libm::sqrt(self.covariance[(PLACE[row], PLACE[row])] + BELIEVED[row].powi(2));
+        if (0..3).all(|row| off[row].abs() <= 3.0 * unsure(row)) {
+            self.find(found, spread);
+        }
+    }
+
+    /// By how much x, y and heading are off these.
+    fn off_place(&self, found: [f64; 3]) -> Vector3<f64> {
         let pelvis = &self.poses[0];
         let ahead = pelvis.rotation * Vector3::x();
-        let heading = wrapped(found[2] - libm::atan2(-ahead.x, ahead.y));
-        let off = Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, heading);
-        let mut design = SMatrix::<f64, 3, N>::zeros();
-        for (row, column) in [0, 1, 5].into_iter().enumerate() {
-            design[(row, column)] = 1.0;
-            let unsure = libm::sqrt(self.covariance[(column, column)] + BELIEVED[row].powi(2));
-            if off[row].abs() > 3.0 * unsure {
-                return;
-            }
-        }
-        self.measure(&design, &off, &Vector3::from(spread));
+        let heading = libm::atan2(-ahead.x, ahead.y);
+        Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, wrapped(found[2] - heading))
     }
 
     /// Takes in where it is by hits that lie on the ladder to the millimetre, all of them, if they do: from afar they are few, and others tell
-    /// little. False where they do not.
-    pub fn fix(&mut self, sensed: &Proprioception, angles: &[f64], scan: &[f32]) -> bool {
-        let Some((upright, above)) = self.above_floor(sensed, angles, scan, 1) else { return false };
+    /// little.
+    pub fn fix(&mut self, sensed: &Proprioception, angles: &[f64], scan: &[f32]) {
+        let Some((upright, above)) = self.above_floor(sensed, angles, scan, 1) else { return };
         let [_, fine @ ..] = STRAYS;
-        let Some(place) = self.fit_level(self.poses[0] * upright.inverse(), &above, &fine) else { return false };
+        let Some(place) = self.fit_level(self.poses[0] * upright.inverse(), &above, &fine) else { return };
         if above.len() < FEWEST || equations(&self.shape, &place, &above, STRAY).cost > EXACT {
-            return false;
+            return;
         }
-        let (found, now) = (place * upright, self.poses[0]);
-        let turn = (found.rotation * now.rotation.inverse()).scaled_axis();
-        let away = found.translation.vector - now.translation.vector;
+        let off = change(&(place * upright), &self.poses[0]);
         let mut design = SMatrix::<f64, 6, N>::zeros();
         design.fixed_view_mut::<6, 6>(0, 0).fill_with_identity();
-        let off = Vector6::from_fn(|part, _| if part < 3 { away[part] } else { turn[part - 3] });
         self.measure(&design, &off, &Vector6::from_fn(|part, _| FIXED[part / 3]));
-        true
     }
 
     /// The pelvis over the floor, ahead to x, and hits above the floor from there.
@@ -403,13 +399,12 @@ impl Reckoning {
 
     /// Moves points over the floor, and turns them about the vertical, onto the ladder, in rounds for each of these strays.
     fn fit_level(&self, mut place: Isometry3<f64>, points: &[Vector3<f64>], strays: &[f64]) -> Option<Isometry3<f64>> {
-        const LEVEL: [usize; 3] = [0, 1, 5];
         for stray in strays {
             for _ in 0..ROUNDS {
                 let Equations { matrix, vector, .. } = equations(&self.shape, &place, points, *stray);
                 let matrix =
-                    Matrix3::from_fn(|row, column| matrix[(LEVEL[row], LEVEL[column])]) + Matrix3::identity() * DAMPING;
-                let step = -matrix.cholesky()?.solve(&Vector3::from_fn(|row, _| vector[LEVEL[row]]));
+                    Matrix3::from_fn(|row, column| matrix[(PLACE[row], PLACE[column])]) + Matrix3::identity() * DAMPING;
+                let step = -matrix.cholesky()?.solve(&Vector3::from_fn(|row, _| vector[PLACE[row]]));
                 move_by(&mut place, &Vector6::new(step.x, step.y, 0.0, 0.0, 0.0, step.z));
             }
         }
@@ -534,13 +529,9 @@ impl Reckoning {
     /// Takes in x and y of the pelvis, m, and by how much it looks to the left of the way up, rad, as pictures say, with their standard
     /// deviations.
     pub fn find(&mut self, found: [f64; 3], spread: [f64; 3]) {
-        let pelvis = &self.poses[0];
-        let ahead = pelvis.rotation * Vector3::x();
-        let heading = libm::atan2(-ahead.x, ahead.y);
-        let off =
-            Vector3::new(found[0] - pelvis.translation.x, found[1] - pelvis.translation.y, wrapped(found[2] - heading));
+        let off = self.off_place(found);
         let mut design = SMatrix::<f64, 3, N>::zeros();
-        for (row, column) in [0, 1, 5].into_iter().enumerate() {
+        for (row, column) in PLACE.into_iter().enumerate() {
             design[(row, column)] = 1.0;
         }
         self.measure(&design, &off, &Vector3::from(spread));
@@ -654,6 +645,13 @@ fn move_by(pose: &mut Isometry3<f64>, error: &Vector6<f64>) {
     pose.rotation.renormalize();
 }
 
+/// The errors that lead from a pose to another: place, then turn.
+fn change(now: &Isometry3<f64>, from: &Isometry3<f64>) -> Vector6<f64> {
+    let way = now.translation.vector - from.translation.vector;
+    let turn = (now.rotation * from.rotation.inverse()).scaled_axis();
+    Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z)
+}
+
 /// The errors that lead from poses and velocities to others.
 fn away(
     now: &[Isometry3<f64>; 3],
@@ -663,8 +661,7 @@ fn away(
 ) -> Error {
     let mut error = Error::zeros();
     for ((now, from), first) in now.iter().zip(from).zip([0, FEET[0], FEET[1]]) {
-        error.fixed_rows_mut::<3>(first).copy_from(&(now.translation.vector - from.translation.vector));
-        error.fixed_rows_mut::<3>(first + 3).copy_from(&(now.rotation * from.rotation.inverse()).scaled_axis());
+        error.fixed_rows_mut::<6>(first).copy_from(&change(now, from));
     }
     for ((now, from), first) in moves.iter().zip(moved).zip([6, 9]) {
         error.fixed_rows_mut::<3>(first).copy_from(&(now - from));
