@@ -3,9 +3,10 @@
 
     python3 deploy/pictures.py [PART...] [--programs DIR]
 
-Parts are tasks (the start of each task), strips (what a skill does), terminal, board, replay and teleop; all of them where none is
-named. README's clip is not among them. DIR has the programs, built with `cargo build --release --workspace --bins --features network`
-[default: target/release]. Needs Python with Pillow; board, replay and teleop need Node 20 with npm, and chromium.
+Parts are clip (the whole errand, at the head of README), tasks (the start of each task), strips (what a skill does), terminal, board,
+replay and teleop; all of them where none is named. DIR has the programs, built with `cargo build --release --workspace --bins
+--features network` [default: target/release]. Needs Python with Pillow, and for the clip this package, whose wheel `python/wheel.sh`
+makes; board, replay and teleop need Node 20 with npm, and chromium. The clip takes about ten minutes of one core, the others a few.
 
 docs/pictures/figures.toml says which figures the pictures of scores show; `.ci/figures.py` compares it with docs/figures.toml.
 """
@@ -28,12 +29,35 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs/pictures"
 TASKS = [*(f"S{number:02}" for number in range(1, 13)), "replace", "climb"]
-#: Strips: name, task, room, columns, size of a picture, view, parts of the time to the end that are shown.
+#: Strips: name, task, room, columns, size of a picture, parts that the time is cut into, and the ones of which the end is shown.
 STRIPS = [
-    ("hands_s06", "S06", 1000, 3, (400, 340), "follow", (0.0, 0.3, 0.45, 0.6, 0.8, 1.0)),
-    ("hands_s08", "S08", 1000, 3, (400, 340), "follow", (0.0, 0.35, 0.55, 0.7, 0.85, 1.0)),
-    ("climb_s04", "S04", 1000, 8, (200, 260), "follow", tuple(part / 7 for part in range(8))),
-    ("climb_s10", "S10", 1000, 8, (200, 260), "follow", tuple(part / 7 for part in range(8))),
+    ("ladder_s01", "S01", 1000, 3, (420, 340), 20, (0, 7, 10, 13, 16, 20)),
+    ("hands_s03", "S03", 1000, 3, (400, 340), 20, (0, 7, 10, 13, 16, 20)),
+    ("hands_s06", "S06", 1000, 3, (400, 340), 20, (0, 6, 9, 12, 16, 20)),
+    ("hands_s08", "S08", 1000, 3, (400, 340), 20, (0, 7, 11, 14, 17, 20)),
+    ("hands_s11", "S11", 1000, 3, (400, 340), 20, (0, 7, 10, 13, 16, 20)),
+    ("climb_s04", "S04", 1000, 8, (200, 260), 7, tuple(range(8))),
+    ("climb_s10", "S10", 1000, 8, (200, 260), 7, tuple(range(8))),
+    ("climb_s12", "S12", 1000, 8, (200, 260), 7, tuple(range(8))),
+]
+#: The room of the clip, which is one for training, its size, pictures a second, and the time for which the last one stays, s.
+CLIP_ROOM, CLIP_SIZE, CLIP_RATE, CLIP_STAYS = 1000, (960, 540), 10, 2.5
+#: Largest file that README may ask its readers to load, bytes.
+MAX_CLIP = 3_000_000
+#: Parts of the clip: subtask, caption, phases of the expert with which it begins, and its length in the clip, s.
+CLIP = [
+    ("S01", "carries the ladder under the lamp", "", 3.2),
+    ("S02", "climbs", "Walk", 2.0),
+    ("S03", "takes the spent bulb out", "Clear Lean", 2.8),
+    ("S04", "climbs down with it", "Stand Climb", 1.6),
+    ("S05", "carries it to the crate", "Walk", 1.4),
+    ("S06", "lays it in", "StepUp Settle Above", 2.0),
+    ("S07", "walks to the bench", "Walk", 1.2),
+    ("S08", "takes the fresh bulb", "StepBack Raise StepUp", 2.2),
+    ("S09", "carries it to the ladder", "Walk", 1.6),
+    ("S10", "climbs", "Climb", 1.8),
+    ("S11", "puts it in: the lamp is lit", "Clear Lean", 3.2),
+    ("S12", "climbs down", "Stand Climb", 2.0),
 ]
 #: Commands of the picture of a terminal, and how many lines of each answer it shows.
 TERMINAL = [
@@ -49,9 +73,11 @@ class Drawer:
     def __init__(self, programs: Path, work: Path) -> None:
         self.programs, self.work = programs, work
 
-    def run(self, program: str, *args: object, **more: object) -> subprocess.CompletedProcess:
-        command = [self.programs / program, *map(str, args)]
-        return subprocess.run(command, check=True, capture_output=True, text=True, cwd=self.work, **more)
+    def run(self, program: str, *args: object) -> None:
+        command = [str(self.programs / program), *map(str, args)]
+        ended = subprocess.run(command, check=False, capture_output=True, text=True, cwd=self.work)
+        if ended.returncode:
+            raise SystemExit(f"{' '.join(command)}\n{ended.stderr}")
 
     def bag(self, policy: str, task: str, room: int, *more: object, needs_success: bool = True) -> tuple[Path, dict]:
         """A recorded episode, and its row of the results."""
@@ -69,6 +95,39 @@ class Drawer:
         self.run("fiatlux", "render", bag, "--at", f"{at_s:.2f}", "--view", view, "--size", "{}x{}".format(*size), "-o", out, "--force")
         return out
 
+    def frames(self, bag: Path, view: str, size: tuple[int, int], steps: tuple[int, int], count: int) -> list[Path]:
+        """About `count` pictures from one step of an episode to another, by a camera that moves as one of a clip does."""
+        first, last = steps
+        out = self.work / f"frames-{bag.stem}-{view}-{first}-{size[0]}".replace(":", "-")
+        # A frame is a row, and steps between frames are whole.
+        between = max(round((last - first) / (count - 1)), 1)
+        shown = ["--view", view, "--size", "{}x{}".format(*size), "--samples", 2, "--fps", CLIP_RATE, "--speed", between * CLIP_RATE / 50]
+        self.run("fiatlux", "render", bag, *shown, "--from", f"{first / 50:.2f}", "--to", f"{last / 50:.2f}", "-o", out, "--force")
+        return sorted(out.glob("*.png"))
+
+    def clip(self) -> None:
+        import fiatlux
+        from PIL import Image
+
+        bag, row = self.bag("expert", "replace", CLIP_ROOM)
+        names, _ = fiatlux.Bag(bag).phases()
+        ends = [*begins(names), row["strict_steps"]]
+        pictures, lengths = [], []
+        for (task, said, _, length), first, last in zip(CLIP, ends, ends[1:]):
+            drawn = self.frames(bag, f"follow:{task}", CLIP_SIZE, (first, last), round(length * CLIP_RATE))
+            speed = f"{(last - first) / 50 / (len(drawn) / CLIP_RATE):.0f}x"
+            pictures += [captioned(Image.open(path).convert("RGB"), task, said, speed) for path in drawn]
+            lengths += [round(1000 / CLIP_RATE)] * len(drawn)
+        lengths[-1] = round(1000 * CLIP_STAYS)
+        out = PICTURES / "errand.webp"
+        for quality in (75, 65, 55, 45, 35):
+            pictures[0].save(out, save_all=True, append_images=pictures[1:], duration=lengths, loop=0, quality=quality, method=4)
+            if out.stat().st_size <= MAX_CLIP:
+                break
+        else:
+            raise SystemExit(f"{out} has {out.stat().st_size} bytes, {MAX_CLIP} are allowed: show less")
+        wrote(out)
+
     def tasks(self) -> None:
         from PIL import Image
 
@@ -83,12 +142,13 @@ class Drawer:
     def strips(self) -> None:
         from PIL import Image
 
-        for name, task, room, columns, (width, height), view, parts in STRIPS:
+        for name, task, room, columns, size, parts, shown in STRIPS:
             bag, row = self.bag("expert", task, room)
-            sheet = Image.new("RGB", (columns * width, len(parts) // columns * height))
-            for number, part in enumerate(parts):
-                drawn = self.still(bag, part * row["strict_steps"] * 0.02, view, (width, height))
-                sheet.paste(Image.open(drawn).convert("RGB"), (number % columns * width, number // columns * height))
+            width, height = size
+            drawn = self.frames(bag, "follow", size, (0, row["strict_steps"]), parts + 1)
+            sheet = Image.new("RGB", (columns * width, len(shown) // columns * height))
+            for number, part in enumerate(shown):
+                sheet.paste(Image.open(drawn[min(part, len(drawn) - 1)]).convert("RGB"), (number % columns * width, number // columns * height))
             sheet.save(wrote(PICTURES / f"{name}.webp"), quality=80, method=6)
 
     def terminal(self) -> None:
@@ -116,7 +176,7 @@ class Drawer:
     def board(self) -> None:
         out, port = self.work / "board", 43180
         programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer")}
-        command = [ROOT / "deploy/leaderboard/make.sh", "--out", out, "--policies", "zero,stand,walk,expert", "--http", f"127.0.0.1:{port}"]
+        command = [ROOT / "deploy/leaderboard/make.sh", "--out", out, "--policies", "zero,random,stand,expert", "--http", f"127.0.0.1:{port}"]
         with running(command, out=self.work / "board.said", until="shows them", env={**os.environ, **programs}):
             address = f"http://127.0.0.1:{port}"
             # Stills and clips come after the badges.
@@ -154,18 +214,48 @@ class Drawer:
 
         shots = self.work / "shots"
         programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer")}
-        subprocess.run([ROOT / "tests/browser/run.sh", shots], check=True, env={**os.environ, **programs, "ONLY": "teleop"})
+        subprocess.run([ROOT / "tests/browser/run.sh", shots], check=True, env={**os.environ, **programs, "ONLY": "teleop", "EYES": "1000x500"})
         for name, shot in (("teleop", "first"), ("teleop_telephone", "thumbs"), ("teleop_eyes", "eyes"), ("teleop_hands", "hands")):
-            Image.open(shots / f"teleop-{shot}.png").convert("RGB").save(wrote(PICTURES / f"{name}.jpg"), quality=85, optimize=True)
+            taken = Image.open(shots / f"teleop-{shot}.png").convert("RGB")
+            # A telephone has more pixels than its page.
+            if taken.height > taken.width:
+                taken = taken.resize((390, round(390 * taken.height / taken.width)), Image.Resampling.LANCZOS)
+            taken.save(wrote(PICTURES / f"{name}.jpg"), quality=85, optimize=True)
 
 
-PARTS = ("tasks", "strips", "terminal", "board", "replay", "teleop")
+PARTS = ("clip", "tasks", "strips", "terminal", "board", "replay", "teleop")
 
 
 def wrote(path: Path) -> Path:
     """The path, which is said."""
     print(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name, flush=True)
     return path
+
+
+def begins(names: list[str]) -> list[int]:
+    """The steps in which the clip's parts begin, of an errand that tries no part twice."""
+    at, found = 0, []
+    for task, _, first, _ in CLIP:
+        if first:
+            at = next((step for step in range(at, len(names)) if names[step] in first.split()), -1)
+        if at < 0:
+            raise SystemExit(f"room {CLIP_ROOM} has no {task} as the clip expects it: name another room")
+        found.append(at)
+    return found
+
+
+def captioned(picture, task: str, said: str, speed: str):
+    """A picture with a bar below that says what is done, and how fast it is shown."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    width, height = picture.size
+    bar = Image.new("RGB", (width, 42), "#16181d")
+    picture.paste(Image.blend(picture.crop((0, height - 42, width, height)), bar, 0.75), (0, height - 42))
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(22)
+    draw.text((18, height - 21), task, fill="#ffd479", font=font, anchor="lm")
+    draw.text((78, height - 21), said, fill="#f2f2f2", font=font, anchor="lm")
+    draw.text((width - 18, height - 21), speed, fill="#c9ccd1", font=font, anchor="rm")
+    return picture
 
 
 def of(results: dict) -> str:

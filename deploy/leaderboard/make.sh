@@ -6,7 +6,8 @@
 #
 #   --out DIR         folder for runs and board [default: results/leaderboard]; what is there is kept, and played no second time
 #   --seeds LIST      rooms, as of `fiatlux evaluate` [default: 0..3]; one room is enough for a try
-#   --policies LIST   [default: zero,random,stand,walk,expert]
+#   --policies LIST   [default: zero,random,stand,expert]; a board refuses walk next to expert, which plays S05, S07 and
+#                     S09 by it: equal rows have one policy
 #   --act CHECKPOINT  also plays a checkpoint of python -m fiatlux.train_lerobot, in S06
 #   --ppo TASK=FILE   also plays the exported file of a run of `python -m fiatlux.train ppo` or `hand`, in its task
 #   --http HOST:PORT  address of the pages [default: 127.0.0.1:8080]; port 0 takes a free one
@@ -16,8 +17,8 @@
 # are missing]. PYTHON names the Python with the wheel [default: python3]: --ppo needs it, and --act needs its extra lerobot.
 set -euo pipefail
 root="$(cd "$(dirname "$0")/../.." && pwd)"
-out=results/leaderboard seeds=0..3 policies=zero,random,stand,walk,expert http=127.0.0.1:8080 exits= act= ppo=
-usage() { sed -n '2,17s/^# \{0,1\}//p' "$0"; }
+out=results/leaderboard seeds=0..3 policies=zero,random,stand,expert http=127.0.0.1:8080 exits= act= ppo=
+usage() { sed -n '2,18s/^# \{0,1\}//p' "$0"; }
 while [ $# -gt 0 ]; do
     case "$1" in
         --exit) exits=1 && shift && continue ;;

@@ -578,17 +578,30 @@ function drawNothing(nothing) {
   for (const [name, draw] of Object.entries(globalThis.drawing)) prototype[name] = nothing ? () => {} : draw;
 }
 
+// What both eyes see has the size that the page had as it entered the headset. Inputs come with pictures, and without a graphics card
+// only small ones are quick; deploy/pictures.py asks for larger ones.
+const [width, height] = (process.env.EYES ?? "480x270").split("x").map(Number);
+const SEEN = { width, height };
+const QUICK = { width: 240, height: 136 };
+
+// A picture of what both eyes see.
+async function eyes(page, name) {
+  await page.setViewportSize(SEEN);
+  await drawn(page);
+  await page.screenshot({ path: `${screenshots}/${name}.png` });
+  await page.setViewportSize(QUICK);
+  await drawn(page);
+}
+
 // Opens the page on an emulated headset, and enters it.
 async function worn(name) {
-  // Inputs come with pictures, and without a graphics card only small ones are quick.
-  const small = { viewport: { width: 480, height: 270 }, colorScheme: "light" };
-  const opened = await open(name, address, small, origin, true, await emulator());
+  const opened = await open(name, address, { viewport: SEEN, colorScheme: "light" }, origin, true, await emulator());
   const { page } = opened;
   await becomes(page, "ready");
   await page.locator("#headset").click();
   await page.waitForFunction(() => document.getElementById("input").textContent === "headset", null, { timeout: PATIENCE_MS });
   check(true, "the page enters the headset");
-  await page.setViewportSize({ width: 240, height: 136 });
+  await page.setViewportSize(QUICK);
   await page.evaluate(() => {
     globalThis.headset.position.set(0, 1.6, 0);
   });
@@ -643,7 +656,7 @@ async function headset() {
   const { page, press } = opened;
   await press("right", "a-button", "running");
   check(true, "A starts the take");
-  await page.screenshot({ path: `${screenshots}/teleop-eyes.png` });
+  await eyes(page, "teleop-eyes");
   await page.evaluate(drawNothing, true);
 
   // While the clutch is held the hand is wanted where the controller goes, from where it was.
@@ -689,8 +702,7 @@ async function bareHands(page) {
     );
   const shoot = async (name) => {
     await page.evaluate(drawNothing, false);
-    await drawn(page);
-    await page.screenshot({ path: `${screenshots}/${name}.png` });
+    await eyes(page, name);
     await page.evaluate(drawNothing, true);
   };
   const rest = async () => {
