@@ -6,6 +6,7 @@ import decimal
 import enum
 import fractions
 import functools
+import gc
 import hashlib
 import inspect
 import random
@@ -232,7 +233,19 @@ def _inner(value: Any) -> Iterator[Any]:
     wrapped = unwrapped(value)
     if wrapped is not None:
         yield wrapped
+    yield from held(value)
     yield from attributes(value).values()
+
+
+def held(value: Any) -> list[Any]:
+    """Functions that an object of a library in C keeps out of Python's sight: ``np.frompyfunc``, ``map``, ``functools.cmp_to_key``."""
+    kind = type(value)
+    is_in_python = any("__slots__" in vars(parent) or "__weakref__" in vars(parent) for parent in kind.__mro__)
+    if is_in_python or _is(value, (FunctionType, MethodType, functools.partial, type, ModuleType)):
+        return []
+    functions = (FunctionType, MethodType, functools.partial)
+    parts = [inner for part in gc.get_referents(value) for inner in (part if _is(part, tuple) else (part,))]
+    return [part for part in parts if _is(part, functions)]
 
 
 def parts_of_function(function: FunctionType) -> Iterator[Any]:
@@ -369,6 +382,9 @@ class _Walk:
             wrapped = unwrapped(value)
             if wrapped is not None:
                 yield self.digest(wrapped)
+            else:
+                # Python's versions keep them in other orders.
+                yield from sorted(map(self.digest, held(value)))
             yield from self._instance(value)
 
     def _instance(self, value: Any) -> Iterator[bytes]:

@@ -302,6 +302,24 @@ CASES = {
         [("A prompt", "Another prompt"), ("!r", "!s"), (">{10}", ">{11}"), ("the lamp", "a lamp")],
         [],
     ),
+    "functions in objects of C": (
+        """
+        import functools, operator
+        import numpy as np
+        def clip(x): return min(x, 0.5)
+        def later(a, b): return b - a
+        def scaled(x): return 2.0 * x
+        def noted(x): return 3.0 * x
+        CLIP = np.frompyfunc(clip, 1, 1)
+        ORDER = functools.cmp_to_key(later)
+        DRAWS = map(scaled, iter(int, 1))
+        CALL = operator.methodcaller("map", noted)
+        def policy(observation): return CLIP(sorted(observation, key=ORDER)), next(DRAWS), CALL(observation)
+        """,
+        "policy",
+        [("min(x, 0.5)", "max(x, 0.5)"), ("b - a", "a - b"), ("2.0 * x", "2.5 * x"), ("3.0 * x", "3.5 * x")],
+        [("min(x, 0.5)", "min(x,  0.5)  # half")],
+    ),
 }
 
 # Of the cases, in every version of Python; another value refuses the runs that policies have begun.
@@ -323,6 +341,7 @@ PINNED = {
     "found by name": "5c93eef228208209",
     "values of the standard library": "1eb532c6b26b0715",
     "texts": "9def5921b031b138",
+    "functions in objects of C": "7774723be285ddaa",
 }
 
 HELPERS = {
