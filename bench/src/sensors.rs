@@ -6,7 +6,7 @@ use std::process::{self, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fiatlux_features::{ResNet18, Weights};
+use fiatlux_features::{Arithmetic, ResNet18, Weights};
 use fiatlux_play::{Command, Play};
 use fiatlux_proto::encode;
 use fiatlux_proto::v3::SessionInfo;
@@ -82,7 +82,10 @@ pub fn run(options: &SensorOptions) -> Result<SensorReport, BenchError> {
     let budget = Duration::from_secs_f64(options.seconds);
     let cases = cases.into_iter().map(|(name, sensors)| steps(name, sensors, &network, budget));
     let cases = cases.collect::<Result<Vec<_>, _>>()?;
-    let mut sensors = costs(&network)?;
+    let mut sensors = costs(&Sensor::ALL, &network)?;
+    let whole = ResNet18::with(&Weights::seeded(0), Arithmetic::Int8);
+    let int8 = costs(&[Sensor::Camera, Sensor::Features], &whole)?.pop();
+    sensors.extend(int8.map(|case| SensorCase { name: "features, int8".into(), ..case }));
     if let Some(oracle) = &options.oracle {
         let pytorch_us = pytorch(oracle)?;
         for case in sensors.iter_mut().filter(|case| case.name == Sensor::Features.name()) {
@@ -136,14 +139,14 @@ fn steps(name: &str, sensors: Sensors, network: &ResNet18, budget: Duration) -> 
 
 /// Times each sensor in fresh rows, after computing what it depends on: the camera before its features, everything
 /// before the flat vector.
-fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
-    let all = Sensors::of(&Sensor::ALL);
-    let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); Sensor::ALL.len()];
+fn costs(sensors: &[Sensor], network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
+    let all = Sensors::of(sensors);
+    let mut samples: Vec<Vec<Duration>> = vec![Vec::new(); sensors.len()];
     for place in PLACES {
         let mut play = start(place, all, network)?;
         let hold = Command::Action(play.episode().row().action.clone());
         for _ in 0..ROWS {
-            for (sensor, samples) in Sensor::ALL.into_iter().zip(&mut samples) {
+            for (&sensor, samples) in sensors.iter().zip(&mut samples) {
                 let begun = Instant::now();
                 play.observe(Sensors::of(&[sensor])).map_err(scene)?;
                 samples.push(begun.elapsed());
@@ -154,11 +157,11 @@ fn costs(network: &ResNet18) -> Result<Vec<SensorCase>, BenchError> {
             play.step(&hold).map_err(scene)?;
         }
     }
-    let case = |(sensor, samples): (Sensor, &mut Vec<Duration>)| {
+    let case = |(sensor, samples): (&Sensor, &mut Vec<Duration>)| {
         let Times { mean_us, p50_us, p99_us } = Times::of(samples);
         SensorCase { name: sensor.name().into(), mean_us, p50_us, p99_us, pytorch_us: None, ratio: None }
     };
-    Ok(Sensor::ALL.into_iter().zip(&mut samples).map(case).collect())
+    Ok(sensors.iter().zip(&mut samples).map(case).collect())
 }
 
 /// Median time of PyTorch's fastest form, us.

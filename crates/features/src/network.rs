@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use fearless_simd::{Level, dispatch};
-use fiatlux_nets::{Convolution, Finish, Plane, WholeConvolution};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
+use fiatlux_nets::{Convolution, Finish, LANES, Plane, WholeConvolution};
 
 use crate::folded::Folded;
 use crate::layers::{Block, Network, STAGES};
@@ -221,7 +222,7 @@ impl ResNet18 {
         };
         let Planes { input, first, stages } = planes;
         conv(&convs.first, input, first, Finish::Relu);
-        max_pool(first, &mut stages[0].image);
+        dispatch!(*level, simd => max_pool(simd, first, &mut stages[0].image));
         for (i, blocks) in convs.blocks.chunks(2).enumerate() {
             let (before, stages) = stages.split_at_mut(i);
             let Stage { image, between } = &mut stages[0];
@@ -242,20 +243,22 @@ impl ResNet18 {
 }
 
 /// The largest of 3 x 3 pixels at stride 2. The border of zeros is not part of the image, but no pixel is below zero.
-fn max_pool(input: &Plane, output: &mut Plane) {
+#[inline(always)]
+fn max_pool<S: Simd>(simd: S, input: &Plane, output: &mut Plane) {
     let channels = input.channels;
     for y in 0..output.height {
         for x in 0..output.width {
-            let at = output.at(y, x);
-            let largest = &mut output.data[at..at + channels];
-            largest.fill(0.0);
-            for dy in 0..3 {
-                let at = input.at_bordered(2 * y + dy, 2 * x);
-                for pixel in input.data[at..at + 3 * channels].chunks_exact(channels) {
-                    for (largest, &value) in largest.iter_mut().zip(pixel) {
-                        *largest = if value > *largest { value } else { *largest };
+            let to = output.at(y, x);
+            let rows: [usize; 3] = std::array::from_fn(|dy| input.at_bordered(2 * y + dy, 2 * x));
+            for channel in (0..channels).step_by(LANES) {
+                let mut largest = f32x16::splat(simd, 0.0);
+                for at in rows {
+                    for dx in 0..3 {
+                        let from = at + dx * channels + channel;
+                        largest = f32x16::from_slice(simd, &input.data[from..from + LANES]).max(largest);
                     }
                 }
+                largest.store_slice(&mut output.data[to + channel..][..LANES]);
             }
         }
     }

@@ -192,7 +192,7 @@ impl<T: Tile<IN, OUT>, const IN: usize, const OUT: usize> WholeWinograd<T, IN, O
     #[inline(always)]
     pub fn run<S: Simd>(&self, simd: S, input: &Plane, output: &mut Plane, finish: Finish, scratch: &mut Scratch) {
         let Scratch { steps, whole_tiles, products, .. } = scratch;
-        steps.take(simd, input, Self::STEPS);
+        steps.take(simd, input, self.inputs, Self::STEPS);
         let (pairs, outputs) = (self.inputs / PAIR, self.bias.len());
         let across = output.width.div_ceil(OUT);
         let tiles = across * output.height.div_ceil(OUT);

@@ -72,46 +72,87 @@ pub struct Target<'a> {
     pub finish: Finish,
 }
 
+/// Rows and panels that one pass of the inner loop sums where vectors hold a panel and there are 32 registers of them: sums enough to hide
+/// how long one takes.
+pub(crate) const WIDE_ROWS: usize = 8;
+pub(crate) const WIDE_PANELS: usize = 2;
+
+/// True where one vector holds the columns of a panel.
+pub(crate) const fn is_wide<S: Simd>() -> bool {
+    S::f32s::LEN >= LANES
+}
+
 /// `left * right + bias`, where a bias of `None` is zero and the number of columns is a multiple of [`LANES`]. Each
 /// number is summed in the order of the depth, for any number of rows.
 #[inline(always)]
 pub fn multiply<S: Simd>(simd: S, left: Gathered<'_>, right: &Panels, bias: Option<&[f32]>, target: &mut Target<'_>) {
-    for (index, panel) in right.data.chunks_exact(right.depth).enumerate() {
-        let column = index * LANES;
-        let start = match bias {
-            Some(bias) => f32x16::from_slice(simd, &bias[column..column + LANES]),
-            None => f32x16::splat(simd, 0.0),
-        };
-        let mut row = 0;
-        row = blocks::<S, ROWS>(simd, left, panel, start, target, row, column);
-        row = blocks::<S, 4>(simd, left, panel, start, target, row, column);
-        row = blocks::<S, 2>(simd, left, panel, start, target, row, column);
-        blocks::<S, 1>(simd, left, panel, start, target, row, column);
+    let panels = right.data.len() / right.depth;
+    let mut panel = 0;
+    if is_wide::<S>() {
+        while panel + WIDE_PANELS <= panels {
+            rows::<S, WIDE_ROWS, WIDE_PANELS>(simd, left, right, bias, target, panel);
+            panel += WIDE_PANELS;
+        }
+    }
+    for panel in panel..panels {
+        rows::<S, ROWS, 1>(simd, left, right, bias, target, panel);
     }
 }
 
-/// Multiplies complete blocks of `N` rows from `row` on, for the columns of one panel. Returns the first row left.
+/// All rows, at most `N` at once, for the columns of `P` panels from `first` on.
 #[inline(always)]
-fn blocks<S: Simd, const N: usize>(
+fn rows<S: Simd, const N: usize, const P: usize>(
     simd: S,
     left: Gathered<'_>,
-    panel: &[[f32; LANES]],
-    start: f32x16<S>,
+    right: &Panels,
+    bias: Option<&[f32]>,
+    target: &mut Target<'_>,
+    first: usize,
+) {
+    let mut panels = [[].as_slice(); P];
+    let mut starts = [f32x16::splat(simd, 0.0); P];
+    for p in 0..P {
+        panels[p] = &right.data[(first + p) * right.depth..][..right.depth];
+        if let Some(bias) = bias {
+            starts[p] = f32x16::from_slice(simd, &bias[(first + p) * LANES..][..LANES]);
+        }
+    }
+    let mut row = 0;
+    row = blocks::<S, N, P>(simd, left, panels, starts, target, row, first * LANES);
+    row = blocks::<S, 4, P>(simd, left, panels, starts, target, row, first * LANES);
+    row = blocks::<S, 2, P>(simd, left, panels, starts, target, row, first * LANES);
+    blocks::<S, 1, P>(simd, left, panels, starts, target, row, first * LANES);
+}
+
+/// Multiplies complete blocks of `N` rows from `row` on, for the columns of `P` panels. Returns the first row left.
+#[inline(always)]
+fn blocks<S: Simd, const N: usize, const P: usize>(
+    simd: S,
+    left: Gathered<'_>,
+    panels: [&[[f32; LANES]]; P],
+    starts: [f32x16<S>; P],
     target: &mut Target<'_>,
     mut row: usize,
     column: usize,
 ) -> usize {
     while row + N <= left.rows.len() {
-        let mut sums = [[start]; N];
-        for (&tap, panel) in left.taps.iter().zip(panel.chunks_exact(left.run)) {
+        let mut sums = [starts; N];
+        for (index, &tap) in left.taps.iter().enumerate() {
             let mut pieces = [[].as_slice(); N];
             for n in 0..N {
                 pieces[n] = &left.data[left.rows[row + n] + tap..][..left.run];
             }
-            add::<S, N, 1, true>(simd, pieces, [&panel[..left.run]], &mut sums);
+            let mut run = [[].as_slice(); P];
+            for p in 0..P {
+                run[p] = &panels[p][index * left.run..][..left.run];
+            }
+            add::<S, N, P, true>(simd, pieces, run, &mut sums);
         }
         for n in 0..N {
-            target.finish.write(simd, sums[n][0], &mut target.data[target.rows[row + n] + column..][..LANES]);
+            for p in 0..P {
+                let at = target.rows[row + n] + column + p * LANES;
+                target.finish.write(simd, sums[n][p], &mut target.data[at..][..LANES]);
+            }
         }
         row += N;
     }

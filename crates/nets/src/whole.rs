@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i16x32, i32x16};
 
 use crate::plane::Plane;
-use crate::product::{Gathered, LANES, Target};
+use crate::product::{Gathered, LANES, Target, WIDE_PANELS, WIDE_ROWS, is_wide};
 use crate::{Finish, MAX_KERNEL};
 
 /// Numbers of 16 bits that are multiplied at once and summed: neighbours in the depth.
@@ -69,12 +69,13 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// Rounds a plane to steps of which `most` are its largest absolute value. Channels are filled up to an even number; pixels stand as in
-    /// the plane. A plane with a number that is not finite has steps of no value.
+    /// Rounds a plane to steps of which `most` are its largest absolute value. Pixels stand as in the plane, each with `channels` numbers: as
+    /// many as there, or one more. A plane with a number that is not finite has steps of no value.
     #[inline(always)]
-    pub fn take<S: Simd>(&mut self, simd: S, plane: &Plane, most: i32) {
-        let channels = plane.channels.next_multiple_of(PAIR);
-        let length = plane.data.len() / plane.channels.max(1) * channels / PAIR;
+    pub fn take<S: Simd>(&mut self, simd: S, plane: &Plane, channels: usize, most: i32) {
+        let numbers = plane.data.len() / plane.channels.max(1) * channels;
+        // A row of an odd number of numbers reads one more.
+        let length = numbers.div_ceil(PAIR) + 1;
         // Only grows: the numbers between are overwritten.
         if self.data.len() < length {
             self.data.resize(length, 0);
@@ -89,7 +90,7 @@ impl Steps {
         let peak = lanes.iter().chain(rest).fold(0.0_f32, |peak, x| if x.abs() > peak { x.abs() } else { peak });
         self.value = peak / most as f32;
         let per_unit = if peak > 0.0 { most as f32 / peak } else { 0.0 };
-        let numbers: &mut [i16] = bytemuck::cast_slice_mut(&mut self.data[..length]);
+        let numbers: &mut [i16] = &mut bytemuck::cast_slice_mut(&mut self.data)[..numbers];
         let round = |x: f32| (x * per_unit + if x < 0.0 { -0.5 } else { 0.5 }) as i16;
         if channels != plane.channels {
             for (to, from) in numbers.chunks_exact_mut(channels).zip(plane.data.chunks_exact(plane.channels)) {
@@ -124,52 +125,92 @@ pub fn multiply_whole<S: Simd>(
     bias: Option<&[f32]>,
     target: &mut Target<'_>,
 ) {
-    for (index, panel) in right.data.chunks_exact(right.pairs).enumerate() {
-        let column = index * LANES;
-        let step = f32x16::from_slice(simd, &right.steps[column..column + LANES]) * f32x16::splat(simd, value);
-        let start = match bias {
-            Some(bias) => f32x16::from_slice(simd, &bias[column..column + LANES]),
-            None => f32x16::splat(simd, 0.0),
-        };
-        let mut row = 0;
-        row = blocks::<S, ROWS>(simd, left, panel, [step, start], target, row, column);
-        row = blocks::<S, 4>(simd, left, panel, [step, start], target, row, column);
-        row = blocks::<S, 2>(simd, left, panel, [step, start], target, row, column);
-        blocks::<S, 1>(simd, left, panel, [step, start], target, row, column);
+    let panels = right.data.len() / right.pairs;
+    let mut panel = 0;
+    if is_wide::<S>() {
+        while panel + WIDE_PANELS <= panels {
+            rows::<S, WIDE_ROWS, WIDE_PANELS>(simd, left, right, value, bias, target, panel);
+            panel += WIDE_PANELS;
+        }
+    }
+    for panel in panel..panels {
+        rows::<S, ROWS, 1>(simd, left, right, value, bias, target, panel);
     }
 }
 
-/// Multiplies complete blocks of `N` rows from `row` on, for the columns of one panel. Returns the first row left.
+/// All rows, at most `N` at once, for the columns of `P` panels from `first` on.
 #[inline(always)]
-fn blocks<S: Simd, const N: usize>(
+fn rows<S: Simd, const N: usize, const P: usize>(
     simd: S,
     left: Gathered<'_, i32>,
-    panel: &[[i16; PAIR * LANES]],
-    [step, start]: [f32x16<S>; 2],
+    right: &WholePanels,
+    value: f32,
+    bias: Option<&[f32]>,
+    target: &mut Target<'_>,
+    first: usize,
+) {
+    let mut panels = [[].as_slice(); P];
+    let mut ends = [[f32x16::splat(simd, 0.0); 2]; P];
+    for p in 0..P {
+        let column = (first + p) * LANES;
+        panels[p] = &right.data[(first + p) * right.pairs..][..right.pairs];
+        ends[p][0] = f32x16::from_slice(simd, &right.steps[column..column + LANES]) * f32x16::splat(simd, value);
+        if let Some(bias) = bias {
+            ends[p][1] = f32x16::from_slice(simd, &bias[column..column + LANES]);
+        }
+    }
+    let mut row = 0;
+    row = blocks::<S, N, P>(simd, left, panels, ends, target, row, first * LANES);
+    row = blocks::<S, 4, P>(simd, left, panels, ends, target, row, first * LANES);
+    row = blocks::<S, 2, P>(simd, left, panels, ends, target, row, first * LANES);
+    blocks::<S, 1, P>(simd, left, panels, ends, target, row, first * LANES);
+}
+
+/// Multiplies complete blocks of `N` rows from `row` on, for the columns of `P` panels, each with its step and bias. Returns the first row
+/// left.
+#[inline(always)]
+fn blocks<S: Simd, const N: usize, const P: usize>(
+    simd: S,
+    left: Gathered<'_, i32>,
+    panels: [&[[i16; PAIR * LANES]]; P],
+    ends: [[f32x16<S>; 2]; P],
     target: &mut Target<'_>,
     mut row: usize,
     column: usize,
 ) -> usize {
     while row + N <= left.rows.len() {
-        let mut sums = [i32x16::splat(simd, 0); N];
-        for (&tap, panel) in left.taps.iter().zip(panel.chunks_exact(left.run)) {
+        let mut sums = [[i32x16::splat(simd, 0); P]; N];
+        for (index, &tap) in left.taps.iter().enumerate() {
+            // Cut to one length here, where the compiler sees it, they need no bounds checks in the loop.
+            let depth = left.run;
             let mut pieces = [[].as_slice(); N];
             for n in 0..N {
-                pieces[n] = &left.data[left.rows[row + n] + tap..][..left.run];
+                pieces[n] = &left.data[left.rows[row + n] + tap..][..depth];
             }
-            // Cut to one length here, where the compiler sees it, they need no bounds checks in the loop.
-            let panel = &panel[..left.run];
-            for k in 0..left.run {
-                let weights = i16x32::from_slice(simd, &panel[k]);
+            let mut run = [[].as_slice(); P];
+            for p in 0..P {
+                run[p] = &panels[p][index * depth..][..depth];
+            }
+            for k in 0..depth {
+                let mut weights = [i16x32::splat(simd, 0); P];
+                for p in 0..P {
+                    weights[p] = i16x32::from_slice(simd, &run[p][k]);
+                }
                 for n in 0..N {
                     let pair: i16x32<S> = i32x16::splat(simd, pieces[n][k]).bitcast();
-                    sums[n] += pair.pairwise_dot_product(weights);
+                    for p in 0..P {
+                        sums[n][p] += pair.pairwise_dot_product(weights[p]);
+                    }
                 }
             }
         }
         for n in 0..N {
-            let sum = f32x16::float_from(sums[n]) * step + start;
-            target.finish.write(simd, sum, &mut target.data[target.rows[row + n] + column..][..LANES]);
+            for p in 0..P {
+                let [step, start] = ends[p];
+                let at = target.rows[row + n] + column + p * LANES;
+                let sum = f32x16::float_from(sums[n][p]) * step + start;
+                target.finish.write(simd, sum, &mut target.data[at..][..LANES]);
+            }
         }
         row += N;
     }
@@ -181,8 +222,8 @@ fn blocks<S: Simd, const N: usize>(
 pub struct WholeConvolution {
     panels: WholePanels,
     bias: Vec<f32>,
-    /// Pairs of input channels.
-    pairs: usize,
+    /// Numbers of a pixel: its channels, filled up to an even number unless windows start at even numbers anyway.
+    channels: usize,
     kernel: usize,
     stride: usize,
 }
@@ -202,12 +243,14 @@ impl WholeConvolution {
         let outputs = bias.len();
         assert!(outputs.is_multiple_of(LANES), "{outputs} output channels");
         assert!((1..=MAX_KERNEL).contains(&kernel), "a window of {kernel} pixels");
-        let padded = inputs.next_multiple_of(PAIR);
-        let panels = WholePanels::new(kernel * kernel * padded, outputs, STEPS, |k, output| {
-            let input = k % padded;
-            if input < inputs { weight(output, input, k / padded / kernel, k / padded % kernel) } else { 0.0 }
+        let channels = if stride.is_multiple_of(PAIR) { inputs } else { inputs.next_multiple_of(PAIR) };
+        // Each row of the window ends with a pair.
+        let run = (kernel * channels).next_multiple_of(PAIR);
+        let panels = WholePanels::new(kernel * run, outputs, STEPS, |k, output| {
+            let (y, x, input) = (k / run, k % run / channels, k % run % channels);
+            if x < kernel && input < inputs { weight(output, input, y, x) } else { 0.0 }
         });
-        Self { panels, bias, pairs: padded / PAIR, kernel, stride }
+        Self { panels, bias, channels, kernel, stride }
     }
 
     /// As [`WholeConvolution::run`], with the widest vector instructions that the CPU has.
@@ -216,12 +259,16 @@ impl WholeConvolution {
     }
 
     /// Reads `input` (with a border of at least half the window) and writes `output`; `steps` is room for the input in steps.
+    ///
+    /// # Panics
+    /// `input` has an odd number of channels and a border that is longer than half the window by an odd number of pixels.
     #[inline(always)]
     pub fn run<S: Simd>(&self, simd: S, input: &Plane, output: &mut Plane, finish: Finish, steps: &mut Steps) {
-        steps.take(simd, input, STEPS);
+        steps.take(simd, input, self.channels, STEPS);
         let edge = input.border - self.kernel / 2;
+        assert!((edge * self.channels).is_multiple_of(PAIR), "a border of {} pixels", input.border);
         let pixels_across = input.pitch() / input.channels;
-        let at = |y: usize, x: usize| (y * pixels_across + x) * self.pairs;
+        let at = |y: usize, x: usize| (y * pixels_across + x) * self.channels / PAIR;
         let mut taps = [0; MAX_KERNEL];
         for (ky, tap) in taps[..self.kernel].iter_mut().enumerate() {
             *tap = at(ky + edge, edge);
@@ -240,7 +287,7 @@ impl WholeConvolution {
                 data: &steps.data,
                 rows: &rows[..count],
                 taps: &taps[..self.kernel],
-                run: self.kernel * self.pairs,
+                run: (self.kernel * self.channels).div_ceil(PAIR),
             };
             let mut target = Target { data: &mut output.data, rows: &out_rows[..count], finish };
             multiply_whole(simd, left, &self.panels, steps.value, Some(&self.bias), &mut target);
@@ -261,7 +308,7 @@ mod tests {
     /// that leave blocks of each number of rows, and for an odd number of channels.
     #[test]
     fn convolutions_are_those_in_f32_and_equal_on_two_levels() {
-        for (inputs, kernel, stride, side) in [(3, 7, 2, 9), (4, 3, 1, 5), (16, 1, 2, 7), (6, 3, 2, 13)] {
+        for (inputs, kernel, stride, side) in [(3, 7, 2, 9), (3, 3, 1, 4), (4, 3, 1, 5), (16, 1, 2, 7), (6, 3, 2, 13)] {
             let weight = |o: usize, i: usize, y: usize, x: usize| number(o * 977 + i * 31 + y * 7 + x);
             let bias: Vec<f32> = (0..2 * LANES).map(number).collect();
             let single = Convolution::new(inputs, kernel, stride, weight, bias.clone());
