@@ -46,7 +46,7 @@ CLIP_ROOM, CLIP_SIZE, CLIP_RATE, CLIP_STAYS = 1000, (960, 540), 10, 2.5
 MAX_CLIP = 3_000_000
 #: Parts of the clip: subtask, caption, phases of the expert with which it begins, and its length in the clip, s.
 CLIP = [
-    ("S01", "carries the ladder under the lamp", "", 3.2),
+    ("S01", "carries the ladder under the lamp", "Enter", 2.8),
     ("S02", "climbs", "Walk", 2.0),
     ("S03", "takes the spent bulb out", "Clear Lean", 2.8),
     ("S04", "climbs down with it", "Stand Climb", 1.6),
@@ -95,14 +95,17 @@ class Drawer:
         self.run("fiatlux", "render", bag, "--at", f"{at_s:.2f}", "--view", view, "--size", "{}x{}".format(*size), "-o", out, "--force")
         return out
 
-    def frames(self, bag: Path, view: str, size: tuple[int, int], steps: tuple[int, int], count: int) -> list[Path]:
-        """About `count` pictures from one step of an episode to another, by a camera that moves as one of a clip does."""
+    def frames(self, bag: Path, view: str, size: tuple[int, int], steps: tuple[int, int], count: int, rate: int) -> list[Path]:
+        """About `count` pictures from one step of an episode to another, by the camera of a clip with `rate` of them a second."""
         first, last = steps
         out = self.work / f"frames-{bag.stem}-{view}-{first}-{size[0]}".replace(":", "-")
         # A frame is a row, and steps between frames are whole.
         between = max(round((last - first) / (count - 1)), 1)
-        shown = ["--view", view, "--size", "{}x{}".format(*size), "--samples", 2, "--fps", CLIP_RATE, "--speed", between * CLIP_RATE / 50]
-        self.run("fiatlux", "render", bag, *shown, "--from", f"{first / 50:.2f}", "--to", f"{last / 50:.2f}", "-o", out, "--force")
+        shown = ["--view", view, "--size", "{}x{}".format(*size), "--samples", 2, "--fps", rate, "--speed", between * rate / 50]
+        if not out.exists():
+            part = out.with_name(f"begun-{out.name}")
+            self.run("fiatlux", "render", bag, *shown, "--from", f"{first / 50:.2f}", "--to", f"{last / 50:.2f}", "-o", part, "--force")
+            part.rename(out)
         return sorted(out.glob("*.png"))
 
     def clip(self) -> None:
@@ -114,7 +117,7 @@ class Drawer:
         ends = [*begins(names), row["strict_steps"]]
         pictures, lengths = [], []
         for (task, said, _, length), first, last in zip(CLIP, ends, ends[1:]):
-            drawn = self.frames(bag, f"follow:{task}", CLIP_SIZE, (first, last), round(length * CLIP_RATE))
+            drawn = self.frames(bag, f"follow:{task}", CLIP_SIZE, (first, last), round(length * CLIP_RATE), CLIP_RATE)
             speed = f"{(last - first) / 50 / (len(drawn) / CLIP_RATE):.0f}x"
             pictures += [captioned(Image.open(path).convert("RGB"), task, said, speed) for path in drawn]
             lengths += [round(1000 / CLIP_RATE)] * len(drawn)
@@ -145,7 +148,8 @@ class Drawer:
         for name, task, room, columns, size, parts, shown in STRIPS:
             bag, row = self.bag("expert", task, room)
             width, height = size
-            drawn = self.frames(bag, "follow", size, (0, row["strict_steps"]), parts + 1)
+            # As slow as this the camera keeps up with the robot.
+            drawn = self.frames(bag, "follow", size, (0, row["strict_steps"]), parts + 1, 1)
             sheet = Image.new("RGB", (columns * width, len(shown) // columns * height))
             for number, part in enumerate(shown):
                 sheet.paste(Image.open(drawn[min(part, len(drawn) - 1)]).convert("RGB"), (number % columns * width, number // columns * height))
@@ -236,8 +240,7 @@ def begins(names: list[str]) -> list[int]:
     """The steps in which the clip's parts begin, of an errand that tries no part twice."""
     at, found = 0, []
     for task, _, first, _ in CLIP:
-        if first:
-            at = next((step for step in range(at, len(names)) if names[step] in first.split()), -1)
+        at = next((step for step in range(at, len(names)) if names[step] in first.split()), -1)
         if at < 0:
             raise SystemExit(f"room {CLIP_ROOM} has no {task} as the clip expects it: name another room")
         found.append(at)
