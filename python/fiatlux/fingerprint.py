@@ -12,6 +12,7 @@ import inspect
 import random
 import re
 import uuid
+import weakref
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextvars import ContextVar
@@ -36,6 +37,9 @@ _SETUP = frozenset(
 )
 """Methods that make an object: what they assign is no state."""
 
+_OF_CLASSES = frozenset("__init_subclass__ __set_name__".split())
+"""Those that run as a class is made, and not while a policy plays."""
+
 _BY_NAME = frozenset("getattr attrgetter methodcaller __dict__ globals vars locals eval exec".split())
 """With these a function finds methods and globals by names that stand nowhere in its code."""
 
@@ -44,6 +48,8 @@ _BY_TEXT: tuple[type, ...] = (
     *(datetime.date, datetime.time, datetime.timedelta, datetime.tzinfo),
 )
 """Values of the standard library that their text says whole."""
+
+_WEAK = (weakref.ReferenceType, weakref.ProxyType, weakref.CallableProxyType)
 
 _GENERATED = frozenset(
     "__init__ __repr__ __eq__ __hash__ __lt__ __le__ __gt__ __ge__ __new__ __replace__ __match_args__".split()
@@ -109,7 +115,8 @@ class _Reach:
                         is_special = name[:-1] in self._stored
                     if is_special and (not is_setup or id(kind) in self._constructed):
                         self._function(function)
-        self.state_of_others = set().union(*(uses.others for uses in self.uses.values()))
+        playing = (uses for at, uses in self.uses.items() if self._seen[at].__name__ not in _OF_CLASSES)
+        self.state_of_others = set().union(*(uses.others for uses in playing))
 
     def state_of(self, kind: type) -> set[str]:
         """Attributes of a class's objects that change while it plays."""
@@ -136,6 +143,14 @@ class _Reach:
 
     def is_users(self, value: Any) -> bool:
         return is_users(getattr(value, "__module__", None), self.home)
+
+    def holds_users(self, value: Any, depth: int = 2) -> bool:
+        """True for an object of a class of the user's, and for a list, tuple or mapping with one, or with a function."""
+        if self.is_users(type(value)):
+            return True
+        parts = list(value.values()) if _is(value, Mapping) else list(value) if _is(value, (list, tuple)) else []
+        functions = (FunctionType, MethodType, functools.partial)
+        return depth > 0 and any(_is(part, functions) or self.holds_users(part, depth - 1) for part in parts)
 
     def is_users_code(self, function: FunctionType) -> bool:
         """By the file: a library's wrapper has the module of what it wraps."""
@@ -230,11 +245,21 @@ def _inner(value: Any) -> Iterator[Any]:
         yield getattr(value, "default_factory", None)
     elif _is(value, (list, tuple, set, frozenset, deque)):
         yield from list(value)
+    elif _is(value, _WEAK):
+        yield referent(value)
     wrapped = unwrapped(value)
     if wrapped is not None:
         yield wrapped
     yield from held(value)
     yield from attributes(value).values()
+
+
+def referent(value: Any) -> Any:
+    """The object that a weak reference or a proxy stands for; none if it is gone."""
+    try:
+        return value() if _is(value, weakref.ReferenceType) else value.__init__.__self__
+    except ReferenceError:
+        return None
 
 
 def held(value: Any) -> list[Any]:
@@ -378,6 +403,8 @@ class _Walk:
             yield from self._instance(value)
         elif _is(value, (set, frozenset)):
             yield from sorted(map(self.digest, value))
+        elif _is(value, _WEAK):
+            yield self.digest(referent(value))
         else:
             wrapped = unwrapped(value)
             if wrapped is not None:
@@ -410,7 +437,7 @@ class _Walk:
             kept = {
                 name: part
                 for name, part in own.items()
-                if _is(part, plain) or _has_weights(part) or _is_tensor(part) or self._reach.is_users(type(part))
+                if _is(part, plain) or _has_weights(part) or _is_tensor(part) or self._reach.holds_users(part)
             }
             yield from self._named(kept)
 
@@ -451,7 +478,9 @@ class _Walk:
             if not self._reach.is_users(parent):
                 continue
             state = self._reach.state_of(parent)
-            yield from self._named({name: part for name, part in members(parent) if name not in state})
+            # A property, method or other descriptor is code, also where its name is assigned.
+            kept = {name: part for name, part in members(parent) if name not in state or hasattr(type(part), "__get__")}
+            yield from self._named(kept)
             for field in vars(parent).get("__dataclass_fields__", {}).values():
                 # Types count as they are written: what else they are is different from version to version.
                 made = field.default_factory

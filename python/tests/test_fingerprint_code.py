@@ -320,6 +320,64 @@ CASES = {
         [("min(x, 0.5)", "max(x, 0.5)"), ("b - a", "a - b"), ("2.0 * x", "2.5 * x"), ("3.0 * x", "3.5 * x")],
         [("min(x, 0.5)", "min(x,  0.5)  # half")],
     ),
+    "a property that is assigned": (
+        """
+        class Gain:
+            def __init__(self, value): self._value = value
+            @property
+            def value(self): return self._value * 1.5
+            @value.setter
+            def value(self, new): self._value = new * 2.5
+        def policy(observation):
+            gain = Gain(observation)
+            gain.value = 4.5
+            return gain.value
+        """,
+        "policy",
+        [("* 1.5", "* 1.75"), ("* 2.5", "* 2.75"), ("4.5", "4.75")],
+        [("@property", "@property  # read")],
+    ),
+    "classes that enter themselves in a list": (
+        """
+        class Base:
+            known = {}
+            def __init_subclass__(cls, **given): Base.known[cls.__name__] = cls
+        class Left(Base):
+            def act(self): return 1.5
+        class Right(Base):
+            def act(self): return 2.5
+        def policy(observation): return Base.known["Left"]().act() + Base.known["Right"]().act()
+        """,
+        "policy",
+        [("1.5", "1.75"), ("2.5", "2.75")],
+        [],
+    ),
+    "weak references": (
+        """
+        import weakref
+        class Arm:
+            def reach(self, observation): return self.gain * 1.5
+            def __init__(self): self.gain = 2.5
+        KEPT = Arm()
+        ARM, REACH, PROXY = weakref.ref(KEPT), weakref.WeakMethod(KEPT.reach), weakref.proxy(KEPT)
+        def policy(observation): return ARM().reach(observation), REACH()(observation), PROXY.reach(observation)
+        """,
+        "policy",
+        [("* 1.5", "* 1.75"), ("gain = 2.5", "gain = 2.75")],
+        [],
+    ),
+    "lists in objects of a library": (
+        """
+        import collections
+        class Missing(collections.UserDict):
+            def __missing__(self, name): return 1.5
+        TABLE = collections.ChainMap({"hip": 2.5}, Missing())
+        def policy(observation): return TABLE["hip"] + TABLE.maps[1]["knee"]
+        """,
+        "policy",
+        [("1.5", "1.75"), ("2.5", "2.75")],
+        [],
+    ),
 }
 
 # Of the cases, in every version of Python; another value refuses the runs that policies have begun.
@@ -342,6 +400,10 @@ PINNED = {
     "values of the standard library": "1eb532c6b26b0715",
     "texts": "9def5921b031b138",
     "functions in objects of C": "7774723be285ddaa",
+    "a property that is assigned": "54b69b0c57ea147d",
+    "classes that enter themselves in a list": "86b672f2487bf328",
+    "weak references": "5e77a19b79846de0",
+    "lists in objects of a library": "bbeff679170e8fa8",
 }
 
 HELPERS = {
