@@ -361,21 +361,20 @@ impl WideShader<'_> {
         let light = self.light;
         let splat = |value: f32| f32x8::splat(simd, value);
         let (zero, one) = (splat(0.0), splat(1.0));
-        let mut look = Looks::default();
-        for (k, paint) in spots.paint.into_iter().enumerate() {
-            look.set(k, &self.finishes[paint as usize], paint, light);
-        }
+        let look = Looks::of(spots.paint, self.finishes, light);
         let of = |numbers: &[f32; LANES]| f32x8::from_slice(simd, numbers);
         let floor = of(&look.floor).simd_gt(zero);
+        let wall = of(&look.wall).simd_gt(zero);
+        let mirror = of(&look.mirror).simd_gt(zero);
         let mut share = one;
-        if has_tiles && look.has_floor {
+        if has_tiles && floor.any_true() {
             let slant = zero - dot(spots.normal, spots.ray);
             let footprint = spots.distance * splat(self.view.inverse_focal[0]);
             let footprint = footprint / greater(slant, splat(MIN_SLANT));
             share = floor.select(tiles(simd, spots.point[0], spots.point[1], footprint), share);
         }
-        if look.has_wall {
-            let skirting = of(&look.wall).simd_gt(zero) & spots.point[2].simd_lt(splat(SKIRTING));
+        if wall.any_true() {
+            let skirting = wall & spots.point[2].simd_lt(splat(SKIRTING));
             share = skirting.select(splat(0.62), share);
         }
         let base = product(
@@ -391,12 +390,11 @@ impl WideShader<'_> {
         let arriving = add(dome, scale(key, facing * lit));
         let glow = of(&look.glow);
         let mut colour = product(base, add(arriving, [glow; 3]));
-        if look.has_mirror {
-            let has = of(&look.mirror).simd_gt(zero);
+        if mirror.any_true() {
             let shining = self.mirrored(simd, spots, &look, colour, lit, open);
-            colour = select(has, shining, colour);
+            colour = select(mirror, shining, colour);
         }
-        if look.has_floor {
+        if floor.any_true() {
             let square = spots.point[0] * spots.point[0] + spots.point[1] * spots.point[1];
             let far = floor & square.simd_gt(splat(FADE[0] * FADE[0]));
             if far.any_true() {
@@ -437,7 +435,7 @@ impl WideShader<'_> {
         let bright = shine.simd_gt(splat(0.5));
         if bright.any_true() {
             let sharpness = of(&look.sharpness);
-            for k in 0..look.sharpest {
+            for k in 0..look.sharpest() {
                 shine = sharpness.simd_gt(splat(f32::from(k))).select(shine * shine, shine);
             }
         }
