@@ -71,6 +71,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build::controller_contract, module)?)?;
     module.add_function(wrap_pyfunction!(build::climber_contract, module)?)?;
     module.add_function(wrap_pyfunction!(score::benchmark, module)?)?;
+    module.add_function(wrap_pyfunction!(assets::asset_picture, module)?)?;
     module.add_function(wrap_pyfunction!(assets::asset_trials, module)?)?;
     module.add_function(wrap_pyfunction!(available_threads, module)?)?;
     module.add_function(wrap_pyfunction!(check_training, module)?)?;

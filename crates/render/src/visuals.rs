@@ -53,6 +53,15 @@ impl Visuals {
         Self::with_look(scene, robot, Look::Two)
     }
 
+    /// The floor of a scene, and meshes of an object that stands on it, for people to look at.
+    pub(crate) fn of_object(scene: &Scene, object: Vec<Mesh>) -> Self {
+        let mut meshes = vec![room::floor(scene, Detail::Fine)];
+        meshes.extend(object);
+        let meshes: Vec<_> = meshes.into_iter().map(|mesh| Arc::new(mesh.finished())).collect();
+        let robot = Arc::clone(&scene.robot);
+        Self { robot, world_from_bench: None, look: Look::Two, fine: meshes.clone(), coarse: meshes }
+    }
+
     fn with_look(scene: &Scene, robot: Option<&RobotMeshes>, look: Look) -> Self {
         Self {
             robot: Arc::clone(&scene.robot),

@@ -1,5 +1,7 @@
 """Objects through all stages: built, checked by 27 assertions that each fail on a damaged stage, judged by other libraries."""
 
+import base64
+import io
 import json
 import os
 import shutil
@@ -24,6 +26,7 @@ from fiatlux.assets import AssetError, articulation, generate, mesh, objects, re
 from fiatlux.assets.__main__ import main
 from fiatlux.assets.build import build
 from fiatlux.assets.object import Settings
+from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 RECORDED = Path(__file__).parent / "generated"
@@ -287,8 +290,41 @@ def test_six_objects_go_through_all_stages(six):
         and passed["joint_motion"] == 1
     )
     page = (six / "report/report.html").read_text()
-    assert page.count("<svg") == 6 and "src=" not in page and "href=" not in page
+    # Each object as it looks, and as its convex pieces; nothing from elsewhere.
+    assert page.count('<img src="data:image/jpeg;base64,') == 12 == page.count("src=") and "href=" not in page
+    assert "crate_color.png, 64 x 64" in page and "1.50 kg, 600 x 400 x 170 mm" in page and "below 0.001 m/s" in page
+    assert "_m_s" not in page and "_rad" not in page and '<html lang="en">' in page
     assert "Articulated joint motion" in (six / "report/report.txt").read_text()
+
+
+def test_a_picture_of_an_object_has_the_colours_of_its_file(six):
+    """The renderer's light, in the colour or texture of each part: the crate's texture is brown, its pieces are not."""
+    drawn, pieces, textures = report.pictures(six / "crate")
+    assert textures == ["crate_color.png, 64 x 64"]
+
+    def opened(address):
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))), np.float64)
+
+    middle = slice(report.PICTURE // 3, 2 * report.PICTURE // 3)
+    red, green, blue = opened(drawn)[middle, middle].mean(axis=(0, 1))
+    assert red > green > blue
+    assert opened(pieces)[middle, middle].std(axis=(0, 1)).max() > 30.0
+    assert np.abs(opened(drawn)[:8] - opened(pieces)[:8]).max() < 12.0, "around them is the same floor"
+
+
+@pytest.mark.parametrize(
+    "value, unit, said",
+    [
+        (0.0351, "m", "35.1 mm"),
+        (1.5, "kg", "1.50 kg"),
+        (0.035, "kg", "35.0 g"),
+        (7e-11, "m/s", "below 0.001 m/s"),
+        (0.0, "N", "0 N"),
+        (1234.5, "N", "1234 N"),
+    ],
+)
+def test_measures_are_said_with_their_units(value, unit, said):
+    assert report.quantity(value, unit) == said
 
 
 @pytest.mark.parametrize("name", ["bulb", "socket", "crate", "ladder", "bench", "chest"])

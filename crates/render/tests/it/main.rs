@@ -4,5 +4,6 @@
 mod frames;
 mod framing;
 mod looks;
+mod object;
 mod robot_meshes;
 mod variation;
