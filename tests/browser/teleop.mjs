@@ -584,11 +584,14 @@ const [width, height] = (process.env.EYES ?? "480x270").split("x").map(Number);
 const SEEN = { width, height };
 const QUICK = { width: 240, height: 136 };
 
-// A picture of what both eyes see.
+// A picture of what both eyes see, with the head a little down, to the hands.
 async function eyes(page, name) {
+  const look = (down) => page.evaluate((down) => globalThis.headset.quaternion.set(-Math.sin(down / 2), 0, 0, Math.cos(down / 2)), down);
   await page.setViewportSize(SEEN);
+  await look(0.3);
   await drawn(page);
   await page.screenshot({ path: `${screenshots}/${name}.png` });
+  await look(0);
   await page.setViewportSize(QUICK);
   await drawn(page);
 }
