@@ -3,10 +3,11 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x8};
+use fearless_simd::{Level, Simd, dispatch, f32x8, i32x8, u32x8};
 
 use crate::raster::LANES;
 use crate::single::Vec3;
+use crate::wide::Places;
 use crate::wide::vector::{self as wide, floor, greater, lesser};
 
 /// Reach of the occlusion, m.
@@ -159,13 +160,11 @@ impl Occlusion {
 impl Occlusion {
     /// [`Occlusion::at`] for eight pixels.
     #[inline(always)]
-    pub(crate) fn at_eight<S: Simd>(&self, simd: S, at: &[[u32; 2]; LANES], inverse: f32x8<S>) -> f32x8<S> {
-        let (shift, mask) = (self.cell.trailing_zeros(), self.cell as u32 - 1);
-        let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
+    pub(crate) fn at_eight<S: Simd>(&self, simd: S, at: &Places, inverse: f32x8<S>) -> f32x8<S> {
+        let shift = self.cell.trailing_zeros();
         let (mut light, mut depth) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
-        for (k, [x, y]) in at.iter().enumerate() {
-            (u[k], v[k]) = ((x & mask) as f32, (y & mask) as f32);
-            let above = (y >> shift) as usize * self.width + (x >> shift) as usize;
+        for k in 0..LANES {
+            let above = (at[1][k] >> shift) as usize * self.width + (at[0][k] >> shift) as usize;
             let (upper, lower) =
                 (&self.light[above..above + 2], &self.light[above + self.width..above + self.width + 2]);
             [light[0][k], depth[0][k]] = upper[0];
@@ -175,7 +174,11 @@ impl Occlusion {
         }
         let step = f32x8::splat(simd, 1.0 / self.cell as f32);
         let one = f32x8::splat(simd, 1.0);
-        let (u, v) = (f32x8::from_slice(simd, &u) * step, f32x8::from_slice(simd, &v) * step);
+        let within = |at: &[u32; LANES]| {
+            let whole: i32x8<S> = (u32x8::from_slice(simd, at) & u32x8::splat(simd, self.cell as u32 - 1)).bitcast();
+            f32x8::float_from(whole) * step
+        };
+        let (u, v) = (within(&at[0]), within(&at[1]));
         let weights = [(one - u) * (one - v), u * (one - v), (one - u) * v, u * v];
         let tolerance = f32x8::splat(simd, 0.06) * inverse;
         let (mut sum, mut total) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 0.0));

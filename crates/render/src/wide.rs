@@ -4,7 +4,7 @@ mod looks;
 pub(crate) mod vector;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, u32x8};
+use fearless_simd::{Simd, f32x8, i32x8, u32x8};
 
 use looks::Looks;
 use vector::{
@@ -35,10 +35,13 @@ pub(crate) struct WideShader<'a> {
     pub tone: &'a Tone,
 }
 
+/// Columns and rows of eight pixels.
+pub(crate) type Places = [[u32; LANES]; 2];
+
 /// Pixels that wait to be lit.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Queue {
-    at: [[u32; 2]; LANES],
+    at: Places,
     /// Shares of the key light and of the dome that arrive; below 0 where they are still to be found.
     lit: [f32; LANES],
     open: [f32; LANES],
@@ -61,7 +64,8 @@ impl Queue {
     #[inline(always)]
     fn push(&mut self, at: [u32; 2], lit: f32, open: f32) -> bool {
         let lane = self.count % LANES;
-        (self.at[lane], self.lit[lane], self.open[lane]) = (at, lit, open);
+        (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
+        (self.lit[lane], self.open[lane]) = (lit, open);
         self.count = lane + 1;
         self.count == LANES
     }
@@ -72,7 +76,8 @@ impl Queue {
         let count = std::mem::take(&mut self.count);
         let mut taken = self.clone();
         for lane in count..LANES {
-            (taken.at[lane], taken.lit[lane], taken.open[lane]) = (taken.at[0], taken.lit[0], taken.open[0]);
+            (taken.at[0][lane], taken.at[1][lane]) = (taken.at[0][0], taken.at[1][0]);
+            (taken.lit[lane], taken.open[lane]) = (taken.lit[0], taken.open[0]);
         }
         (taken, count)
     }
@@ -142,7 +147,7 @@ impl WideShader<'_> {
         let open: [f32; LANES] = self.open(simd, &heads.at, &spots).into();
         let [px, py, pz]: [[f32; LANES]; 3] = [spots.point[0].into(), spots.point[1].into(), spots.point[2].into()];
         for k in 0..count {
-            let (at, paint) = (heads.at[k], spots.paint[k]);
+            let (at, paint) = ([heads.at[0][k], heads.at[1][k]], spots.paint[k]);
             let shared = lit[k] == 0.0 || lit[k] == 1.0;
             if shared && paint == Paint::Floor && crate::shade::is_clear([px[k], py[k], pz[k]]) {
                 if queues.tiled.push(at, lit[k], open[k]) {
@@ -189,7 +194,7 @@ impl WideShader<'_> {
         let bytes = self.bytes(simd, colour);
         let width = self.view.size[0];
         for k in 0..count {
-            let [x, y] = pixels.at[k];
+            let [x, y] = [pixels.at[0][k], pixels.at[1][k]];
             let at = 3 * (y as usize * width + x as usize);
             rgb[at..at + 3].copy_from_slice(&bytes[k]);
         }
@@ -214,7 +219,7 @@ impl WideShader<'_> {
         let bytes = self.bytes(simd, self.colour(simd, &spots, lit, open, true));
         let width = self.view.size[0];
         for k in 0..count {
-            let [x, y] = pixels.at[k];
+            let [x, y] = [pixels.at[0][k], pixels.at[1][k]];
             let at = 3 * (y as usize * width + x as usize);
             for at in [at, at + 3 * width] {
                 let two = &mut rgb[at..at + 6];
@@ -248,8 +253,8 @@ impl WideShader<'_> {
         let axes = [wide3(simd, view.axes[0]), wide3(simd, view.axes[1]), wide3(simd, view.axes[2])];
         for [i, j] in [[0, 0], [1, 0], [0, 1], [1, 1]] {
             let mut inverse = [0.0; LANES];
-            for (inverse, [x, y]) in inverse.iter_mut().zip(&pixels.at) {
-                *inverse = self.depth[(*y as usize + j) * width + *x as usize + i];
+            for (k, inverse) in inverse.iter_mut().enumerate() {
+                *inverse = self.depth[(pixels.at[1][k] as usize + j) * width + pixels.at[0][k] as usize + i];
             }
             let [ahead, left, up] = axes;
             let ray = add(add(ahead, scale(left, lefts[i])), scale(up, ups[j]));
@@ -259,37 +264,33 @@ impl WideShader<'_> {
             let footprint = distance * splat(view.inverse_focal[0]) / greater(slant, splat(MIN_SLANT));
             let tile = tiles(simd, x, y, footprint);
             let bytes = self.bytes(simd, scale(colour, tile));
-            for (lane, [x, y]) in pixels.at.iter().enumerate().take(count) {
-                let at = 3 * ((*y as usize + j) * width + *x as usize + i);
-                rgb[at..at + 3].copy_from_slice(&bytes[lane]);
+            for (k, bytes) in bytes.iter().enumerate().take(count) {
+                let at = 3 * ((pixels.at[1][k] as usize + j) * width + pixels.at[0][k] as usize + i);
+                rgb[at..at + 3].copy_from_slice(bytes);
             }
         }
     }
 
     /// Distances of pixels to the left of and above the middle, one metre ahead, m.
     #[inline(always)]
-    fn across<S: Simd>(&self, simd: S, at: &[[u32; 2]; LANES]) -> [Wide<S>; 2] {
+    fn across<S: Simd>(&self, simd: S, at: &Places) -> [Wide<S>; 2] {
         [self.across_axis(simd, at, 0), self.across_axis(simd, at, 1)]
     }
 
     #[inline(always)]
-    fn across_axis<S: Simd>(&self, simd: S, at: &[[u32; 2]; LANES], axis: usize) -> Wide<S> {
-        let mut pixels = [0.0; LANES];
-        for (pixel, at) in pixels.iter_mut().zip(at) {
-            *pixel = at[axis] as i32 as f32;
-        }
+    fn across_axis<S: Simd>(&self, simd: S, at: &Places, axis: usize) -> Wide<S> {
         let middle = f32x8::splat(simd, self.view.middle[axis]);
-        (middle - f32x8::from_slice(simd, &pixels)) * f32x8::splat(simd, self.view.inverse_focal[axis])
+        (middle - numbers(simd, &at[axis])) * f32x8::splat(simd, self.view.inverse_focal[axis])
     }
 
     #[inline(always)]
-    fn spots<S: Simd>(&self, simd: S, at: &[[u32; 2]; LANES]) -> Spots<S> {
+    fn spots<S: Simd>(&self, simd: S, at: &Places) -> Spots<S> {
         let (view, width) = (self.view, self.view.size[0]);
         let splat = |value: f32| f32x8::splat(simd, value);
         let (mut inverse, mut flat, mut paint) = ([0.0; LANES], [false; LANES], [Paint::Floor; LANES]);
         let mut ids = [0_usize; LANES];
-        for (k, [x, y]) in at.iter().enumerate() {
-            let index = *y as usize * width + *x as usize;
+        for k in 0..LANES {
+            let index = at[1][k] as usize * width + at[0][k] as usize;
             (inverse[k], ids[k]) = (self.depth[index], self.ids[index] as usize);
         }
         let [left, up] = self.across(simd, at);
@@ -325,11 +326,7 @@ impl WideShader<'_> {
         let of = |k: usize| f32x8::from_slice(simd, &planes[k]);
         let mut normal = [of(0), of(3), of(6)];
         if any_bent {
-            let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
-            for k in 0..LANES {
-                (u[k], v[k]) = (at[k][0] as i32 as f32, at[k][1] as i32 as f32);
-            }
-            let (u, v) = (f32x8::from_slice(simd, &u), f32x8::from_slice(simd, &v));
+            let (u, v) = (numbers(simd, &at[0]), numbers(simd, &at[1]));
             let (right, down) = ([of(1), of(4), of(7)], [of(2), of(5), of(8)]);
             let turned = normalize(simd, add(add(normal, scale(right, u)), scale(down, v)));
             let bent = f32x8::from_slice(simd, &bent).simd_gt(splat(0.5));
@@ -351,7 +348,7 @@ impl WideShader<'_> {
 
     /// Share of the dome that is not occluded.
     #[inline(always)]
-    fn open<S: Simd>(&self, simd: S, at: &[[u32; 2]; LANES], spots: &Spots<S>) -> Wide<S> {
+    fn open<S: Simd>(&self, simd: S, at: &Places, spots: &Spots<S>) -> Wide<S> {
         self.occlusion.at_eight(simd, at, spots.inverse)
     }
 
@@ -467,6 +464,13 @@ impl WideShader<'_> {
         }
         bytes
     }
+}
+
+/// Pixels' numbers, which are below 2 to the power of 31.
+#[inline(always)]
+fn numbers<S: Simd>(simd: S, at: &[u32; LANES]) -> Wide<S> {
+    let whole: i32x8<S> = u32x8::from_slice(simd, at).bitcast();
+    f32x8::float_from(whole)
 }
 
 /// Brightness of the tiled floor, smoothed over a width (m).
