@@ -2,11 +2,14 @@
 //!
 //!     fleet verify FOLDER SCORERS SUBMISSIONS EPISODES SLEEP_MS
 //!     fleet audit FOLDER WRITERS CHANGES
+//!     fleet on-postgres verify|audit ...
 //!
-//! FOLDER must not exist; it is the store of the measurement. `verify` prints the time until all is verified, how many verifications
+//! FOLDER must not exist; it is the store of the measurement. `on-postgres` has the database on a server of PostgreSQL that it starts. `verify` prints the time until all is verified, how many verifications
 //! there were and how many of an episode at most. `audit` prints how many changes failed.
 #![allow(clippy::unwrap_used)] // A failure is shown, and ends the example.
 
+#[path = "../tests/stores/mod.rs"]
+mod stores;
 #[path = "../src/store/queue/waiting.rs"]
 mod waiting;
 
@@ -17,9 +20,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use fiatlux_leaderboard::{Jobs, Quota, Service, ServiceOptions, Store, Verdict, Verifier, VerifyOutcome};
-use sqlx::sqlite::{SqliteConnectOptions, SqlitePool};
-use sqlx::{AssertSqlSafe, Row as _};
+use fiatlux_leaderboard::{Jobs, Place, Quota, Service, ServiceOptions, Store, Verdict, Verifier, VerifyOutcome};
+use sqlx::{AnyPool, AssertSqlSafe, Row as _};
 
 #[derive(Debug)]
 struct Sleeper {
@@ -52,6 +54,11 @@ async fn main() {
             measure_verify(folder, number(scorers), number(submissions), number(episodes), ms).await;
         }
         ["audit", folder, writers, changes] => measure_audit(folder, number(writers), changes).await,
+        ["on-postgres", ref rest @ ..] => {
+            let server = stores::Postgres::start_durable("fleet");
+            let mut command = Command::new(std::env::current_exe().unwrap());
+            assert!(command.args(rest).env(stores::SOCKET, server.socket()).status().unwrap().success());
+        }
         ["--scorer", folder, ms] => scorer(folder, number(ms)).await,
         ["--writer", folder, name, changes] => writer(folder, name, number(changes)).await,
         _ => panic!("see the first lines of examples/fleet.rs"),
@@ -60,6 +67,14 @@ async fn main() {
 
 fn number(text: &str) -> u64 {
     text.parse().unwrap()
+}
+
+async fn open(folder: &str) -> Store {
+    let mut place = Place::folder(folder.as_ref());
+    if let Some((database, _)) = stores::addresses(folder.as_ref()) {
+        place.database = database.parse().unwrap();
+    }
+    Store::open_at(&place).await.unwrap()
 }
 
 fn start(args: &[&str]) -> Child {
@@ -77,7 +92,7 @@ fn end(mut child: Child) -> u64 {
 }
 
 async fn scorer(folder: &str, ms: u64) {
-    let store = Store::open(folder.as_ref()).await.unwrap();
+    let store = open(folder).await;
     let _joined = store.join().await.unwrap().unwrap();
     let sleeper = Arc::new(Sleeper { time: Duration::from_millis(ms), count: AtomicU64::new(0) });
     let service = Arc::new(Service::new(store, ServiceOptions::default()));
@@ -92,9 +107,10 @@ async fn scorer(folder: &str, ms: u64) {
 }
 
 async fn measure_verify(folder: &str, scorers: u64, submissions: u64, episodes: u64, ms: &str) {
-    drop(Store::open(folder.as_ref()).await.unwrap());
-    let options = SqliteConnectOptions::new().filename(Path::new(folder).join("leaderboard.sqlite"));
-    let pool = SqlitePool::connect_with(options).await.unwrap();
+    drop(open(folder).await);
+    let sqlite = || format!("sqlite://{folder}/leaderboard.sqlite");
+    let url = stores::addresses(folder.as_ref()).map_or_else(sqlite, |(database, _)| database);
+    let pool = AnyPool::connect(&url).await.unwrap();
     for statement in waiting::statements(submissions, episodes) {
         sqlx::query(AssertSqlSafe(statement)).execute(&pool).await.unwrap();
     }
@@ -119,7 +135,7 @@ async fn measure_verify(folder: &str, scorers: u64, submissions: u64, episodes: 
 }
 
 async fn writer(folder: &str, name: &str, changes: u64) {
-    let store = Store::open(folder.as_ref()).await.unwrap();
+    let store = open(folder).await;
     let mut failed = 0;
     for number in 0..changes {
         if let Err(error) = store.make_account(&format!("{name}-{number}"), Quota::default()).await {
@@ -131,7 +147,7 @@ async fn writer(folder: &str, name: &str, changes: u64) {
 }
 
 async fn measure_audit(folder: &str, writers: u64, changes: &str) {
-    let store = Store::open(folder.as_ref()).await.unwrap();
+    let store = open(folder).await;
     let names: Vec<String> = (0..writers).map(|writer| format!("w{writer}")).collect();
     let children: Vec<Child> = names.iter().map(|name| start(&["--writer", folder, name, changes])).collect();
     let failed: u64 = children.into_iter().map(end).sum();

@@ -14,7 +14,7 @@ pub use postgres::Postgres;
 pub use s3::Server;
 
 /// The folder of PostgreSQL's socket, in a process that has a database and a bucket.
-const SOCKET: &str = "FIATLUX_TEST_SOCKET";
+pub const SOCKET: &str = "FIATLUX_TEST_SOCKET";
 const BUCKET: &str = "fiatlux-tests";
 
 /// Addresses of database and files for the store of this folder; none for those in the folder itself. Creates the database.

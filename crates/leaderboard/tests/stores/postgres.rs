@@ -13,10 +13,21 @@ const PATIENCE: Duration = Duration::from_secs(60);
 pub struct Postgres {
     folder: PathBuf,
     process: Child,
+    is_durable: bool,
 }
 
 impl Postgres {
+    /// Without what a crash of the machine would lose: tests do not look at it.
     pub fn start(name: &str) -> Self {
+        Self::start_with(name, false)
+    }
+
+    /// As an operator has it: what it has answered is on the disk.
+    pub fn start_durable(name: &str) -> Self {
+        Self::start_with(name, true)
+    }
+
+    fn start_with(name: &str, is_durable: bool) -> Self {
         let folder = std::env::temp_dir().join(format!("fiatlux-postgres-{name}-{}", std::process::id()));
         drop(std::fs::remove_dir_all(&folder));
         std::fs::create_dir_all(&folder).unwrap();
@@ -27,8 +38,8 @@ impl Postgres {
         run(own("initdb")
             .args(["--username=board", "--auth=trust", "--no-sync", "--encoding=UTF8", "--locale=C.UTF-8", "-D"])
             .arg(&data));
-        let process = serve(&folder);
-        let server = Self { folder, process };
+        let process = serve(&folder, is_durable);
+        let server = Self { folder, process, is_durable };
         server.wait();
         server
     }
@@ -44,7 +55,7 @@ impl Postgres {
         // It does not start before all processes of the one before have noticed.
         let start = Instant::now();
         loop {
-            self.process = serve(&self.folder);
+            self.process = serve(&self.folder, self.is_durable);
             std::thread::sleep(Duration::from_millis(200));
             if self.process.try_wait().unwrap().is_none() {
                 break;
@@ -52,6 +63,22 @@ impl Postgres {
             assert!(start.elapsed() < PATIENCE, "PostgreSQL does not start again");
         }
         self.wait();
+    }
+
+    /// Processor time of all its processes, those that ended included, ms.
+    pub fn processor_ms(&self) -> f64 {
+        let parent = self.process.id().to_string();
+        let processes = std::fs::read_dir("/proc").unwrap().flatten();
+        let times = processes.filter_map(|process| {
+            let stat = std::fs::read_to_string(process.path().join("stat")).ok()?;
+            let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
+            let is_own = process.file_name().to_str()? == parent;
+            // Its own time, and that of children that it has waited for.
+            let times = if is_own { 11..15 } else { 11..13 };
+            let is_part = is_own || fields.get(1)? == &parent;
+            is_part.then(|| fields[times].iter().map(|ticks| ticks.parse::<f64>().unwrap_or(0.0) * 10.0).sum::<f64>())
+        });
+        times.sum()
     }
 
     /// Number of databases that tests have made.
@@ -101,15 +128,11 @@ pub fn database(socket: &str, name: &str) -> String {
     format!("postgres://board@localhost/{name}?host={socket}")
 }
 
-fn serve(folder: &Path) -> Child {
+fn serve(folder: &Path, is_durable: bool) -> Child {
     let mut server = own("postgres");
-    // Without TCP. What a crash of the machine would lose, tests do not look at.
-    server.arg("-D").arg(folder.join("data")).arg("-k").arg(folder).args([
-        "-c",
-        "listen_addresses=",
-        "-c",
-        "fsync=off",
-    ]);
+    let fsync = if is_durable { "fsync=on" } else { "fsync=off" };
+    // Without TCP.
+    server.arg("-D").arg(folder.join("data")).arg("-k").arg(folder).args(["-c", "listen_addresses=", "-c", fsync]);
     server.args(["-c", "max_connections=400"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 

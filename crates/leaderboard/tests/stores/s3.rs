@@ -1,10 +1,11 @@
-//! A small server of S3's protocol on loopback, for tests: one bucket in memory. It refuses what is not signed with its key, and parts that
-//! S3 would refuse.
+//! A small server of S3's protocol on loopback, for tests: one bucket in memory, or in a folder, where it outlives its process. It refuses
+//! what is not signed with its key, and parts that S3 would refuse.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Read as _, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -26,6 +27,8 @@ pub struct Server {
 #[derive(Default)]
 struct State {
     bucket: String,
+    /// Each object is a file in it as soon as it is acknowledged.
+    folder: Option<PathBuf>,
     objects: Mutex<BTreeMap<String, Vec<u8>>>,
     /// Parts by upload and number.
     uploads: Mutex<BTreeMap<u64, BTreeMap<u64, Vec<u8>>>>,
@@ -46,8 +49,24 @@ type Answer = (u16, Vec<(&'static str, String)>, Vec<u8>);
 
 impl Server {
     pub fn start(bucket: &str) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let state = Arc::new(State { bucket: bucket.into(), ..State::default() });
+        Self::serve(0, State { bucket: bucket.into(), ..State::default() })
+    }
+
+    /// One that has the objects of a folder, at this port. Parts of incomplete uploads are lost with it.
+    pub fn start_in(folder: &Path, bucket: &str, port: u16) -> Self {
+        std::fs::create_dir_all(folder).unwrap();
+        let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        let object = |path: PathBuf| {
+            let key = HEXLOWER.decode(path.file_name()?.as_encoded_bytes()).ok()?;
+            Some((String::from_utf8(key).unwrap(), std::fs::read(&path).unwrap()))
+        };
+        let objects = Mutex::new(files.filter_map(object).collect());
+        Self::serve(port, State { bucket: bucket.into(), folder: Some(folder.into()), objects, ..State::default() })
+    }
+
+    fn serve(port: u16, state: State) -> Self {
+        let listener = TcpListener::bind(("127.0.0.1", port)).unwrap();
+        let state = Arc::new(state);
         let server = Self { address: listener.local_addr().unwrap(), state: Arc::clone(&state) };
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
@@ -60,8 +79,13 @@ impl Server {
 
     /// Variables with which Amazon's programs find it.
     pub fn environment(&self) -> [(&'static str, String); 5] {
+        Self::environment_at(self.address.port())
+    }
+
+    /// The same for one at that port.
+    pub fn environment_at(port: u16) -> [(&'static str, String); 5] {
         [
-            ("AWS_ENDPOINT_URL", format!("http://{}", self.address)),
+            ("AWS_ENDPOINT_URL", format!("http://127.0.0.1:{port}")),
             ("AWS_ALLOW_HTTP", "true".into()),
             ("AWS_REGION", "us-east-1".into()),
             ("AWS_ACCESS_KEY_ID", KEY.into()),
@@ -85,6 +109,21 @@ impl Server {
     /// Changes an object behind everybody's back.
     pub fn set(&self, key: &str, content: &[u8]) {
         self.state.objects.lock().unwrap().insert(key.into(), content.into());
+    }
+}
+
+impl State {
+    /// The file of an object; none where they are in memory alone.
+    fn file(&self, key: &str) -> Option<PathBuf> {
+        Some(self.folder.as_ref()?.join(HEXLOWER.encode(key.as_bytes())))
+    }
+
+    fn put(&self, objects: &mut BTreeMap<String, Vec<u8>>, key: &str, content: Vec<u8>) {
+        if let Some(file) = self.file(key) {
+            let part = file.with_extension("part");
+            std::fs::write(&part, &content).and_then(|()| std::fs::rename(&part, &file)).unwrap();
+        }
+        objects.insert(key.into(), content);
     }
 }
 
@@ -198,7 +237,7 @@ fn answer(state: &State, request: &Request) -> Answer {
             }
             let whole: Vec<u8> = parts.values().flatten().copied().collect();
             let tag = etag(&whole);
-            objects.insert(key.into(), whole);
+            state.put(&mut objects, key, whole);
             uploads.remove(&id);
             xml(&format!("<CompleteMultipartUploadResult><ETag>{tag}</ETag></CompleteMultipartUploadResult>"))
         }
@@ -207,7 +246,7 @@ fn answer(state: &State, request: &Request) -> Answer {
             (204, Vec::new(), Vec::new())
         }
         ("PUT", None) => {
-            objects.insert(key.into(), request.body.clone());
+            state.put(&mut objects, key, request.body.clone());
             (200, vec![("ETag", etag(&request.body))], Vec::new())
         }
         ("GET" | "HEAD", None) => {
@@ -220,6 +259,9 @@ fn answer(state: &State, request: &Request) -> Answer {
         }
         ("DELETE", None) => {
             objects.remove(key);
+            if let Some(file) = state.file(key) {
+                drop(std::fs::remove_file(file));
+            }
             (204, Vec::new(), Vec::new())
         }
         _ => refused(501, "NotImplemented"),
