@@ -6,7 +6,8 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use sqlx::any::{AnyConnectOptions, AnyPoolOptions, AnyRow};
-use sqlx::{Any, AnyConnection, AnyPool, ConnectOptions as _, Row as _, Transaction};
+use sqlx::{Any, AnyConnection, AnyPool, ConnectOptions as _, Connection as _, Row as _, Transaction};
+use tokio::sync::oneshot;
 
 use super::lock::{self, Held};
 use crate::StoreError;
@@ -18,6 +19,8 @@ const SQLITE: &str = "leaderboard.sqlite";
 /// Time for which a statement waits for another process, such as an admin command.
 const BUSY: Duration = Duration::from_secs(20);
 const LOOK: Duration = Duration::from_millis(50);
+/// Time between two looks whether the lock of the scorers is still held.
+const KEEP: Duration = Duration::from_secs(1);
 /// Number of connections that read, of one process.
 const READERS: u32 = 8;
 /// Keys of PostgreSQL's advisory locks, which belong to one database: for writers, for whoever opens it, for its scorers.
@@ -192,6 +195,17 @@ impl Database {
             let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
             return lock::held(folder, alone, patience).await;
         }
+        let Some(connection) = self.locked(alone, patience).await? else { return Ok(None) };
+        if alone {
+            return Ok(Some(Held::Connection { _connection: connection }));
+        }
+        let (until_dropped, dropped) = oneshot::channel();
+        tokio::spawn(keep(self.clone(), connection, dropped));
+        Ok(Some(Held::Shared { _until_dropped: until_dropped }))
+    }
+
+    /// A connection that holds the lock of the scorers.
+    async fn locked(&self, alone: bool, patience: Duration) -> Result<Option<AnyConnection>, StoreError> {
         let failed = |error| StoreError::database("be locked")(error);
         let mut connection = self.connection().await?;
         let ask = if alone {
@@ -203,7 +217,7 @@ impl Database {
         loop {
             let row = sqlx::query(ask).bind(SCORERS).fetch_one(&mut connection).await.map_err(failed)?;
             if row.try_get::<bool, _>("is_held").map_err(failed)? {
-                return Ok(Some(Held::Connection { _connection: connection }));
+                return Ok(Some(connection));
             }
             if start.elapsed() >= patience {
                 return Ok(None);
@@ -229,6 +243,17 @@ impl Database {
     pub async fn close(&self) {
         self.pool.close().await;
         self.writer.close().await;
+    }
+}
+
+/// Keeps the lock that scorers share until `dropped`: takes it again where the connection broke, such as after a restart of PostgreSQL.
+async fn keep(database: Database, mut connection: AnyConnection, mut dropped: oneshot::Receiver<()>) {
+    let mut is_lost = false;
+    while tokio::time::timeout(KEEP, &mut dropped).await.is_err() {
+        is_lost = is_lost || connection.ping().await.is_err();
+        if is_lost && let Ok(Some(again)) = database.locked(false, Duration::ZERO).await {
+            (connection, is_lost) = (again, false);
+        }
     }
 }
 

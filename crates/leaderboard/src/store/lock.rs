@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use sqlx::AnyConnection;
+use tokio::sync::oneshot;
 
 use crate::StoreError;
 
@@ -15,11 +16,12 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(50);
 
 /// The lock, until it is dropped. A connection that breaks gives it up: a scorer that starts then ends claims of others, which costs a
-/// verification and no verdict.
+/// verification and no verdict. Those who share it take it again as soon as the database answers.
 #[derive(Debug)]
 pub(super) enum Held {
     File { _file: File },
     Connection { _connection: AnyConnection },
+    Shared { _until_dropped: oneshot::Sender<()> },
 }
 
 /// Locks a folder; `None` if another scorer keeps it locked for so long.

@@ -124,6 +124,7 @@ impl Store {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use super::super::Place;
     use super::*;
 
     /// Guards that two scorers never grade at once, and that the duty of one that was killed goes on.
@@ -167,6 +168,29 @@ mod tests {
         assert!(!is_free().await);
         drop(joined);
         assert!(is_free().await);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Guards the same on a database that was started again meanwhile, which knows nobody any more.
+    #[tokio::test]
+    #[ignore = "needs PostgreSQL: tests/run"]
+    async fn nobody_upgrades_a_database_that_was_started_again_on_postgres() {
+        let mut postgres = crate::stores::Postgres::start("again");
+        let folder = std::env::temp_dir().join(format!("fiatlux-again-{}", std::process::id()));
+        let database = crate::stores::database_of(&postgres).parse().unwrap();
+        let store = Store::open_at(&Place { database, ..Place::folder(&folder) }).await.unwrap();
+        let joined = store.join().await.unwrap();
+        postgres.kill();
+        let is_free = async || store.database.held(true, Duration::ZERO).await.unwrap().is_some();
+        let start = std::time::Instant::now();
+        while is_free().await {
+            assert!(start.elapsed() < PATIENCE, "the scorer has lost its place");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        drop(joined);
+        while !is_free().await {
+            assert!(start.elapsed() < 2 * PATIENCE, "its place is kept for ever");
+        }
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }
