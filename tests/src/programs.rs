@@ -174,7 +174,11 @@ impl Running {
         Self::spawn(name, command, folder)
     }
 
-    fn spawn(name: &str, mut command: Command, folder: &Scratch) -> Self {
+    /// Starts a command under this name; its log goes to a file in the folder.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    pub fn spawn(name: &str, mut command: Command, folder: &Scratch) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let file = format!("{}-{}.log", name.replace('/', "-"), COUNT.fetch_add(1, Ordering::Relaxed));
         let log = folder.path().join(file);
@@ -250,6 +254,16 @@ impl Running {
     pub fn signal(&self, signal: &str) {
         let done = Command::new("kill").args([&format!("-{signal}"), &self.child.id().to_string()]).status();
         assert!(done.expect("kill runs").success());
+    }
+
+    /// Memory that it has now, MB.
+    ///
+    /// # Panics
+    /// Where it has ended.
+    pub fn memory_mb(&self) -> f64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("it runs");
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB"));
+        line.and_then(|kb| kb.parse::<f64>().ok()).expect("Linux tells it") / 1000.0
     }
 
     pub fn is_running(&mut self) -> bool {

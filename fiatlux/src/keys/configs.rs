@@ -37,7 +37,10 @@ pub fn with_passwords(role: Role, options: &KeysOptions, password: &str, users: 
     config(role, options, "tcp", transport, "usernames")
 }
 
-fn config(role: Role, options: &KeysOptions, protocol: &str, transport: Value, subject: &str) -> String {
+/// Clients and servers that a router admits at once; Zenoh's own limit is 1,000.
+const MAX_SESSIONS: u32 = 10_000;
+
+fn config(role: Role, options: &KeysOptions, protocol: &str, mut transport: Value, subject: &str) -> String {
     let port = options.port;
     let host = options.hosts.first().map_or("127.0.0.1", String::as_str);
     let host = if host.contains(':') { format!("[{host}]") } else { host.to_owned() };
@@ -46,6 +49,9 @@ fn config(role: Role, options: &KeysOptions, protocol: &str, transport: Value, s
         Role::Router => ("router", Vec::new(), addresses(&options.hosts).into_iter().map(endpoint).collect()),
         _ => ("client", vec![endpoint(&host)], Vec::new()),
     };
+    if role == Role::Router {
+        transport["unicast"] = json!({ "max_sessions": MAX_SESSIONS });
+    }
     let config = json!({
         "mode": mode,
         "connect": { "endpoints": connect },

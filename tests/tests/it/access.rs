@@ -330,3 +330,20 @@ fn with_certificates_in_another_language() {
 fn with_passwords_in_another_language() {
     python_cheats_in_vain(&Installation::start("access-password-python", "password"));
 }
+
+/// Guards a router against Zenoh's own limit of 1,000 programs: each of more clients is admitted, and reaches the server.
+#[test]
+fn a_router_admits_more_clients_than_zenoh_itself() {
+    let clients = if std::env::var_os("FIATLUX_ALL_ROOMS").is_some() { 1_200 } else { 20 };
+    let installation = Installation::start("access-crowd", "mtls");
+    let config = Config::from_file(installation.keys.join("policy.json5")).unwrap();
+    let router = &installation._others[1];
+    let before = router.memory_mb();
+    let sessions: Vec<Session> = (0..clients).map(|_| zenoh::open(config.clone()).wait().unwrap()).collect();
+    let describe = ServerKeys::new("test").describe();
+    for session in &sessions {
+        let replies = session.get(&describe).wait().unwrap();
+        assert!(replies.into_iter().any(|reply| reply.result().is_ok()));
+    }
+    println!("{clients} clients: {before:.0} MB of the router without them, {:.0} MB with them", router.memory_mb());
+}

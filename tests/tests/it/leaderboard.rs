@@ -7,6 +7,7 @@ mod lab;
 mod make;
 mod restored;
 mod trust;
+mod upgrade;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

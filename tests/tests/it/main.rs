@@ -15,5 +15,7 @@ mod programs;
 mod python_client;
 mod readme;
 mod runs;
+#[path = "../../../crates/leaderboard/tests/stores/mod.rs"]
+mod stores;
 mod teleop;
 mod thin;

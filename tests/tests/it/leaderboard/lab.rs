@@ -3,9 +3,11 @@
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
+use std::sync::atomic::AtomicBool;
 
 use fiatlux_access::{Identity, KnownServers};
+use fiatlux_leaderboard::{Submit, SubmitProgress, Upload};
 use fiatlux_tests::programs::{PATIENCE, Running, Scratch, Service, endpoint, free_port, program, wait_until};
 use serde_json::Value;
 
@@ -85,9 +87,17 @@ pub fn played_by(lab: &Lab, policy: &str, name: &str, seeds: &[&str]) -> PathBuf
     runs
 }
 
+/// A store that is not in the board's folder: options and variables with which programs find it.
+#[derive(Debug, Default, Clone)]
+pub struct Elsewhere {
+    pub options: Vec<String>,
+    pub variables: Vec<(&'static str, String)>,
+}
+
 /// A leaderboard of a test's own.
 pub struct Board<'a> {
     lab: &'a Lab,
+    store: Elsewhere,
     service: Running,
     args: Vec<String>,
     port: u16,
@@ -101,34 +111,58 @@ impl<'a> Board<'a> {
 
     /// That verifies on those servers.
     pub fn start_with(lab: &'a Lab, servers: &[&str], args: &[&str]) -> Self {
+        Self::start_on(lab, Elsewhere::default(), servers, args)
+    }
+
+    /// The same, with its store elsewhere.
+    pub fn start_on(lab: &'a Lab, store: Elsewhere, servers: &[&str], args: &[&str]) -> Self {
         let port = free_port();
-        let folder = lab.folder().path().join("board").display().to_string();
         for args in [&["init"][..], &["account", "lab", "--submissions-a-day", "100000"], &["token", "lab"]] {
-            let done =
-                Command::new(program("scorer")).args(["admin", "--folder", &folder]).args(args).output().unwrap();
-            assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-            std::fs::write(lab.folder().path().join("token"), done.stdout).unwrap();
+            std::fs::write(lab.folder().path().join("token"), admin(lab, &store, args)).unwrap();
         }
+        let folder = lab.folder().path().join("board").display().to_string();
         let http = format!("127.0.0.1:{port}");
         let mut all: Vec<String> = ["serve", "--folder", &folder, "--http", &http].map(str::to_owned).into();
+        all.extend(store.options.iter().cloned());
         all.extend(args.iter().map(|&arg| arg.to_owned()));
-        let service = serve(lab, &all, servers);
-        Self { lab, service, args: all, port }
+        let service = serve(lab, &store, "scorer", &all, servers);
+        Self { lab, store, service, args: all, port }
     }
 
     /// Another service on the same folder, which verifies on no server.
     pub fn another(&self) -> Self {
-        let (lab, port) = (self.lab, free_port());
+        let (lab, store, port) = (self.lab, self.store.clone(), free_port());
         let own = format!("127.0.0.1:{}", self.port);
         let args = self.args.iter().map(|arg| if *arg == own { format!("127.0.0.1:{port}") } else { arg.clone() });
         let args: Vec<String> = args.collect();
-        Self { lab, service: serve(lab, &args, &[]), args, port }
+        Self { service: serve(lab, &store, "scorer", &args, &[]), lab, store, args, port }
     }
 
     /// Kills it and starts it again.
     pub fn restart(&mut self, servers: &[&str]) {
         self.service.kill();
-        self.service = serve(self.lab, &self.args, servers);
+        self.service = serve(self.lab, &self.store, "scorer", &self.args, servers);
+    }
+
+    /// Asks it to end, as an init system would, and starts another program in its place.
+    pub fn upgrade(&mut self, scorer: &str, servers: &[&str]) {
+        self.service.signal("TERM");
+        assert!(self.service.finish(PATIENCE).0.success(), "{}", self.service.log());
+        self.service = serve(self.lab, &self.store, scorer, &self.args, servers);
+    }
+
+    /// The log of the service since it was started.
+    pub fn log(&self) -> String {
+        self.service.log()
+    }
+
+    /// `scorer admin` on its store: what it prints.
+    pub fn admin(&self, args: &[&str]) -> String {
+        String::from_utf8(admin(self.lab, &self.store, args)).unwrap()
+    }
+
+    pub fn submitter(&self) -> Submitter {
+        Submitter { url: self.url(), token: std::fs::read_to_string(self.token()).unwrap() }
     }
 
     pub fn stop(&mut self) {
@@ -181,22 +215,16 @@ impl<'a> Board<'a> {
 
     /// The same, from another account.
     pub fn submit_as(&self, account: &str, folder: &Path, args: &[&str]) -> (i32, Value) {
-        let board = self.folder().display().to_string();
-        let admin = |args: &[&str]| {
-            Command::new(program("scorer")).args(["admin", "--folder", &board]).args(args).output().unwrap().stdout
-        };
-        admin(&["account", account]);
         let token = self.lab.folder().path().join(format!("token-{account}"));
-        std::fs::write(&token, admin(&["token", account])).unwrap();
+        // It may be there.
+        drop(run_admin(self.lab, &self.store, &["account", account]));
+        std::fs::write(&token, self.admin(&["token", account])).unwrap();
         self.submit_by(&token, folder, &[args, &["--wait"]].concat())
     }
 
     /// Removes a submission.
     pub fn remove(&self, entry: &Value) {
-        let folder = self.folder().display().to_string();
-        let args = ["admin", "--folder", &folder, "remove", entry["id"].as_str().unwrap()];
-        let done = Command::new(program("scorer")).args(args).output().unwrap();
-        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        self.admin(&["remove", entry["id"].as_str().unwrap()]);
     }
 
     /// The service's answer to its account, as JSON.
@@ -224,10 +252,39 @@ impl<'a> Board<'a> {
     }
 }
 
-fn serve(lab: &Lab, args: &[String], servers: &[&str]) -> Running {
-    let mut all: Vec<&str> = args.iter().map(String::as_str).collect();
-    servers.iter().for_each(|server| all.extend(["-e", server]));
-    let mut service = Running::start("scorer", &all, lab.folder());
+/// Who submits to a board with its account's token, also while it is killed.
+pub struct Submitter {
+    url: String,
+    token: String,
+}
+
+impl Submitter {
+    /// Sends one bag, or a folder of them, until it is accepted; returns the submission's id.
+    pub fn send(&self, bags: &Path, note: &str) -> String {
+        let mut upload = Upload::find(bags).unwrap();
+        upload.manifest.note = note.into();
+        let (never, mut quiet) = (AtomicBool::new(false), |_: SubmitProgress| {});
+        Submit::to(&self.url, &self.token, &mut quiet, &never).unwrap().send(&upload).unwrap().id
+    }
+}
+
+fn run_admin(lab: &Lab, store: &Elsewhere, args: &[&str]) -> Output {
+    let mut scorer = Command::new(program("scorer"));
+    scorer.args(["admin", "--folder"]).arg(lab.folder().path().join("board")).args(&store.options).args(args);
+    scorer.envs(store.variables.iter().cloned()).output().unwrap()
+}
+
+fn admin(lab: &Lab, store: &Elsewhere, args: &[&str]) -> Vec<u8> {
+    let done = run_admin(lab, store, args);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    done.stdout
+}
+
+fn serve(lab: &Lab, store: &Elsewhere, scorer: &str, args: &[String], servers: &[&str]) -> Running {
+    let mut command = Command::new(program(scorer));
+    command.args(args).args(servers.iter().flat_map(|server| ["-e", server]));
+    command.envs(store.variables.iter().cloned());
+    let mut service = Running::spawn("scorer", command, lab.folder());
     service.wait_for("serving http://127.0.0.1:");
     service
 }
