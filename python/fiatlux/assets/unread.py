@@ -62,6 +62,34 @@ def applied(prim: Usd.Prim) -> Iterator[str]:
                     yield f"a pair without contact names {target}, which does not exist; remove it"
 
 
+def switched(prim: Usd.Prim) -> Iterator[str]:
+    """Physics that is there but switched off, or begins or ends otherwise than an object's at rest."""
+    if prim.HasAPI(UsdPhysics.RigidBodyAPI):
+        body = UsdPhysics.RigidBodyAPI(prim)
+        if body.GetRigidBodyEnabledAttr().Get() is False:
+            yield "its rigid body is switched off, which is not read; remove the schema, or switch it on"
+        if body.GetKinematicEnabledAttr().Get():
+            yield "it is kinematic, which is not read; fix it by a joint to the world"
+        if body.GetStartsAsleepAttr().Get():
+            yield "it starts asleep, which is not read; remove startsAsleep"
+        if any(body.GetVelocityAttr().Get() or ()) or any(body.GetAngularVelocityAttr().Get() or ()):
+            yield "it starts with a velocity, which is not read; objects start at rest"
+    if prim.HasAPI(UsdPhysics.CollisionAPI) and UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is False:
+        yield "its collider is switched off, which is not read; remove it, or switch it on"
+    if prim.IsA(UsdPhysics.Joint):
+        joint = UsdPhysics.Joint(prim)
+        if joint.GetJointEnabledAttr().Get() is False:
+            yield "it is switched off, which is not read; remove it, or switch it on"
+        if joint.GetExcludeFromArticulationAttr().Get():
+            yield "it is no part of the articulation, which is not read; remove excludeFromArticulation"
+        if joint.GetCollisionEnabledAttr().Get():
+            yield "its bodies touch each other, which is not read; remove collisionEnabled"
+        if any(math.isfinite(most) for most in (joint.GetBreakForceAttr().Get(), joint.GetBreakTorqueAttr().Get())):
+            yield "it breaks at a force, which is not read; remove breakForce and breakTorque"
+    if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).GetResetXformStack() and prim.GetParent().GetParent():
+        yield "it leaves its parent's frame (resetXformStack), which is not read; place it in that frame"
+
+
 def unread(stage: Usd.Stage) -> Iterator[str]:
     """Features of a stage that are not read: prim, feature and remedy."""
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
@@ -70,7 +98,7 @@ def unread(stage: Usd.Stage) -> Iterator[str]:
             yield f"{prim.GetPath()}: it is inactive, which is not read; remove it, or activate it"
     for prim in prims(stage):
         path = prim.GetPath()
-        yield from (f"{path}: {problem}" for problem in [*hidden(prim), *applied(prim)])
+        yield from (f"{path}: {problem}" for problem in [*hidden(prim), *applied(prim), *switched(prim)])
         if any(prim.IsA(kind) for kind in OTHERS):
             yield f"{path}: a {prim.GetTypeName()} is not read; remove it"
         sets = prim.GetVariantSets()

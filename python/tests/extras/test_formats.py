@@ -718,6 +718,42 @@ def variants(usd):
     chosen.AddVariant("large")
 
 
+def body_of(usd):
+    return UsdPhysics.RigidBodyAPI(usd.GetPrimAtPath("/thing/thing"))
+
+
+def hinge(usd):
+    return UsdPhysics.Joint(UsdPhysics.RevoluteJoint.Define(usd, "/thing/hinge"))
+
+
+def collider_off(usd):
+    collider = next(prim for prim in usd.Traverse() if prim.HasAPI(UsdPhysics.CollisionAPI))
+    UsdPhysics.CollisionAPI(collider).CreateCollisionEnabledAttr(False)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda usd: body_of(usd).CreateRigidBodyEnabledAttr(False), "its rigid body is switched off"),
+        (lambda usd: body_of(usd).CreateKinematicEnabledAttr(True), "it is kinematic"),
+        (lambda usd: body_of(usd).CreateStartsAsleepAttr(True), "it starts asleep"),
+        (lambda usd: body_of(usd).CreateAngularVelocityAttr(Gf.Vec3f(0, 0, 1)), "it starts with a velocity"),
+        (collider_off, "its collider is switched off"),
+        (lambda usd: hinge(usd).CreateJointEnabledAttr(False), "/thing/hinge: it is switched off"),
+        (lambda usd: hinge(usd).CreateExcludeFromArticulationAttr(True), "it is no part of the articulation"),
+        (lambda usd: hinge(usd).CreateCollisionEnabledAttr(True), "its bodies touch each other"),
+        (lambda usd: hinge(usd).CreateBreakTorqueAttr(1.0), "it breaks at a force"),
+        (lambda usd: UsdGeom.Xformable(usd.GetPrimAtPath("/thing/thing/visual")).SetResetXformStack(True), "resetXformStack"),
+    ],
+)  # fmt: skip
+def test_usd_physics_that_is_switched_off_is_refused(stage, change, message):
+    """The assertions count bodies, colliders and joints that a simulator would leave out."""
+    change(stage)
+    stage.GetRootLayer().Save()
+    with pytest.raises(AssetError, match=message):
+        verify.verify(stage.GetRootLayer().realPath)
+
+
 @pytest.mark.parametrize(
     "change, message",
     [
