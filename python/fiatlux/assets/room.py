@@ -209,10 +209,13 @@ def of_bulb(thing: Object, shift: np.ndarray) -> dict[str, Any]:
     i = part.inertia
     across, along = (i[0, 0] + i[1, 1]) / 2.0, i[2, 2]
     off = np.hypot(*part.com[:2])
-    if off > 0.05 * radii.max() or abs(i[0, 0] - i[1, 1]) > 0.1 * across:
+    uneven = abs(i[0, 0] - i[1, 1]) / across
+    if off > 0.05 * radii.max() or uneven > 0.1:
+        found = f"its inertias about x and y differ by {uneven:.0%}"
+        if uneven <= 0.1:
+            found = f"its centre of mass is {1000.0 * off:.1f} mm off"
         raise AssetError(
-            f"role: bulb '{thing.name}' is not round about z (its centre of mass is {1000.0 * off:.1f} mm off); turn it so that"
-            " its axis is z and its cap is below"
+            f"role: bulb '{thing.name}' is not round about z ({found}); turn it so that its axis is z and its cap is below"
         )
     heights = np.linspace(0.0, top, 25)
     outline: list[list[float]] = []

@@ -735,3 +735,10 @@ def test_paths_are_found_in_all_layers(chest, tmp_path):
     layer.Save()
     row = rows_of(tmp_path / "a")["files_inside"]
     assert row.status == "fail" and "@../outside.usda@" in row.findings[0]
+
+
+def test_a_bulb_that_is_not_round_is_refused_by_what_is_not_round(tmp_path):
+    """A long block's centre of mass is on the axis: that it is 0.0 mm off is no reason."""
+    trimesh.creation.box((0.06, 0.03, 0.1)).export(tmp_path / "block.obj")
+    with pytest.raises(AssetError, match="is not round about z .its inertias about x and y differ by"):
+        build(tmp_path / "block.obj", tmp_path / "block", Settings("block", role="bulb", up="z", mass=0.03))
