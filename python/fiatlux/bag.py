@@ -22,6 +22,7 @@ ROWS_PER_SECOND = 50
 """Control steps in a second."""
 
 _PICTURES = ("camera", "chest_camera", "left_wrist_camera", "right_wrist_camera")
+_CHANNELS = {"depth": "metres", "chest_depth": "metres", "segmentation": "labels", "chest_segmentation": "labels"}
 
 
 def files_below(folder: Path, pattern: str = "*.mcap") -> list[Path]:
@@ -189,6 +190,24 @@ class Bag(Mapping[str, dict[str, Any]]):
             rows = observation.get(f"{name}.rgb.rows", range(len(data)))
             shape = (int(observation[f"{name}.height"][0]), int(observation[f"{name}.width"][0]), 3)
             found[name] = {int(row): np.frombuffer(rgb, np.uint8).reshape(shape) for row, rgb in zip(rows, data)}
+        return found
+
+    def channels(self) -> dict[str, dict[int, NDArray[Any]]]:
+        """Recorded depth (m, ``float32``) and labels (``uint8``, see :func:`fiatlux.segments`) by sensor and row, height x width."""
+        found: dict[str, dict[int, NDArray[Any]]] = {}
+        observation = self["/observation"]
+        for name, part in _CHANNELS.items():
+            if f"{name}.{part}" not in observation:
+                continue
+            data = observation[f"{name}.{part}"]
+            rows = observation.get(f"{name}.{part}.rows", range(len(data)))
+            shape = (int(observation[f"{name}.height"][0]), int(observation[f"{name}.width"][0]))
+            found[name] = {
+                int(row): np.frombuffer(one, np.uint8).reshape(shape)
+                if isinstance(one, bytes)
+                else np.asarray(one, np.float32).reshape(shape)
+                for row, one in zip(rows, data)
+            }
         return found
 
     def render(self, row: int, *, size: tuple[int, int] = (640, 480), camera: str | None = None) -> Picture:

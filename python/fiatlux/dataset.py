@@ -64,8 +64,8 @@ def export_lerobot(
     reward and outcome of the step (``next.reward``, ``next.reward_terms``, ``next.done``, ``next.success``). ``episode.*`` holds
     for the whole episode: the judge's verdict, the settings, and in ``episode.conditions`` the numbers that were drawn; the data
     set's features give their names. Bags of several tasks make one set: a reward term that a task lacks is 0, and a number that it does
-    not draw NaN. Recorded images become videos (``observation.images.*``); between two images the older one
-    is repeated.
+    not draw NaN. Recorded images become videos (``observation.images.*``), depth and labels arrays (``observation.depth``); between
+    two of them the older one is repeated.
 
     The folder appears when it is whole. Until then finished bags are kept in ``OUT.part``: the same call goes on with them.
 
@@ -263,6 +263,13 @@ def _features(
             "shape": (height, width, 3),
             "names": ["height", "width", "channels"],
         }
+    for name, seen in bag.channels().items():
+        first = next(iter(seen.values()))
+        features[f"observation.{name}"] = {
+            "dtype": str(first.dtype),
+            "shape": first.shape,
+            "names": ["height", "width"],
+        }
     return features, header["robot"]
 
 
@@ -340,10 +347,13 @@ def _frames(
         **{f"episode.{name}": header[field] for name, field in _CHOSEN.items()},
         "episode.conditions": np.array([drawn.get(name, np.nan) for name in conditions or drawn], np.float32),
     }
-    images = {f"observation.images.{name}": seen for name, seen in _images(bag).items()}
-    latest: dict[str, NDArray[np.uint8]] = {}
+    views: dict[str, dict[int, NDArray[Any]]] = {
+        f"observation.images.{name}": seen for name, seen in _images(bag).items()
+    }
+    views |= {f"observation.{name}": seen for name, seen in bag.channels().items()}
+    latest: dict[str, NDArray[Any]] = {}
     for row in range(rows):
-        for name, seen in images.items():
+        for name, seen in views.items():
             if row in seen:
                 latest[name] = seen[row]
         if row < first or (row - first) % stride != 0:
@@ -360,7 +370,7 @@ def _frames(
             "next.success": np.array([last == rows and bool(verdict["success"])]),
             **whole_episode,
             **({} if besides is None else {"command": besides[row]}),
-            **{name: latest[name] for name in images},
+            **{name: latest[name] for name in views},
         }
 
 

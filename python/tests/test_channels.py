@@ -2,6 +2,7 @@
 
 import fiatlux
 import numpy as np
+from fiatlux import dataset
 
 SENSORS = ["proprioception", "depth", "segmentation", "chest_depth", "chest_segmentation"]
 
@@ -72,3 +73,35 @@ def test_a_vector_sees_what_an_environment_sees():
     together, _ = worlds.reset()
     for name in SENSORS[1:]:
         np.testing.assert_array_equal(together[name][0], alone[name])
+
+
+def test_a_bag_and_a_data_set_have_channels_and_wrists(tmp_path):
+    """Each picture and each channel of the bag is the environment's of that row, and a frame of a data set has the newest."""
+    arrays, wrists = SENSORS[1:], ["left_wrist_camera", "right_wrist_camera"]
+    env = fiatlux.Env("S05", sensors=["proprioception", *arrays, *wrists], image_size=(32, 24), observation="dict")
+    observation, _ = env.reset(seed=1000)
+    seen, ended = [observation], False
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(np.zeros(53))
+        ended = terminated or truncated
+        seen.append(observation)
+    record = [f"{name}@10" for name in (*arrays, *wrists)]
+    fiatlux.evaluate(lambda _: np.zeros(53), ["S05"], [1000], out=tmp_path, record=record, image_size=(32, 24))
+    (path,) = tmp_path.rglob("*.mcap")
+    bag = fiatlux.Bag(path)
+    assert set(bag.channels()) == set(arrays) and set(bag.images()) == set(wrists)
+    for name, views in (bag.channels() | bag.images()).items():
+        assert list(views) == list(range(0, bag.steps + 1, 5)), name
+        for row, view in views.items():
+            assert view.dtype == seen[row][name].dtype, name
+            np.testing.assert_array_equal(view, seen[row][name], err_msg=f"{name} in row {row}")
+    features, _ = dataset._features(bag, path, ["base_height"], "joints", "image")
+    frames = list(dataset._frames(bag, ["base_height"], "joints", 1))
+    assert len(frames) == bag.steps
+    for name in arrays:
+        feature = features[f"observation.{name}"]
+        assert (feature["dtype"], feature["shape"]) == (str(seen[0][name].dtype), (24, 32))
+        np.testing.assert_array_equal(frames[9][f"observation.{name}"], seen[5][name])
+    for name in wrists:
+        assert features[f"observation.images.{name}"]["shape"] == (24, 32, 3)
+        np.testing.assert_array_equal(frames[9][f"observation.images.{name}"], seen[5][name])
