@@ -111,6 +111,17 @@ fn a_router_listens_where_its_host_is_looked_for() {
     }
 }
 
+/// Zenoh itself admits 1,000 programs to a router, and refuses the next one.
+#[test]
+fn a_router_admits_a_whole_fleet() {
+    let options = options("fleet", Authentication::Passwords);
+    let limit = |role| {
+        let config = zenoh::Config::from_json5(&configs::with_passwords(role, &options, "secret", Path::new("users")));
+        config.unwrap().get_json("transport/unicast/max_sessions").unwrap().parse::<u32>().unwrap()
+    };
+    assert_eq!((limit(Role::Router), limit(Role::Server)), (10_000, 1_000));
+}
+
 /// Zenoh's QUIC compares no certificate with an IPv6 address: programs would wait for ever.
 #[test]
 fn an_ipv6_address_needs_a_name_beside_a_certificate() {
