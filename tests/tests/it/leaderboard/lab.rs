@@ -75,7 +75,7 @@ pub fn played_by(lab: &Lab, policy: &str, name: &str, seeds: &[&str]) -> PathBuf
     let mut args = vec!["evaluate", "--policy", policy, "-e", &link, "--run-file", &file, "--json"];
     args.extend(seeds);
     let mut client = Running::start("policy-client", &args, lab.folder());
-    let (status, text) = client.finish(PATIENCE);
+    let (status, text) = client.finish(5 * PATIENCE);
     assert!(status.success(), "{text}\n{}", client.log());
     let run = std::fs::read_to_string(&file).unwrap();
     let run = run
