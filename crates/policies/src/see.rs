@@ -6,12 +6,14 @@ pub(crate) mod carry;
 mod finds;
 mod network;
 mod on_ladder;
+mod planar;
 mod posture;
 mod reckoning;
 mod room;
 mod shape;
 #[cfg(test)]
 mod tests;
+mod tiles;
 
 use std::collections::VecDeque;
 use std::path::Path;

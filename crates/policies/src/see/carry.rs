@@ -19,9 +19,11 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::finds::InRoom;
 use super::network::Network;
+use super::planar::Planar;
 use super::reckoning::{Goes, Reckoning};
-use super::room::{Planar, Room};
+use super::room::Room;
 use super::shape::Shape;
+use super::tiles::Tiles;
 use super::{HZ, SCANS_HZ, embedding, pictures, sensed as senses};
 use crate::body::{self, angles, message, sensed};
 use crate::entry::Entry;
@@ -52,10 +54,8 @@ const SURE: [(usize, f64); 2] = [(7, 1e-6), (12, 1e-5)];
 const OFF: [f64; 2] = [0.15, 0.1];
 /// Distance of the ladder's middle from a lamp at the ceiling, m: as far as it may be, it is 0.7.
 const BELOW_M: f64 = 0.25;
-/// The least that a look in the room errs by while the ladder is carried: place, m, and heading, rad.
-const ERRS: [f64; 2] = [0.6, 0.12];
-/// Looks err alike for a while: so much more than the network says of each.
-const ALIKE: f64 = 4.0;
+/// Standard deviations of where the tiles say that the robot is, m and rad; looks err alike for a while.
+const ERRS: [f64; 3] = [0.04, 0.04, 0.02];
 
 /// Brings the ladder.
 pub struct Carry {
@@ -76,6 +76,9 @@ struct Episode {
     /// The lamp, until it is marked.
     lamp: Vector3<f64>,
     room: Room,
+    tiles: Tiles,
+    /// Where the tiles are from the ladder's first place, and looks that say so.
+    floor: Option<(Planar, u32)>,
     /// The ladder in the pelvis frame, once it is lifted.
     carried: Option<Isometry3<f64>>,
     shape: Shape,
@@ -134,9 +137,12 @@ impl Policy for Carry {
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(&error.to_string()))?;
         let gains = robot.gains(Default::default());
-        let body =
-            Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot; use another robot"))?;
+        let body = Body::new(robot.clone(), gains)
+            .ok_or_else(|| unfit("its drives do not fit the robot; use another robot"))?;
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
+        let contract = self.network.contract();
+        let tiles = Tiles::new(&robot, &body.ids, &contract.cameras, contract.picture);
+        let tiles = tiles.ok_or_else(|| unfit("the robot lacks a camera; use another robot"))?;
         let reckoning = Reckoning::new(body, Isometry3::identity(), SPREAD);
         let mut reckoning = reckoning.ok_or_else(|| unfit("the robot has no LiDAR; use another robot"))?;
         let sensed = sensed("carry", first)?;
@@ -150,6 +156,8 @@ impl Policy for Carry {
             reckoning,
             seeks: Some([seen.middle.x, seen.middle.y]),
             room: Room::default(),
+            tiles,
+            floor: None,
             carried: None,
             shape: Shape::ladder(),
         });
@@ -163,9 +171,12 @@ impl Policy for Carry {
         let contract = self.network.contract();
         let senses = senses(contract, observation)?;
         if let Some(seen) = pictures(contract, observation)? {
-            let seen = embedding(&mut self.network, &seen);
-            if let Some(found) = InRoom::of(self.network.decide(&[&seen], &senses)) {
-                episode.look(&found);
+            episode.look_at_tiles(observation, &seen)?;
+            if episode.carried.is_none() {
+                let seen = embedding(&mut self.network, &seen);
+                if let Some(found) = InRoom::of(self.network.decide(&[&seen], &senses)) {
+                    episode.room.look(&found, episode.reckoning.ladder_from_pelvis());
+                }
             }
         }
         if observation.step.is_multiple_of(LOOKS) && episode.finds_ladder(observation, &phase)? {
@@ -173,8 +184,9 @@ impl Policy for Carry {
         }
         let Some(episode) = &mut self.episode else { return Err(PolicyError::not_reset("carry")) };
         if observation.step.is_multiple_of(TELLS) && episode.carried.is_none() {
-            episode.room.tell(&mut episode.info);
-            let socket = episode.room.socket(episode.lamp());
+            let (floor, lamp) = (episode.floor.as_ref().map(|(floor, _)| floor), episode.lamp());
+            episode.room.tell(&mut episode.info, floor, &lamp);
+            let socket = episode.room.socket(floor, lamp);
             self.ladder.learn(&episode.info, socket);
         }
         let mut seen = episode.seen(observation);
@@ -198,7 +210,8 @@ impl Carry {
     /// Begins to bring the ladder, by what is known of the room.
     fn begin(&mut self, observation: &Observation) -> Result<(), PolicyError> {
         let Some(episode) = &mut self.episode else { return Ok(()) };
-        episode.room.tell(&mut episode.info);
+        let (floor, lamp) = (episode.floor.as_ref().map(|(floor, _)| floor), episode.lamp());
+        episode.room.tell(&mut episode.info, floor, &lamp);
         (self.ladder.at_start, self.ladder.standoff) = (true, Some(BELOW_M));
         let seen = episode.seen(observation);
         self.ladder.reset(&episode.info, &seen)
@@ -230,19 +243,38 @@ impl Episode {
         Ok(())
     }
 
-    /// Takes in a look at the room.
-    fn look(&mut self, found: &InRoom) {
-        let before = self.room.room_from_ladder();
-        if self.carried.is_none() {
-            self.room.look(found, self.reckoning.ladder_from_pelvis());
+    /// Takes in where the tiles are. As long as the ladder shows where the robot is, that says where they are; from then on they say where
+    /// the robot is.
+    fn look_at_tiles(&mut self, observation: &Observation, pictures: &[&[u8]]) -> Result<(), PolicyError> {
+        if self.seeks.is_some() {
+            return Ok(());
         }
-        // The room is where it was: so this is where the robot is.
-        if let Some(room) = before.filter(|_| self.carried.is_some()) {
-            let [x, y] = room.inverse().point(found.at);
-            let ahead = wrapped(found.heading - room.heading - FRAC_PI_2);
-            let wide = ERRS[0].max(ALIKE * found.spread[0].max(found.spread[1]));
-            self.reckoning.see_place([x, y, ahead], [wide, wide, ERRS[1].max(ALIKE * found.spread[2])]);
+        let angles = angles(sensed("carry", observation)?, &self.q0);
+        let eyes = self.reckoning.over_floor(&angles, self.tiles.sites());
+        let marks = self.tiles.marks(&eyes, pictures);
+        let here = Planar::of(self.reckoning.ladder_from_pelvis());
+        let Some((floor, looks)) = &mut self.floor else {
+            let found = Tiles::search(&marks).filter(|_| self.carried.is_none());
+            self.floor = found.map(|found| (here.times(&found.tiles_from_robot.inverse()), 1));
+            return Ok(());
+        };
+        let Some(found) = Tiles::fit(&marks, floor.inverse().times(&here)) else { return Ok(()) };
+        let seen = floor.times(&found.tiles_from_robot);
+        if self.carried.is_some() {
+            let [x, y] = seen.at;
+            self.reckoning.see_place([x, y, wrapped(seen.heading - FRAC_PI_2)], ERRS);
+            return Ok(());
         }
+        *looks += 1;
+        let part = 1.0 / f64::from(*looks);
+        // The tiles turn about the robot, and go along.
+        let about = Planar { at: seen.at, heading: 0.0 };
+        let turn = Planar {
+            at: [0, 1].map(|axis| part * (here.at[axis] - seen.at[axis])),
+            heading: part * wrapped(here.heading - seen.heading),
+        };
+        *floor = about.times(&turn).times(&about.inverse()).times(floor);
+        Ok(())
     }
 
     /// Looks for the ladder. True if it stands otherwise than it was taken to.
@@ -267,7 +299,7 @@ impl Episode {
         let (lamp, unsure) = self.reckoning.in_pelvis(&self.lamp);
         self.reckoning.begin(seen.ladder_from_pelvis, SEEN);
         if self.seeks.take().is_some() {
-            self.room = Room::default();
+            (self.room, self.floor) = (Room::default(), None);
             self.reckoning.put_mark(&lamp, &unsure);
         }
         Ok(true)
@@ -294,7 +326,7 @@ impl Episode {
         let privileged = Privileged {
             robot: Some(message(pelvis)),
             ladder: Some(message(&ladder)),
-            socket: Some(self.room.socket(self.lamp())),
+            socket: Some(self.room.socket(self.floor.as_ref().map(|(floor, _)| floor), self.lamp())),
             ..Privileged::default()
         };
         Observation {

@@ -584,6 +584,16 @@ impl Reckoning {
         }
     }
 
+    /// Poses of frames of the robot over the floor: it is at the origin and looks along x.
+    pub fn over_floor<'a>(&mut self, angles: &[f64], sites: impl Iterator<Item = &'a Site>) -> Vec<Isometry3<f64>> {
+        self.mechanics.update(&self.body.model, &self.body.state(&Isometry3::identity(), angles));
+        let Isometry3 { translation, rotation } = self.poses[0];
+        let ahead = rotation * Vector3::x();
+        let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -libm::atan2(ahead.y, ahead.x)) * rotation;
+        let upright = Isometry3::from_parts(Vector3::new(0.0, 0.0, translation.z).into(), level);
+        sites.map(|site| upright * self.mechanics.world_from_site(site)).collect()
+    }
+
     /// Hits of a scan, one of so many, in the pelvis frame.
     fn points(&self, scan: &[f32], one_of: usize) -> Vec<Vector3<f64>> {
         let pelvis_from_lidar = self.mechanics.world_from_site(&self.lidar);

@@ -9,46 +9,18 @@ use fiatlux_skills::path::Point;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::finds::InRoom;
+use super::planar::{Planar, turned};
+use super::tiles::{TILE_M, next_to};
 use crate::body::message;
 
 /// The least that a look errs by: place, m, and heading, rad.
 const ERRS: [f64; 2] = [0.1, 0.03];
 /// A thing that a look is less sure of than this is not in it, m.
 const UNSEEN_M: f64 = 1.0;
-/// A lamp that is as near to a wall hangs on it, m.
-const AT_WALL_M: f64 = 0.30;
-
-/// x, y and heading of one frame in another, on the floor.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Planar {
-    pub at: Point,
-    pub heading: f64,
-}
-
-impl Planar {
-    /// Of a pose.
-    pub fn of(pose: &Isometry3<f64>) -> Self {
-        let ahead = pose.rotation * Vector3::x();
-        Self { at: [pose.translation.x, pose.translation.y], heading: libm::atan2(ahead.y, ahead.x) }
-    }
-
-    /// A point of this frame.
-    pub fn point(&self, [x, y]: Point) -> Point {
-        let turned = turned(self.heading, [x, y]);
-        [self.at[0] + turned[0], self.at[1] + turned[1]]
-    }
-
-    /// The other frame in this one.
-    pub fn inverse(&self) -> Self {
-        let [x, y] = turned(-self.heading, self.at);
-        Self { at: [-x, -y], heading: -self.heading }
-    }
-}
-
-fn turned(angle: f64, [x, y]: Point) -> Point {
-    let (sin, cos) = (libm::sin(angle), libm::cos(angle));
-    [cos * x - sin * y, sin * x + cos * y]
-}
+/// A lamp that is as near to a wall hangs on it, m: one at the ceiling is 0.49 m away or more.
+const AT_WALL_M: f64 = 0.35;
+/// So does one that is off by a whole tile, as the place in the room may be: within so much, m.
+const BY_A_TILE_M: f64 = 0.12;
 
 /// Sums of looks: of weights, of what they say, and of where the robot was.
 #[derive(Debug, Clone, Default)]
@@ -103,10 +75,36 @@ impl Room {
         Some(Planar { at, heading })
     }
 
+    /// The same, also by the place of the tiles from the ladder, if that is known, and by that of the lamp: one that hangs on a wall says
+    /// where the wall is. The direction out of that wall comes along, rad in the room; `None` for a lamp at the ceiling.
+    pub fn with(&self, tiles: Option<&Planar>, lamp: &Vector3<f64>) -> Option<(Planar, Option<f64>)> {
+        let mut place = self.room_from_ladder()?;
+        if let Some(ladder_from_tiles) = tiles {
+            let here = place.times(ladder_from_tiles);
+            // Tiles lie along the walls, from the middle of the room.
+            let there = next_to(&Planar::default(), &here);
+            place = there.times(&ladder_from_tiles.inverse());
+        }
+        let [x, y] = place.point([lamp.x, lamp.y]);
+        let [west, east] = room::WALL_X;
+        let walls = [
+            (0, west - x, 0.0),
+            (0, east - x, std::f64::consts::PI),
+            (1, room::WALL_SOUTH_Y - y, std::f64::consts::FRAC_PI_2),
+        ];
+        let is_at = |away: f64| away.abs() < AT_WALL_M || tiles.is_some() && (away.abs() - TILE_M).abs() < BY_A_TILE_M;
+        let near = walls.into_iter().filter(|(_, away, _)| is_at(*away));
+        let wall = near.min_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+        if let Some((axis, away, _)) = wall {
+            place.at[axis] += away;
+        }
+        Some((place, wall.map(|(_, _, out)| out)))
+    }
+
     /// Writes what stands in the room, from the ladder, into the session's terms.
-    pub fn tell(&self, info: &mut SessionInfo) {
+    pub fn tell(&self, info: &mut SessionInfo, tiles: Option<&Planar>, lamp: &Vector3<f64>) {
         info.footprints.clear();
-        let Some(place) = self.room_from_ladder().map(|place| place.inverse()) else { return };
+        let Some(place) = self.with(tiles, lamp).map(|(place, _)| place.inverse()) else { return };
         let print = |name: &str, corners: Vec<Point>, top: f64| Footprint {
             name: name.into(),
             outline: corners.into_iter().flat_map(|corner| place.point(corner)).collect(),
@@ -128,20 +126,9 @@ impl Room {
     }
 
     /// The socket of a lamp at a place from the ladder: at a wall, if there is one beside it, or below the ceiling.
-    pub fn socket(&self, lamp: Vector3<f64>) -> Pose {
+    pub fn socket(&self, tiles: Option<&Planar>, lamp: Vector3<f64>) -> Pose {
         let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let place = self.room_from_ladder();
-        let wall = place.and_then(|place| {
-            let [x, y] = place.point([lamp.x, lamp.y]);
-            let [west, east] = room::WALL_X;
-            let walls = [
-                (x - west, 0.0),
-                (east - x, std::f64::consts::PI),
-                (y - room::WALL_SOUTH_Y, std::f64::consts::FRAC_PI_2),
-            ];
-            let (off, out) = walls.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))?;
-            (off < AT_WALL_M).then_some(out - place.heading)
-        });
+        let wall = self.with(tiles, &lamp).and_then(|(place, out)| Some(out? - place.heading));
         let rotation = wall.map_or(down, |out| {
             let axis = Vector3::new(libm::cos(out), libm::sin(out), 0.0);
             let axes = Matrix3::from_columns(&[-Vector3::z(), Vector3::z().cross(&axis), axis]);

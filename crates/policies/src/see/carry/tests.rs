@@ -9,6 +9,7 @@ use fiatlux_sensing::{Sensor as Kind, SensorSuite, Sensors, Setup};
 use fiatlux_world::{Episode as Played, EpisodeSpec, Scene, SceneConfig};
 
 use super::*;
+use crate::see::tiles::next_to;
 
 /// A room of training, and what the policy is told of it.
 struct Game {
@@ -75,7 +76,15 @@ fn it_knows_where_ladder_lamp_and_room_are() {
         let seat = world_from_ladder.inverse() * row.things[errand::FIXTURE].pose;
         let off = (episode.lamp() - seat.translation.vector).xy().norm();
         assert!(off < 0.2, "room {room}: the lamp is {off} m off");
-        let axis = carry.episode.as_ref().unwrap().room.socket(seat.translation.vector).quaternion;
+        // Tiles begin in the middle of the room and lie along its walls.
+        let (floor, looks) = episode.floor.as_ref().unwrap();
+        let true_floor = Planar::of(&world_from_ladder).inverse();
+        let off =
+            next_to(&floor.inverse().times(&Planar::of(&pelvis)), &true_floor.inverse().times(&Planar::of(&pelvis)));
+        let there = Planar::of(&row.robot.pose);
+        let off = libm::hypot(off.at[0] - there.at[0], off.at[1] - there.at[1]);
+        assert!(*looks > 3 && off < 0.05, "room {room}: after {looks} looks the tiles are {off} m off");
+        let axis = episode.room.socket(Some(floor), seat.translation.vector).quaternion;
         let is_level =
             (axis[0] * axis[1] + axis[2] * axis[3]).abs() > 0.3 || (axis[0] * axis[2] - axis[1] * axis[3]).abs() > 0.3;
         assert_eq!(is_level, at_wall, "room {room}: {axis:?}");
