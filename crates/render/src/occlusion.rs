@@ -5,9 +5,8 @@ use std::f32::consts::FRAC_1_SQRT_2;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x8, i32x8, u32x8};
 
-use crate::raster::LANES;
+use crate::raster::{LANES, Places};
 use crate::single::Vec3;
-use crate::wide::Places;
 use crate::wide::vector::{self as wide, floor, greater, lesser};
 
 /// Reach of the occlusion, m.

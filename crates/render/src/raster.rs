@@ -38,6 +38,8 @@ impl Plane {
 pub(crate) const SPARE: usize = LANES;
 /// Pixels that are written at once.
 pub(crate) const LANES: usize = 8;
+/// Columns and rows of eight pixels.
+pub(crate) type Places = [[u32; LANES]; 2];
 /// Triangles whose edges are found at once, and rows whose ends are.
 const FOUR: usize = 4;
 

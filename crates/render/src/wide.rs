@@ -14,7 +14,7 @@ use vector::{
 use crate::lighting::PreparedLight;
 use crate::occlusion::Occlusion;
 use crate::paint::{Finish, Paint};
-use crate::raster::LANES;
+use crate::raster::{LANES, Places};
 use crate::shade::{FADE, GROUND, HAZE, SIDE, SKY};
 use crate::shadow::ShadowMap;
 use crate::spot::{GROUT, MIN_SLANT, SKIRTING, TILE};
@@ -34,9 +34,6 @@ pub(crate) struct WideShader<'a> {
     pub occlusion: &'a Occlusion,
     pub tone: &'a Tone,
 }
-
-/// Columns and rows of eight pixels.
-pub(crate) type Places = [[u32; LANES]; 2];
 
 /// Pixels that wait to be lit.
 #[derive(Debug, Clone, Default)]
