@@ -254,7 +254,8 @@ impl Episode {
         let marks = self.tiles.marks(&eyes, pictures);
         let here = Planar::of(self.reckoning.ladder_from_pelvis());
         let Some((floor, looks)) = &mut self.floor else {
-            let found = Tiles::search(&marks).filter(|_| self.carried.is_none());
+            let seeks = self.carried.is_none() && observation.step.is_multiple_of(TELLS);
+            let found = if seeks { Tiles::search(&marks) } else { None };
             self.floor = found.map(|found| (here.times(&found.tiles_from_robot.inverse()), 1));
             return Ok(());
         };
