@@ -254,8 +254,7 @@ impl Episode {
         let marks = self.tiles.marks(&eyes, pictures);
         let here = Planar::of(self.reckoning.ladder_from_pelvis());
         let Some((floor, looks)) = &mut self.floor else {
-            let seeks = self.carried.is_none() && observation.step.is_multiple_of(TELLS);
-            let found = if seeks { Tiles::search(&marks) } else { None };
+            let found = if self.carried.is_none() { Tiles::search(&marks) } else { None };
             self.floor = found.map(|found| (here.times(&found.tiles_from_robot.inverse()), 1));
             return Ok(());
         };

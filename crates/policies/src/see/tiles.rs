@@ -18,6 +18,8 @@ const LOOKS_M: [f64; 2] = [0.6, 3.0];
 const DARKER: [f64; 2] = [0.012, 0.10];
 const BESIDE: usize = 2;
 const ALIKE: f64 = 0.02;
+/// So many of the eight pixels around it are on a joint, too: noise makes pixels like that, but seldom next to each other.
+const NEIGHBOURS: usize = 2;
 /// Marks farther from all joints than this count little, m, round by round.
 const STRAYS: [f64; 8] = [0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.03, 0.03];
 /// A mark is on a joint within this, m; so many marks must be seen, and such a share of them on joints: of marks anywhere it is 0.23.
@@ -139,24 +141,31 @@ fn nearest(at: [f64; 2]) -> (usize, f64) {
     if off[0].abs() < off[1].abs() { (0, off[0]) } else { (1, off[1]) }
 }
 
-/// True for each pixel that is darker than those to both sides of it, which are alike.
+/// True for each pixel that is darker than those to both sides of it, which are alike, as some around it are.
 fn joints(rgb: &[u8], width: usize) -> Vec<bool> {
     let light: Vec<f64> =
         rgb.as_chunks::<3>().0.iter().map(|pixel| pixel.iter().map(|part| f64::from(*part)).sum()).collect();
     let height = light.len() / width;
-    let inner = |at: usize, end: usize| (BESIDE..end - BESIDE).contains(&at);
-    let slant = BESIDE.div_ceil(2) * (width + 1);
-    let is_joint = |(at, light_here): (usize, &f64)| {
-        let ways = [BESIDE, BESIDE * width, slant, slant - 2 * BESIDE.div_ceil(2)];
-        inner(at % width, width)
-            && inner(at / width, height)
+    let inner = |at: usize| {
+        (BESIDE..width - BESIDE).contains(&(at % width)) && (BESIDE..height - BESIDE).contains(&(at / width))
+    };
+    let slant = BESIDE / 2;
+    let ways = [BESIDE, BESIDE * width, slant * (width + 1), slant * (width - 1)];
+    let is_dark = |at: usize| {
+        inner(at)
             && ways.into_iter().any(|way| {
                 let [one, other] = [light[at - way], light[at + way]];
                 let least = one.min(other).max(1.0);
-                (one - other).abs() < ALIKE * least && (DARKER[0]..DARKER[1]).contains(&((least - light_here) / least))
+                (one - other).abs() < ALIKE * least && (DARKER[0]..DARKER[1]).contains(&((least - light[at]) / least))
             })
     };
-    light.iter().enumerate().map(is_joint).collect()
+    let dark: Vec<bool> = (0..light.len()).map(is_dark).collect();
+    let around = |at: usize| {
+        let rows = [at - width, at, at + width];
+        let all = rows.into_iter().flat_map(|row| [row - 1, row, row + 1]).filter(|other| dark[*other]).count();
+        all > NEIGHBOURS
+    };
+    (0..light.len()).map(|at| dark[at] && around(at)).collect()
 }
 
 /// A place among tiles that looks like another one, which is the nearest of those to a third.
