@@ -1,4 +1,4 @@
-"""Draws rows of a batch on a GPU with the renderer of ``mujoco_warp``, beside our own pictures of the same rows, and says both rates.
+"""Draws rows of a batch on a GPU with the renderer of ``mujoco_warp``, beside our own pictures of the same rows, and prints both rates.
 
 The scene is the one that ``Env.to_mjcf`` exports: one room for all worlds, with its shapes and without the surfaces, the light and the textures
 of our pictures. Its cameras are where ours are. The rows come from a batch that steps on the CPU.

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::Body;
-use fiatlux_proto::v3::{Chunk, Observation, Privileged, Sensor, SessionInfo};
+use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_rules::Task;
 use fiatlux_skills::path::wrapped;
@@ -184,9 +184,8 @@ impl Policy for Carry {
         }
         let Some(episode) = &mut self.episode else { return Err(PolicyError::not_reset("carry")) };
         if observation.step.is_multiple_of(TELLS) && episode.carried.is_none() {
-            let (floor, lamp) = (episode.floor.as_ref().map(|(floor, _)| floor), episode.lamp());
-            episode.room.tell(&mut episode.info, floor, &lamp);
-            let socket = episode.room.socket(floor, lamp);
+            episode.tell();
+            let socket = episode.socket();
             self.ladder.learn(&episode.info, socket);
         }
         let mut seen = episode.seen(observation);
@@ -210,8 +209,7 @@ impl Carry {
     /// Begins to bring the ladder, by what is known of the room.
     fn begin(&mut self, observation: &Observation) -> Result<(), PolicyError> {
         let Some(episode) = &mut self.episode else { return Ok(()) };
-        let (floor, lamp) = (episode.floor.as_ref().map(|(floor, _)| floor), episode.lamp());
-        episode.room.tell(&mut episode.info, floor, &lamp);
+        episode.tell();
         (self.ladder.at_start, self.ladder.standoff) = (true, Some(BELOW_M));
         let seen = episode.seen(observation);
         self.ladder.reset(&episode.info, &seen)
@@ -310,6 +308,17 @@ impl Episode {
         if self.seeks.is_some() { self.lamp } else { self.reckoning.mark() }
     }
 
+    /// Writes what is known of the room into the session's terms.
+    fn tell(&mut self) {
+        let lamp = self.lamp();
+        self.room.tell(&mut self.info, self.floor.as_ref().map(|(floor, _)| floor), &lamp);
+    }
+
+    /// The lamp's socket.
+    fn socket(&self) -> Pose {
+        self.room.socket(self.floor.as_ref().map(|(floor, _)| floor), self.lamp())
+    }
+
     /// The observation as the expert reads it.
     fn seen(&self, observation: &Observation) -> Observation {
         let pelvis = self.reckoning.ladder_from_pelvis();
@@ -326,7 +335,7 @@ impl Episode {
         let privileged = Privileged {
             robot: Some(message(pelvis)),
             ladder: Some(message(&ladder)),
-            socket: Some(self.room.socket(self.floor.as_ref().map(|(floor, _)| floor), self.lamp())),
+            socket: Some(self.socket()),
             ..Privileged::default()
         };
         Observation {
