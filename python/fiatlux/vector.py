@@ -9,7 +9,6 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector import VectorEnv as Base
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _native
@@ -30,7 +29,7 @@ from .settings import (
     refuse_argument,
     spelt_out,
 )
-from .spaces import Layout, ObservationForm, as_actions, joint_groups
+from .spaces import Layout, ObservationForm, as_actions, batched, joint_groups
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -281,8 +280,8 @@ class _Batch(Base[Any, NDArray[np.float32], NDArray[Any]]):
         self.copies = copy
         self.single_observation_space = layout.space
         self.single_action_space = layout.action_space
-        self.observation_space = batch_space(layout.space, self.num_envs)
-        self.action_space = batch_space(layout.action_space, self.num_envs)
+        self.observation_space = batched(layout.space, self.num_envs)
+        self.action_space = batched(layout.action_space, self.num_envs)
         worlds, length = self.num_envs, layout.words
         _check_memory(worlds, length)
         self._observation = np.zeros((worlds, length), np.float32)

@@ -66,6 +66,9 @@ class Recorded(dict):
             }
         )
 
+    def channels(self):
+        return {}
+
 
 def column(bag, name, action="joints", stride=1):
     return [float(frame[name][0]) for frame in _frames(bag, TERMS, action, stride)]

@@ -2,6 +2,7 @@
 
 import _thread
 import copy
+import pickle
 import threading
 
 import fiatlux
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError
 from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 
 SEED = 7
 
@@ -181,6 +183,19 @@ def test_pictures_are_bytes():
     observed, _ = env.reset()
     assert env.observation_space.contains(observed) and observed["camera"].std() > 10
     assert single.observation_space.contains(single.reset(seed=1)[0])
+
+
+def test_bounds_of_many_pictures_take_no_memory():
+    env = fiatlux.VectorEnv("S05", 3, sensors=["camera", "last_action"], image_size=(40, 30), observation="dict")
+    space = env.observation_space
+    assert space == batch_space(env.single_observation_space, 3)
+    # Each world's bounds are those of the one before.
+    assert all(part.low.strides[0] == part.bounded_above.strides[0] == 0 for part in space.values())
+    space.seed(1)
+    drawn = space.sample()
+    assert space.contains(drawn) and pickle.loads(pickle.dumps(space)) == space
+    flat = walkers().observation_space
+    assert flat == batch_space(walkers().single_observation_space, 6) and flat.contains(flat.sample())
 
 
 def test_bad_use_is_refused_by_name():

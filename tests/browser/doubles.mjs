@@ -396,13 +396,14 @@ const page = (name) => import(pathToFileURL(join(ROOT, "teleop/page", name)).hre
   const show = async () => {
     answer = { ok: true, body: null, arrayBuffer: async () => file };
     const root = made("main");
-    const pictures = new Pictures(root, { first: 0, dt: 0.02 }, "/e");
+    const pictures = new Pictures(root, { first: 0, dt: 0.02 }, "/e", [{ sensor: "camera", count: 2 }]);
     const drawn = [];
-    pictures.canvas.getContext = () => ({ drawImage: (picture) => drawn.push(picture.name) });
+    const [view] = pictures.views;
+    view.canvas.getContext = () => ({ drawImage: (picture) => drawn.push(picture.name) });
     for (let turn = 0; turn < 20; turn += 1) await Promise.resolve();
     await new Promise((go) => setImmediate(go));
     await pictures.show(7);
-    return { drawn, said: pictures.said.textContent };
+    return { drawn, said: view.said.textContent };
   };
   define("createImageBitmap", async (one) => ({ name: await one.text(), width: 2, height: 1 }));
   const shown = await show();

@@ -13,6 +13,12 @@ impl Image {
         Self { width, height, rgb: vec![0; 3 * width * height] }
     }
 
+    /// A picture from its bytes; `None` where they are not `3 * width * height`, or none.
+    pub fn of_rgb(width: usize, height: usize, rgb: Vec<u8>) -> Option<Self> {
+        let bytes = width.checked_mul(height)?.checked_mul(3)?;
+        (bytes > 0 && rgb.len() == bytes).then_some(Self { width, height, rgb })
+    }
+
     /// A black picture of that size in pixels, for others to be put on.
     pub fn black(width: usize, height: usize) -> Self {
         Self::new(width, height)

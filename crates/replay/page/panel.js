@@ -35,7 +35,7 @@ export class Panel {
     this.lamps = [];
     this.gates = [];
     root.append(this.head());
-    this.pictures = doc.pictures > 0 ? new Pictures(root, track, address) : null;
+    this.pictures = doc.pictures.length > 0 ? new Pictures(root, track, address, doc.pictures) : null;
     root.append(this.verdicts(seek));
     if (doc.notes.length > 0)
       root.append(section("Notes", element("ul", { className: "notes" }, ...doc.notes.map((note) => element("li", {}, note)))));

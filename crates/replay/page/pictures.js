@@ -1,4 +1,4 @@
-// The robot's view next to the scene: the head camera's pictures, where the episode has them.
+// What the robot's cameras saw, next to the scene, where the episode has it.
 
 import { bytesOf, lastUpTo } from "./data.js";
 import { element, seconds } from "./words.js";
@@ -18,35 +18,30 @@ async function unpacked(blob) {
   return image;
 }
 
-export class Pictures {
-  constructor(root, track, address) {
-    this.track = track;
-    this.step = track.first;
+const NAMES = {
+  camera: "Head camera",
+  chest_camera: "Chest camera",
+  left_wrist_camera: "Left wrist camera",
+  right_wrist_camera: "Right wrist camera",
+  depth: "Head camera's distances, near is bright",
+  chest_depth: "Chest camera's distances, near is bright",
+  segmentation: "Head camera's labels",
+  chest_segmentation: "Chest camera's labels",
+};
+
+// The pictures of one sensor.
+class View {
+  constructor(name, dt) {
+    this.name = name;
+    this.dt = dt;
     this.steps = [];
+    this.blobs = [];
     this.drawn = null;
     this.canvas = element("canvas", {});
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", "What the head camera sees");
-    this.said = element("figcaption", {}, "Head camera: loading");
-    root.append(element("figure", { className: "seen" }, this.canvas, this.said));
-    this.load(address).catch((error) => {
-      this.said.textContent = `The head camera's pictures cannot be shown: ${error.message}`;
-    });
-  }
-
-  async load(address) {
-    const buffer = await bytesOf(address, "pictures.bin");
-    const view = new DataView(buffer);
-    const steps = [];
-    this.blobs = [];
-    for (let at = 0; at < buffer.byteLength; ) {
-      const length = view.getUint32(at + 4, true);
-      steps.push(view.getUint32(at, true));
-      this.blobs.push(new Blob([new Uint8Array(buffer, at + 8, length)], { type: "image/png" }));
-      at += 8 + length;
-    }
-    this.steps = steps;
-    await this.show(this.step);
+    this.canvas.setAttribute("aria-label", name);
+    this.said = element("figcaption", {}, `${name}: loading`);
+    this.figure = element("figure", {}, this.canvas, this.said);
   }
 
   // Shows the last picture up to a step. While one is unpacked, only the newest wish is kept.
@@ -56,17 +51,50 @@ export class Pictures {
     const index = lastUpTo(this.steps, step);
     if (index === this.drawn) return;
     this.isBusy = true;
-    const moment = seconds(this.steps[index], this.track.dt);
+    const moment = seconds(this.steps[index], this.dt);
     try {
       const picture = await unpacked(this.blobs[index]);
       [this.canvas.width, this.canvas.height] = [picture.width, picture.height];
       this.canvas.getContext("2d").drawImage(picture, 0, 0);
-      this.said.textContent = `Head camera at ${moment}`;
+      this.said.textContent = `${this.name} at ${moment}`;
     } catch {
-      this.said.textContent = `Head camera: the picture at ${moment} is damaged`;
+      this.said.textContent = `${this.name}: the picture at ${moment} is damaged`;
     }
     this.drawn = index;
     this.isBusy = false;
     await this.show(this.step);
+  }
+}
+
+export class Pictures {
+  // `sensors` are those of the document.
+  constructor(root, track, address, sensors) {
+    this.step = track.first;
+    this.counts = sensors.map(({ count }) => count);
+    this.views = sensors.map(({ sensor }) => new View(NAMES[sensor] ?? sensor, track.dt));
+    root.append(element("div", { className: "seen" }, ...this.views.map((view) => view.figure)));
+    this.load(address).catch((error) => {
+      for (const view of this.views) view.said.textContent = `${view.name}: its pictures cannot be shown: ${error.message}`;
+    });
+  }
+
+  async load(address) {
+    const buffer = await bytesOf(address, "pictures.bin");
+    const bytes = new DataView(buffer);
+    let at = 0;
+    this.views.forEach((view, place) => {
+      for (let left = this.counts[place]; left > 0; left -= 1) {
+        const length = bytes.getUint32(at + 4, true);
+        view.steps.push(bytes.getUint32(at, true));
+        view.blobs.push(new Blob([new Uint8Array(buffer, at + 8, length)], { type: "image/png" }));
+        at += 8 + length;
+      }
+    });
+    await this.show(this.step);
+  }
+
+  async show(step) {
+    this.step = step;
+    await Promise.all(this.views.map((view) => view.show(step)));
   }
 }

@@ -29,7 +29,7 @@ pub struct PackedReplay {
     /// The rows as bytes, see [`Replay::track`].
     pub track: Packed,
     pub joints: Packed,
-    /// The head camera's pictures as bytes, see [`Replay::pictures`].
+    /// The cameras' pictures as bytes, see [`Replay::pictures`].
     pub pictures: Packed,
 }
 

@@ -56,6 +56,7 @@ pub use conditions::{Conditions, CriterionName, Ruling, flag};
 pub use error::ReplayError;
 pub use events::RecordedEvent;
 pub use packed::Packed;
+pub use pictures::SensorPictures;
 pub use poster::Poster;
 pub use replay::{Document, EpisodeInfo, REPLAY_VERSION, Replay, TrackInfo, differences};
 pub use rows::{Faults, Rows};

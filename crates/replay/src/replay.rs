@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::ReplayError;
 use crate::conditions::{Conditions, RowJudge, Ruling};
 use crate::events::{RecordedEvent, recorded_events};
-use crate::pictures::{bytes_of, pictures};
+use crate::pictures::{Pictures, SensorPictures};
 use crate::rows::Rows;
 use crate::scene::Stage;
 use crate::text::short;
@@ -25,7 +25,7 @@ use crate::track::{ForceName, GRID, Grid, JointName, LinkInfo, MAX_KEPT_ROWS, PO
 pub(crate) const MAX_ROWS: usize = 200_000;
 
 /// Version of the JSON document.
-pub const REPLAY_VERSION: u32 = 2;
+pub const REPLAY_VERSION: u32 = 3;
 
 /// Describes an episode, and the layout of the blocks of bytes that belong to it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -40,8 +40,8 @@ pub struct Document {
     pub rulings: Vec<Ruling>,
     /// Recorded cause of the end; `None` if the bag has no result.
     pub recorded_end: Option<String>,
-    /// Number of pictures of the head camera, see [`Replay::pictures`].
-    pub pictures: usize,
+    /// Sensors whose pictures are there, in the order of [`Replay::pictures`].
+    pub pictures: Vec<SensorPictures>,
     /// Recorded events, sorted by step.
     pub events: Vec<RecordedEvent>,
     /// Remarks for the viewer on missing or differing data.
@@ -143,7 +143,7 @@ impl Replay {
             ));
         }
         let events = recorded_events(&bag, &mut notes);
-        let pictures = pictures(&bag, &mut notes);
+        let pictures = Pictures::of(&bag, &mut notes);
         if patience.is_some_and(|patience| !patience.goes_on()) {
             return Err(BagError::Slow { path: path.into() }.into());
         }
@@ -167,11 +167,11 @@ impl Replay {
             conditions: judge.as_ref().map(RowJudge::conditions),
             rulings: judge.as_ref().map_or_else(Vec::new, RowJudge::rulings),
             recorded_end: bag.result().and_then(|result| result.end.as_ref()).map(|end| short(&end.cause)),
-            pictures: pictures.len(),
+            pictures: pictures.sensors(),
             events,
             notes,
         };
-        Ok(Self { document, track: track.bytes(), joints: track.joint_bytes(), pictures: bytes_of(&pictures) })
+        Ok(Self { document, track: track.bytes(), joints: track.joint_bytes(), pictures: pictures.bytes() })
     }
 
     #[must_use]
@@ -212,8 +212,9 @@ impl Replay {
         &self.joints
     }
 
-    /// The pictures of the head camera that the session recorded, little-endian: for each its control step and its
-    /// length (u32 each), then the bytes of a PNG. Beyond 24 MB only every second one, or fewer.
+    /// The pictures of cameras that the session recorded, sensor by sensor, little-endian: for each its control step and its
+    /// length (u32 each), then the bytes of a PNG. Beyond 24 MB in all only every second one, or fewer. Distances are grey,
+    /// near ones bright, and each label of a segmentation has a colour.
     pub fn pictures(&self) -> &[u8] {
         &self.pictures
     }

@@ -81,7 +81,7 @@ def switched(prim: Usd.Prim) -> Iterator[str]:
         if joint.GetJointEnabledAttr().Get() is False:
             yield "it is switched off, which is not read; remove it, or switch it on"
         if joint.GetExcludeFromArticulationAttr().Get():
-            yield "it is no part of the articulation, which is not read; remove excludeFromArticulation"
+            yield "it is not part of the articulation, which is not read; remove excludeFromArticulation"
         if joint.GetCollisionEnabledAttr().Get():
             yield "its bodies touch each other, which is not read; remove collisionEnabled"
         if any(math.isfinite(most) for most in (joint.GetBreakForceAttr().Get(), joint.GetBreakTorqueAttr().Get())):

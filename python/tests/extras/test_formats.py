@@ -740,7 +740,7 @@ def collider_off(usd):
         (lambda usd: body_of(usd).CreateAngularVelocityAttr(Gf.Vec3f(0, 0, 1)), "it starts with a velocity"),
         (collider_off, "its collider is switched off"),
         (lambda usd: hinge(usd).CreateJointEnabledAttr(False), "/thing/hinge: it is switched off"),
-        (lambda usd: hinge(usd).CreateExcludeFromArticulationAttr(True), "it is no part of the articulation"),
+        (lambda usd: hinge(usd).CreateExcludeFromArticulationAttr(True), "it is not part of the articulation"),
         (lambda usd: hinge(usd).CreateCollisionEnabledAttr(True), "its bodies touch each other"),
         (lambda usd: hinge(usd).CreateBreakTorqueAttr(1.0), "it breaks at a force"),
         (lambda usd: UsdGeom.Xformable(usd.GetPrimAtPath("/thing/thing/visual")).SetResetXformStack(True), "resetXformStack"),

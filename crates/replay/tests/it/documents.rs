@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use fiatlux_bag::{Bag, BagError, BagWriter, Patience, Unsimulated, convert, simulate_with, topic};
 use fiatlux_proto::Message;
 use fiatlux_proto::foxglove::CompressedImage;
-use fiatlux_proto::v3::{EpisodeHeader, Sensor};
+use fiatlux_proto::v3::{DepthImage, EpisodeHeader, Image, LabelImage, Observation, Sensor};
 use fiatlux_replay::{POSE, Poster, Replay, ReplayError, flag, standalone};
 use fiatlux_rules::{Row, Task, errand};
 use fiatlux_wire::{state_message, time_of};
@@ -205,7 +205,9 @@ fn pictures_are_those_of_the_bag() {
     };
     let camera = || vec![Sensor { name: "camera".into(), recorded: true, ..Sensor::default() }];
     let few = record("few.mcap", camera(), &[(0, "png", 3), (5, "jpeg", 3), (10, "png", 2), (10, "png", 9)]);
-    assert_eq!(few.document().pictures, 2);
+    let counts =
+        |replay: &Replay| replay.document().pictures.iter().map(|seen| (seen.sensor, seen.count)).collect::<Vec<_>>();
+    assert_eq!(counts(&few), [("camera", 2)]);
     assert_eq!(
         (&few.pictures()[..8], &few.pictures()[11..19]),
         (&[0, 0, 0, 0, 3, 0, 0, 0][..], &[10, 0, 0, 0, 2, 0, 0, 0][..])
@@ -213,8 +215,62 @@ fn pictures_are_those_of_the_bag() {
     assert_eq!(few.pictures().len(), 8 + 3 + 8 + 2);
     let large: Vec<_> = (0..300).map(|step| (step, "png", 100_000)).collect();
     let many = record("many.mcap", camera(), &large);
-    assert_eq!((many.document().pictures, many.pictures().len()), (150, 150 * 100_008));
-    assert_eq!(record("none.mcap", Vec::new(), &[]).document().pictures, 0);
+    assert_eq!((counts(&many), many.pictures().len()), (vec![("camera", 150)], 150 * 100_008));
+    assert_eq!(counts(&record("none.mcap", Vec::new(), &[])), []);
+}
+
+/// Guards that the other cameras' pictures, distances and labels are shown, sensor by sensor, and that those which are not of
+/// their size, or in an earlier step, are left out.
+#[test]
+fn channels_are_shown_as_pictures() {
+    let played = play("channels", Task::S05, 8);
+    let header = Bag::open(&played.bag).unwrap().header().clone();
+    let names = ["segmentation", "depth", "chest_camera"];
+    let sensors = names.map(|name| Sensor { name: name.into(), recorded: true, ..Sensor::default() }).to_vec();
+    let bag = played.folder.join("channels.mcap");
+    let mut writer = BagWriter::create(&bag, &EpisodeHeader { sensors, ..header }).unwrap();
+    writer.message(topic::STATE, 0, &state_message(&played.rows[0]).encode_to_vec()).unwrap();
+    let mut say = |step: u64, observation: Observation| {
+        writer.message(topic::OBSERVATION, step, &Observation { step, ..observation }.encode_to_vec()).unwrap();
+    };
+    let rgb = |width, height, bytes: usize| Some(Image { width, height, rgb: vec![7; bytes] });
+    let metres = vec![0.0, 0.1, 1.0, f32::NAN, 50.0, f32::INFINITY];
+    let depth = Some(DepthImage { width: 3, height: 2, metres });
+    let labels = Some(LabelImage { width: 2, height: 1, labels: vec![0, 255] });
+    say(0, Observation { chest_camera: rgb(2, 2, 12), depth, segmentation: labels, ..Observation::default() });
+    for (step, picture) in [
+        (1, rgb(2, 2, 11)),
+        (2, rgb(u32::MAX, u32::MAX, 12)),
+        (3, rgb(0, 0, 0)),
+        (4, rgb(2, 2, 12)),
+        (3, rgb(2, 2, 12)),
+    ] {
+        say(step, Observation { chest_camera: picture, ..Observation::default() });
+    }
+    writer.finish_cut("enough").unwrap();
+    let replay = Replay::open(&bag).unwrap();
+    let counts: Vec<_> = replay.document().pictures.iter().map(|seen| (seen.sensor, seen.count)).collect();
+    assert_eq!(counts, [("chest_camera", 2), ("depth", 1), ("segmentation", 1)]);
+    let (mut bytes, mut steps) = (replay.pictures(), Vec::new());
+    let mut drawn = Vec::new();
+    while !bytes.is_empty() {
+        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        steps.push(word(0));
+        let (png, rest) = bytes[8..].split_at(word(4) as usize);
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        drawn.push(pixels);
+        bytes = rest;
+    }
+    assert_eq!(steps, [0, 4, 0, 0]);
+    assert_eq!(drawn[0], [7; 12]);
+    let greys: Vec<u8> = drawn[2].chunks(3).map(|pixel| pixel[0]).collect();
+    // Nothing is black, what is near is white, and what is far can be told from nothing.
+    assert_eq!((greys[0], greys[1], greys[3], greys[4], greys[5]), (0, 255, 0, 20, 20));
+    assert!(greys[2] > 60 && greys[2] < 200, "{greys:?}");
+    assert_eq!(drawn[3][..3], [0; 3]);
+    assert_ne!(drawn[3][3..], [0; 3]);
 }
 
 #[test]
