@@ -21,12 +21,12 @@ async function unpacked(blob) {
 const NAMES = {
   camera: "Head camera",
   chest_camera: "Chest camera",
-  left_wrist_camera: "Left wrist camera",
-  right_wrist_camera: "Right wrist camera",
-  depth: "Head camera's distances, near is bright",
-  chest_depth: "Chest camera's distances, near is bright",
-  segmentation: "Head camera's labels",
-  chest_segmentation: "Chest camera's labels",
+  left_wrist_camera: "Left wrist",
+  right_wrist_camera: "Right wrist",
+  depth: "Head depth",
+  chest_depth: "Chest depth",
+  segmentation: "Head labels",
+  chest_segmentation: "Chest labels",
 };
 
 // The pictures of one sensor.
