@@ -11,6 +11,7 @@ show the same things at the same places. It has not been run on a GPU, so it has
 """
 
 import argparse
+import json
 import time
 
 import fiatlux
@@ -93,6 +94,7 @@ def main():
     args.add_argument("--steps", type=int, default=10, help="random steps before the pictures")
     args.add_argument("--frames", type=int, default=20, help="frames that are timed")
     args.add_argument("--out", default="pictures.png", help="the first worlds: ours above, mujoco_warp's below")
+    args.add_argument("--json", action="store_true")
     args = args.parse_args()
     size = tuple(args.size)
 
@@ -100,8 +102,14 @@ def main():
     rows, kinematics, ours, seconds = batch(args.task, args.seed, args.sensor, size, args.worlds, args.steps)
     qpos = np.stack([kinematics.to_mujoco(*kinematics.state(row), model=model)[0] for row in rows])
     theirs, frame = draw(model, camera, qpos, size, args.frames)
-    print(f"ours, on the CPU's cores: {args.worlds / seconds:,.0f} pictures/s")
-    print(f"mujoco_warp on {wp.get_device()}: {args.worlds / frame:,.0f} pictures/s")
+    rates = {
+        "ours, on the CPU's cores": args.worlds / seconds,
+        f"mujoco_warp on {wp.get_device()}": args.worlds / frame,
+    }
+    if args.json:
+        print(json.dumps({"pictures_per_s": rates}))
+    else:
+        print("\n".join(f"{name}: {rate:,.0f} pictures/s" for name, rate in rates.items()))
     shown = min(4, args.worlds)
     Image.fromarray(np.vstack([np.hstack(ours[:shown]), np.hstack(theirs[:shown])])).save(args.out)
 

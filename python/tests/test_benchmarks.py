@@ -13,8 +13,9 @@ import sys
 import pytest
 
 SCRIPTS = pathlib.Path(__file__).resolve().parents[1] / "benchmarks"
-RUN = os.environ.get("FIATLUX_TEST_RUN")
-PROGRAMS = os.environ.get("FIATLUX_PROGRAMS")
+RUN, PROGRAMS = (
+    os.environ.get(name) and os.path.abspath(os.environ[name]) for name in ("FIATLUX_TEST_RUN", "FIATLUX_PROGRAMS")
+)
 DRIVE = PROGRAMS and f"{PROGRAMS}/examples/drive"
 CURVE = SCRIPTS.parents[1] / "crates/wbc/weights/curve.csv"
 SHORT = {
@@ -38,6 +39,7 @@ SHORT = {
         "--program",
         DRIVE,
     ],
+    "warp_pictures.py": ["--worlds", "2", "--size", "32", "32", "--frames", "1"],
 }
 
 
@@ -46,12 +48,14 @@ def test_every_script_is_tried():
 
 
 @pytest.mark.parametrize("name", SHORT)
-def test_it_runs(name):
+def test_it_runs(name, tmp_path):
+    if name == "warp_pictures.py" and importlib.util.find_spec("mujoco_warp") is None:
+        pytest.skip("mujoco_warp is not installed")
     if "mujoco" in name and importlib.util.find_spec("mujoco") is None and "FIATLUX_EXTRAS" not in os.environ:
         pytest.skip("the extra mujoco is not installed")
     if None in SHORT[name]:
         pytest.skip("FIATLUX_TEST_RUN or FIATLUX_PROGRAMS is not set")
     command = [sys.executable, SCRIPTS / name, *SHORT[name], "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert isinstance(json.loads(done.stdout), dict)
