@@ -16,10 +16,12 @@ import time
 
 import fiatlux
 import mujoco
-import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 from PIL import Image
+
+wp.config.log_level = wp.LOG_WARNING  # before mujoco_warp begins Warp, which then says no more
+import mujoco_warp as mjw  # noqa: E402
 
 CAMERAS = {"camera": "head_camera"}  # our sensors' names of the scene's cameras, where they differ
 
