@@ -264,11 +264,13 @@ def _features(
             "names": ["height", "width", "channels"],
         }
     for name, seen in bag.channels().items():
+        # LeRobot's writer takes no arrays of two axes.
         first = next(iter(seen.values()))
+        height, width = first.shape
         features[f"observation.{name}"] = {
             "dtype": str(first.dtype),
-            "shape": first.shape,
-            "names": ["height", "width"],
+            "shape": (first.size,),
+            "names": {"height": height, "width": width},
         }
     return features, header["robot"]
 
@@ -350,7 +352,9 @@ def _frames(
     views: dict[str, dict[int, NDArray[Any]]] = {
         f"observation.images.{name}": seen for name, seen in _images(bag).items()
     }
-    views |= {f"observation.{name}": seen for name, seen in bag.channels().items()}
+    views |= {
+        f"observation.{name}": {row: one.ravel() for row, one in seen.items()} for name, seen in bag.channels().items()
+    }
     latest: dict[str, NDArray[Any]] = {}
     for row in range(rows):
         for name, seen in views.items():

@@ -100,8 +100,9 @@ def test_a_bag_and_a_data_set_have_channels_and_wrists(tmp_path):
     assert len(frames) == bag.steps
     for name in arrays:
         feature = features[f"observation.{name}"]
-        assert (feature["dtype"], feature["shape"]) == (str(seen[0][name].dtype), (24, 32))
-        np.testing.assert_array_equal(frames[9][f"observation.{name}"], seen[5][name])
+        assert (feature["dtype"], feature["shape"]) == (str(seen[0][name].dtype), (24 * 32,))
+        assert feature["names"] == {"height": 24, "width": 32}
+        np.testing.assert_array_equal(frames[9][f"observation.{name}"], seen[5][name].ravel())
     for name in wrists:
         assert features[f"observation.images.{name}"]["shape"] == (24, 32, 3)
         np.testing.assert_array_equal(frames[9][f"observation.images.{name}"], seen[5][name])

@@ -31,7 +31,9 @@ class Waver:
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     settings = {"image_size": (64, 64), "reward": "training"}
-    fiatlux.evaluate(Waver, ["S05"], [0, 1], out=folder, record=["camera@25"], **settings)
+    fiatlux.evaluate(
+        Waver, ["S05"], [0, 1], out=folder, record=["camera@25", "depth@10", "chest_segmentation@10"], **settings
+    )
     return folder
 
 
@@ -56,6 +58,8 @@ def test_the_data_set_has_what_the_bags_have(run, data):
         np.testing.assert_array_equal(first["observation.state"][10:63].numpy(), seen[0])
         np.testing.assert_array_equal(last["observation.state"][10:63].numpy(), seen[length - 1])
         np.testing.assert_array_equal(first["action"].numpy(), bag["/state"]["action"][1].astype(np.float32))
+        for name, seen in bag.channels().items():
+            np.testing.assert_array_equal(loaded[start + 5][f"observation.{name}"].numpy(), seen[5].ravel())
         assert first["task"] == bag.header["instruction"]
         assert int(first["episode.seed"]) == bag.header["seed"] and first["episode.policy"] == "Waver"
         drawn = dict(zip(loaded.features["episode.conditions"]["names"], first["episode.conditions"].tolist()))
