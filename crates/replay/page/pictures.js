@@ -1,4 +1,4 @@
-// What the robot's cameras saw, next to the scene, where the episode has it.
+// Pictures of the robot's cameras next to the scene, where the episode has them.
 
 import { bytesOf, lastUpTo } from "./data.js";
 import { element, seconds } from "./words.js";

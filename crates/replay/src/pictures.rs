@@ -1,4 +1,4 @@
-//! What the cameras saw, where the session recorded it.
+//! Pictures of the robot's cameras, where the session recorded them.
 
 use fiatlux_bag::{Bag, BagError};
 use fiatlux_proto::foxglove::CompressedImage;
