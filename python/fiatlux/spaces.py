@@ -1,7 +1,7 @@
 """Spaces of actions and observations, and the conversion of vectors to them."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -112,16 +112,30 @@ class Layout:
         return part.view(np.uint8)[..., : field.stop - field.start]
 
 
+_BOUNDS = ("low", "high", "bounded_below", "bounded_above")
+
+
+class _Boxes(spaces.Box[Any]):
+    """As many boxes as there are worlds. Its bounds are views of one box's, in its copies too: those of a thousand worlds' pictures would
+    take four times the memory of the pictures."""
+
+    def __init__(self, one: spaces.Box[Any], count: int) -> None:
+        self.__setstate__(vars(copy.deepcopy(one)) | {"_shape": (count, *one.shape)})
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {bound: getattr(self, bound)[0] for bound in _BOUNDS}
+
+    def __setstate__(self, state: Iterable[tuple[str, Any]] | Mapping[str, Any]) -> None:
+        fields = dict(state)
+        super().__setstate__(fields | {bound: np.broadcast_to(fields[bound], fields["_shape"]) for bound in _BOUNDS})
+
+
 def batched(space: spaces.Space[Any], count: int) -> spaces.Space[Any]:
-    """Gymnasium's ``batch_space`` of boxes, whose bounds are views of one world's: those of a thousand worlds' pictures would take four
-    times the memory of the pictures."""
+    """Gymnasium's ``batch_space`` of boxes, and of dictionaries of them."""
     if isinstance(space, spaces.Dict):
         return spaces.Dict({name: batched(part, count) for name, part in space.items()})
-    many = copy.deepcopy(space)
-    many._shape = (count, *(space.shape or ()))
-    for bound in ("low", "high", "bounded_below", "bounded_above"):
-        setattr(many, bound, np.broadcast_to(getattr(space, bound), many._shape))
-    return many
+    assert isinstance(space, spaces.Box)
+    return _Boxes(space, count)
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -189,11 +189,15 @@ def test_bounds_of_many_pictures_take_no_memory():
     env = fiatlux.VectorEnv("S05", 3, sensors=["camera", "last_action"], image_size=(40, 30), observation="dict")
     space = env.observation_space
     assert space == batch_space(env.single_observation_space, 3)
-    # Each world's bounds are those of the one before.
-    assert all(part.low.strides[0] == part.bounded_above.strides[0] == 0 for part in space.values())
+    # Each world's bounds are those of the one before, in copies too.
+    for one in (env, copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        parts = one.observation_space.values()
+        assert all(part.low.strides[0] == part.bounded_above.strides[0] == 0 for part in parts)
     space.seed(1)
+    again = copy.deepcopy(space)
     drawn = space.sample()
     assert space.contains(drawn) and pickle.loads(pickle.dumps(space)) == space
+    np.testing.assert_array_equal(again.sample()["camera"], drawn["camera"])
     flat = walkers().observation_space
     assert flat == batch_space(walkers().single_observation_space, 6) and flat.contains(flat.sample())
 
