@@ -186,3 +186,20 @@ fn step_of(image: &CompressedImage) -> Option<u32> {
     let step = ((time.seconds as f64 + f64::from(time.nanos) * 1e-9) / CONTROL_DT).round();
     (0.0..=f64::from(u32::MAX)).contains(&step).then_some(step as u32)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards that the page leaves no camera out.
+    #[test]
+    fn every_sensor_with_pictures_is_shown() {
+        let large = fiatlux_wire::SENSORS.iter().filter(|sensor| sensor.is_large).map(|sensor| sensor.name);
+        // Numbers that are no pictures.
+        let mut expected: Vec<_> = large.filter(|name| !["lidar", "features", "flat"].contains(name)).collect();
+        let mut shown: Vec<_> = SENSORS.iter().map(|(name, _)| *name).chain([HEAD]).collect();
+        expected.sort_unstable();
+        shown.sort_unstable();
+        assert_eq!(shown, expected);
+    }
+}
