@@ -123,6 +123,8 @@ def export_lerobot(
         digests.append((bag.result or {})["end"]["digest"])
     video = {"use_videos": False} if vcodec is None else {"use_videos": True, "vcodec": vcodec}
     asked = {"repo_id": repo_id, "fps": fps, "vcodec": vcodec, "state": list(state), "action": action, "bags": digests}
+    # Another version may lay out the same bags in another way.
+    asked["features"] = features
     with _aside(out, asked) as part, Line() as line:
         parts = [part / f"{index:06}" for index in range(len(paths))]
         missing = [index for index, target in enumerate(parts) if not target.exists()]
