@@ -21,6 +21,8 @@ CURVE = SCRIPTS.parents[1] / "crates/wbc/weights/curve.csv"
 SHORT = {
     "curves.py": [str(CURVE), os.devnull, "reward a second=reward"],
     "vector.py": ["--worlds", "4", "--threads", "1", "--steps", "1", "--rounds", "1"],
+    "pictures.py": ["--worlds", "2", "--rounds", "1", "--many", "2"],
+    "labels.py": ["--tasks", "S07", "--worlds", "2", "--steps", "2"],
     "stand_and_reach.py": ["--episodes", "1", "--reaches", "1"],
     "motors.py": [RUN],
     "mujoco_rollout.py": ["--worlds", "8", "--threads", "1", "--steps", "1", "--rounds", "1"],
@@ -53,6 +55,8 @@ def test_it_runs(name, tmp_path):
         pytest.skip("mujoco_warp is not installed")
     if "mujoco" in name and importlib.util.find_spec("mujoco") is None and "FIATLUX_EXTRAS" not in os.environ:
         pytest.skip("the extra mujoco is not installed")
+    if name == "pictures.py" and not os.path.exists("/proc/self/status"):
+        pytest.skip("memory is read from Linux's /proc")
     if None in SHORT[name]:
         pytest.skip("FIATLUX_TEST_RUN or FIATLUX_PROGRAMS is not set")
     command = [sys.executable, SCRIPTS / name, *SHORT[name], "--json"]
