@@ -41,7 +41,7 @@ pub enum Arms {
     /// Clear of both, also where the ladder stands a few centimetres too near.
     #[default]
     DrawnBack,
-    /// Before the chest, where the cameras see them: so they are in the pictures that `see` has learned from.
+    /// Before the chest, where the cameras see them: so they are in the pictures that the network of `see` has learned from.
     Folded,
 }
 

@@ -44,10 +44,7 @@ const SHIPPED: [(&[u8], &[Task]); 4] = [
     (include_bytes!("../weights/walks.safetensors"), &[Task::S05, Task::S07]),
     (include_bytes!("../weights/ladder.safetensors"), &[Task::S09]),
     (include_bytes!("../weights/hands.safetensors"), &[Task::S06, Task::S08]),
-    (
-        include_bytes!("../weights/platform.safetensors"),
-        &[Task::S02, Task::S03, Task::S04, Task::S10, Task::S11, Task::S12],
-    ),
+    (include_bytes!("../weights/platform.safetensors"), &on_ladder::TASKS),
 ];
 /// Scans of the LiDAR for tasks on the ladder, Hz: at 10 Hz one climb of three fell.
 const SCANS_HZ: f64 = 25.0;
@@ -55,6 +52,8 @@ const SCANS_HZ: f64 = 25.0;
 const RANGES: [[f64; 2]; 3] = [[-0.3, 0.6], [-0.35, 0.35], [-0.8, 0.8]];
 /// A force on a body of a hand that counts as the largest, N.
 const MAX_TOUCH_N: f32 = 20.0;
+/// Tasks in which it walks alone, with arms and hands as they are.
+const WALKED: [Task; 3] = [Task::S05, Task::S07, Task::S09];
 /// Control steps of a second.
 const HZ: f64 = 1.0 / CONTROL_DT;
 
@@ -73,8 +72,8 @@ pub struct See {
 enum Playing {
     /// A network says what to do.
     Acts(Box<Episode>),
-    /// A network says where the robot is.
-    OnLadder(Box<OnLadder>),
+    /// A network says where the robot is, in this one of its contract's tasks.
+    OnLadder(Box<OnLadder>, usize),
 }
 
 /// A network, and the tasks that it plays.
@@ -86,6 +85,8 @@ struct Player {
 /// State of an episode.
 struct Episode {
     gait: Gait,
+    /// True if arms and hands stay as they are, and the network is asked where there are pictures alone.
+    walks: bool,
     /// Which of the contract's tasks it is.
     task: usize,
     place: Place,
@@ -210,14 +211,17 @@ impl Policy for See {
             let reason = "it learned on a robot with other joints; use a network of this robot".into();
             return Err(PolicyError::Unfit { policy: "see", reason });
         }
-        if contract.finds_place() {
-            self.episode = Some(Playing::OnLadder(Box::new(OnLadder::new(known, info, first)?)));
+        let of_network = contract.tasks.iter().position(|known| known == task).unwrap_or_default();
+        if contract.finds_place() && (!contract.acts() || on_ladder::TASKS.contains(&known)) {
+            self.episode = Some(Playing::OnLadder(Box::new(OnLadder::new(known, contract.arms(), info, first)?), of_network));
             return Ok(());
         }
-        let gait = if contract.has_hands() { Gait::with_hands } else { Gait::new };
+        let walks = !contract.has_hands() || WALKED.contains(&known);
+        let gait = if walks { Gait::new } else { Gait::with_hands };
         self.episode = Some(Playing::Acts(Box::new(Episode {
             gait: gait("see", Arc::clone(&self.body), info, first)?,
-            task: contract.tasks.iter().position(|known| known == task).unwrap_or_default(),
+            walks,
+            task: of_network,
             place: Place::default(),
             last: None,
             memory: VecDeque::new(),
@@ -235,10 +239,10 @@ impl Policy for See {
         let pictures = pictures(network.contract(), observation)?;
         let episode = match playing {
             Playing::Acts(episode) => episode,
-            Playing::OnLadder(on_ladder) => {
+            Playing::OnLadder(on_ladder, task) => {
                 let find = || {
                     let seen = embedding(network, &pictures?);
-                    Found::of(network.decide(&[&seen], &sensed))
+                    Found::of(network.find(&seen, &sensed, *task))
                 };
                 return on_ladder.act(observation, find);
             }
@@ -247,7 +251,7 @@ impl Policy for See {
         if let Some(pictures) = &pictures {
             episode.look(network, observation.step, pictures);
         }
-        if pictures.is_some() || network.contract().has_hands() {
+        if pictures.is_some() || !episode.walks {
             episode.decide(network, observation.step, &sensed);
         }
         episode.gait.step(observation, episode.command)
@@ -256,7 +260,7 @@ impl Policy for See {
     fn source(&mut self) -> Option<Chunk> {
         match self.episode.as_mut()? {
             Playing::Acts(episode) => episode.gait.record(),
-            Playing::OnLadder(on_ladder) => on_ladder.source(),
+            Playing::OnLadder(on_ladder, _) => on_ladder.source(),
         }
     }
 }
@@ -346,20 +350,23 @@ impl Episode {
             return;
         }
         let moved = frames.iter().skip(1).flat_map(|frame| self.place.of(&frame.place));
-        let tasks = (0..contract.tasks.len()).map(|task| f32::from(u8::from(task == self.task)));
-        let phase = contract.phase(self.phase, step.saturating_sub(self.since));
-        let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(phase).chain(tasks).collect();
+        let phase = contract.phase(self.phase, step.saturating_sub(self.since)).chain(contract.task(self.task));
+        let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(phase).collect();
         let ages: Vec<&[f32]> = frames.iter().map(|frame| frame.embedding.as_slice()).collect();
-        let phases = contract.phases.len();
+        let (has_hands, phases, found) = (contract.has_hands(), contract.phases.len(), contract.finds.len());
         let answer = network.decide(&ages, &state);
-        let (moves, phases) = answer.split_at(answer.len() - phases);
+        let (moves, phases) = answer[..answer.len() - found].split_at(answer.len() - found - phases);
+        let (walks, hands) = moves.split_at(WALKS);
+        let within = |axis: usize| f64::from(walks[axis]).clamp(RANGES[axis][0], RANGES[axis][1]);
+        self.command.velocity = if walks[WALKS - 1] > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
+        // Of phases it knows those of its hands.
+        if self.walks && has_hands {
+            return;
+        }
         let phase = phases.iter().enumerate().max_by(|one, other| one.1.total_cmp(other.1)).map(|(index, _)| index);
         if phase != self.phase {
             (self.phase, self.since) = (phase, step);
         }
-        let (walks, hands) = moves.split_at(WALKS);
-        let within = |axis: usize| f64::from(walks[axis]).clamp(RANGES[axis][0], RANGES[axis][1]);
-        self.command.velocity = if walks[WALKS - 1] > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
         if let Some((&[height, roll, pitch, yaw], targets)) = hands.split_first_chunk::<POSTURE>() {
             self.command.height = f64::from(height);
             self.command.torso = [roll, pitch, yaw].map(f64::from);

@@ -30,7 +30,7 @@ pub struct Visuals {
     pub(crate) robot: Arc<Robot>,
     pub(crate) world_from_bench: Option<Isometry3<f64>>,
     look: Look,
-    /// Fine and coarse meshes of the same things in the same order.
+    /// Fine and coarse meshes of the same things in the same order; for the robot's cameras both are coarse.
     fine: Vec<Arc<Mesh>>,
     coarse: Vec<Arc<Mesh>>,
 }
@@ -63,13 +63,10 @@ impl Visuals {
     }
 
     fn with_look(scene: &Scene, robot: Option<&RobotMeshes>, look: Look) -> Self {
-        Self {
-            robot: Arc::clone(&scene.robot),
-            world_from_bench: scene.world_from_bench,
-            look,
-            fine: meshes(scene, robot, Detail::Fine, look),
-            coarse: meshes(scene, robot, Detail::Coarse, look),
-        }
+        let coarse = meshes(scene, robot, Detail::Coarse, look);
+        // The robot's cameras take coarse ones at any size, and many rooms may have their meshes in memory.
+        let fine = if look == Look::One { coarse.clone() } else { meshes(scene, robot, Detail::Fine, look) };
+        Self { robot: Arc::clone(&scene.robot), world_from_bench: scene.world_from_bench, look, fine, coarse }
     }
 
     pub(crate) fn look(&self) -> Look {

@@ -1,12 +1,11 @@
 """Command line of :mod:`fiatlux.dagger`."""
 
 import argparse
-import json
 import platform
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,16 @@ import numpy as np
 import torch
 from torch import nn
 
-from .._files import regular
-from .finds import IN_ROOM, ON_LADDER, find
-from .lessons import GOALS, Lesson, play, shape_of, state_of
-from .network import WALKS, Network, Shape, export, learning_rate, normalised, on_device, read, varied
+from .finds import IN_ROOM, ON_LADDER, Finder, find, parts_of_looks, read_looks
+from .lessons import GOALS, PHASES, Lesson, part_of_lesson, shape_of, state_of
+from .network import WALKS, Network, Shape, export, grown, learning_rate, load, normalised, on_device, varied
+from .parts import Part, do_all, rooms_of_parts, total
 from .settings import FIRST_ROOM, keep
 
-LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5}
-"""Weights of what is learned: velocity, whether to stand, where the goal is, what arms and hands do, and the phase."""
+LEARNED = {"velocity": 1.0, "stands": 0.5, "goal": 0.5, "moves": 6.0, "phases": 0.5, "finds": 0.1}
+"""Weights of what is learned: velocity, whether to stand, where the goal is, what arms and hands do, the phase, and places on the ladder."""
+LOOKS = 0.5
+"""Looks of which it learns places, for each of the others in a batch."""
 GOALS_FAR, GOALS_NEAR = (2.0, 2.0), (0.4, 3.0)
 """Distance to the goal that counts as 1, m, and the largest that counts: where it walks, and where hands must be exact."""
 SHIFTED = 2
@@ -30,6 +31,7 @@ SURE = 0.02
 """It learns to be this far from sure whether to stand: the teacher stops within millimetres that no picture shows."""
 EXAMPLES = """examples:
   python -m fiatlux.dagger train --tasks S05 S07 S09 --out runs/walks
+  python -m fiatlux.dagger train --tasks S02 S03 S04 S05 S06 S07 S08 S09 S10 S11 S12 --shown S06 S08 --out runs/all
   python -m fiatlux.dagger train --tasks S05 --out runs/s05 --worlds 16 --steps 1000 --updates 2000 --rounds 2
   python -m fiatlux.dagger export runs/walks/round-3.pt walks.safetensors
   python -m fiatlux.dagger find --out runs/platform
@@ -49,7 +51,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     train = commands.add_parser("train", help="plays lessons and trains on them, round by round")
-    train.add_argument("--tasks", nargs="+", required=True, choices=sorted(GOALS), help="tasks that one network learns")
+    train.add_argument(
+        "--tasks",
+        nargs="+",
+        required=True,
+        choices=sorted({*GOALS, *ON_LADDER.tasks}),
+        help="tasks that one network learns; in those on the ladder it learns where it is",
+    )
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--rounds", type=int, default=3, help="rounds in which a student drives [default: 3]")
     train.add_argument(
@@ -63,7 +71,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument(
         "--start",
         type=Path,
-        help="checkpoint of another run, or a file that see plays, to begin with; the teacher then drives in no round",
+        help="checkpoint of another run, or a file that see plays, to begin with, which then drives in round 0, too; what it has not "
+        "learned needs --demonstrates or --shown",
+    )
+    train.add_argument(
+        "--shown",
+        nargs="+",
+        default=[],
+        choices=sorted(GOALS),
+        metavar="TASK",
+        help="those of the tasks in which the teacher drives in every round",
     )
     train.add_argument(
         "--demonstrates", action="store_true", help="the teacher drives in round 0 of a run with --start, too"
@@ -82,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
     train.add_argument("--picture", type=int, nargs=2, default=(128, 128), metavar=("WIDTH", "HEIGHT"))
     train.add_argument("--ages", type=int, nargs="+", default=(0, 50, 150), help="ages of pictures, control steps")
-    train.add_argument("--threads", type=int, help="threads of the worlds [default: one a core]")
+    train.add_argument("--threads", type=int, help="cores that play, a process each, with some 2 GB [default: all]")
     train.add_argument("--seed", type=int, default=1)
     train.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
     train.add_argument("--hardware", default=platform.machine(), help="for the record")
@@ -107,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finds.add_argument("--batch", type=int, default=512, help="looks in a step of training [default: 512]")
     finds.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
     finds.add_argument("--picture", type=int, nargs=2, default=(128, 128), metavar=("WIDTH", "HEIGHT"))
-    finds.add_argument("--threads", type=int, help="threads of the worlds [default: one a core]")
+    finds.add_argument("--threads", type=int, help="cores that play, a process each, with some 2 GB [default: all]")
     finds.add_argument("--seed", type=int, default=1)
     finds.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
     finds.add_argument("--hardware", default=platform.machine(), help="for the record")
@@ -133,80 +150,98 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def train_rounds(given: argparse.Namespace) -> None:
     """Plays and trains, round by round."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
+    played, looked = ([task for task in given.tasks if task in of] for of in (GOALS, ON_LADDER.looks_in))
+    finds = ON_LADDER.finds if set(given.tasks) & set(ON_LADDER.tasks) else ()
     try:
-        shape = shape_of(given.tasks, picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
+        shape = shape_of(given.tasks, finds, picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
     except ValueError as error:
         raise SystemExit(f"--tasks: {error}") from error
-    student: Network | None = None
+    if finds and not looked:
+        raise SystemExit(f"--tasks: places are learned in {', '.join(ON_LADDER.looks_in)}; name one of them, too")
     lessons: list[Lesson] = []
+    student, last = None, None
     record: dict[str, Any] = {"minutes": 0.0, "demonstrated": 0, "labelled": 0}
     if given.start:
+        last = given.out / "start.pt"
         try:
-            student, record = load(given.start, device)
+            student, record = begin_with(given.start, shape, device)
         except ValueError as error:
-            raise SystemExit(f"--start: {error}") from error
-        if student.shape != shape:
-            raise SystemExit(
-                f"--start: {given.start} is of another shape or other tasks; repeat its --tasks and --ages"
-            )
+            raise SystemExit(f"--start {given.start}: {error}") from error
+        if not last.exists():
+            student.keep(last, record)
+    looks = parts_of_looks(looked, shape, given)
+    finder: Finder | None = None
     record |= {"seed": given.seed, "hardware": given.hardware}
     for number in range(given.rounds + 1):
         checkpoint = given.out / f"round-{number}.pt"
-        # One task's worlds work while another's wait for the slowest of theirs.
-        with ThreadPoolExecutor() as pool:
-            driver = None if number == 0 and given.demonstrates else student
-            new = list(pool.map(lambda task: lesson_of(task, number, shape, driver, given, device), shape.tasks))  # noqa: B023
-        lessons += new
-        record["labelled" if driver else "demonstrated"] += sum(len(each.back) for each in new)
+        drivers = {
+            task: None if task in given.shown or (number == 0 and given.demonstrates) else last for task in played
+        }
+        parts = {task: parts_of_lesson(task, number, shape, drivers[task], given, device) for task in played}
+        fresh = {task for task in played if not all(part.is_done for part in parts[task])}
+        # The slow ones first.
+        do_all([*looks, *(part for task in played for part in parts[task])], given.threads)
+        for task in played:
+            ends = total(parts[task])
+            record["labelled" if drivers[task] else "demonstrated"] += ends["decisions"]
+            lessons += [Lesson.load(part.folder) for part in parts[task]]
+            if task in fresh:
+                print(
+                    f"round {number} {task}: {'student' if drivers[task] else 'teacher'} succeeded in {ends['successes']} of "
+                    f"{ends['episodes']} episodes, none ended in {ends['without_end']} of {ends['worlds']} worlds, "
+                    f"{ends['decisions']} decisions",
+                    flush=True,
+                )
+        last = checkpoint
         if checkpoint.exists():
             student, record = load(checkpoint, device)
             continue
         began = time.monotonic()
-        student = fit(shape, lessons, given, device, student, number)
+        if looks and finder is None:
+            finder = Finder(shape, read_looks(looks), max(1, round(LOOKS * given.batch)), device)
+        if finder and student and "looks" not in record:
+            finder.begin(student)
+        student = fit(shape, lessons, finder, given, device, student, number)
         record["minutes"] += (time.monotonic() - began) / 60
+        if finder:
+            record |= {"looks": len(finder.body), "errors": finder.errors(student)}
         student.keep(checkpoint, record)
 
 
-def lesson_of(
-    task: str, number: int, shape: Shape, student: Network | None, given: argparse.Namespace, device: str
-) -> Lesson:
-    """A task's lesson in a round, which is played where the run has none yet."""
-    folder = given.out / f"lessons-{number}-{task}"
-    if not (folder / "done").exists():
-        began, first = time.monotonic(), given.first_room + number * max(given.worlds)
-        worlds = given.worlds[shape.tasks.index(task) % len(given.worlds)]
-        played = play(
-            task,
-            range(first, first + worlds),
-            given.steps,
-            shape=shape,
-            student=student,
-            takes_over=given.takes_over,
-            threads=given.threads,
-            seed=given.seed + number,
-            device=device,
-        )
-        played.lesson.save(folder)
-        ends = {"episodes": played.ended, "successes": played.successes, "without_end": played.without_end}
-        (folder / "done").write_text(json.dumps(ends))
-        print(
-            f"round {number} {task}: {'student' if student else 'teacher'} succeeded in {played.successes} of "
-            f"{played.ended} episodes, none ended in {played.without_end} of {worlds} worlds, "
-            f"{len(played.lesson.back)} decisions, {time.monotonic() - began:.0f} s",
-            flush=True,
-        )
-    return Lesson.load(folder)
+def begin_with(start: Path, shape: Shape, device: str) -> tuple[Network, dict[str, Any]]:
+    """A network of a shape that knows what another one does, and the record of that one's training.
+
+    Raises:
+        ValueError: It is no network, or does not fit into that shape.
+    """
+    network, record = load(start, device)
+    return network if network.shape == shape else grown(network.cpu(), shape).to(device).eval(), record
 
 
-def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
-    """The network of a checkpoint, or of a file that `see` plays, and the record of its training."""
-    if checkpoint.suffix == ".safetensors":
-        network, record = read(regular(checkpoint))
-        return network.to(device).eval(), record
-    state = torch.load(regular(checkpoint), map_location=device, weights_only=True)
-    network = Network(Shape(**state["shape"])).to(device).eval()
-    network.load_state_dict(state["network"])
-    return network, state["record"]
+def parts_of_lesson(
+    task: str, number: int, shape: Shape, student: Path | None, given: argparse.Namespace, device: str
+) -> list[Part]:
+    """A task's lesson in a round, in parts; a student is that of a checkpoint."""
+    first, worlds = (
+        given.first_room + number * max(given.worlds),
+        given.worlds[given.tasks.index(task) % len(given.worlds)],
+    )
+    make = partial(
+        part_of_lesson,
+        task,
+        steps=given.steps,
+        shape=shape,
+        student=student,
+        takes_over=given.takes_over,
+        device=device,
+    )
+    return [
+        Part(
+            given.out / f"lessons-{number}-{task}-{rooms[0]}",
+            partial(make, rooms=rooms, seed=given.seed + number + rooms[0]),
+        )
+        for rooms in rooms_of_parts(first, worlds)
+    ]
 
 
 def export_file(given: argparse.Namespace) -> None:
@@ -222,9 +257,15 @@ def export_file(given: argparse.Namespace) -> None:
 
 
 def fit(
-    shape: Shape, lessons: Sequence[Lesson], given: argparse.Namespace, device: str, start: Network | None, number: int
+    shape: Shape,
+    lessons: Sequence[Lesson],
+    finder: Finder | None,
+    given: argparse.Namespace,
+    device: str,
+    start: Network | None,
+    number: int,
 ) -> Network:
-    """Trains a network on lessons, from the one of the round before."""
+    """Trains a network on lessons, and on looks where it finds places, from the one of the round before."""
     torch.manual_seed(given.seed + number)
     generator = torch.Generator(device).manual_seed(given.seed + number)
     columns = {
@@ -251,7 +292,9 @@ def fit(
     pictures = on_device(lessons, device)
     ages, states, learned_rows = to(np.stack(olds, 1), torch.int64), to(state), to(rows, torch.int64)
     wanted = torch.cat((to(columns["velocity"]), to(columns["stands"])[:, None], to(columns["moves"])), dim=1)
-    far, farthest = GOALS_NEAR if shape.joints else GOALS_FAR
+    # Where hands work, they must be exact.
+    handed = np.isin(columns["task"], [shape.tasks.index(task) for task in PHASES if task in shape.tasks])
+    far, farthest = to(np.where(handed[:, None], GOALS_NEAR, GOALS_FAR)).split(1, dim=1)
     goal, does = (to(columns["goal"]) / far).clamp(-farthest, farthest), to(columns["does"], torch.int64)
     # What is seldom done is looked at more often than it is seen.
     kinds = columns["task"][rows[:, 0]] * (len(shape.phases) + 1) + columns["does"][rows[:, 0]]
@@ -259,8 +302,21 @@ def fit(
     network = Network(shape).to(device)
     if start is not None:
         network.load_state_dict(start.state_dict())
-    network.normalise(states[learned_rows[:, 0]], wanted[learned_rows[:, 0], WALKS:], start is not None)
-    moved = WALKS + shape.moves
+    first, moved = learned_rows[:, 0], WALKS + shape.moves
+    handed = to(handed, torch.bool)
+    measured = states[first, : shape.measured]
+    if finder:
+        others = finder.body[finder.learned]
+        of_looks = torch.cat((others, finder.rest[:1, : shape.measured - shape.sensed].expand(len(others), -1)), dim=1)
+        measured = torch.cat((measured, of_looks))
+    shown = first[handed[first]]
+    if shape.joints and not len(shown):
+        raise SystemExit(
+            "nothing can be learned of the tasks for hands: the robot did not follow; take more --steps or --worlds"
+        )
+    network.normalise(measured, wanted[shown, WALKS:], start is not None)
+    if finder and start is None:
+        finder.begin(network)
     wanted = (wanted - network.centre[:moved]) / network.scale[:moved]
     worth = torch.tensor(list(LEARNED.values()), device=device)
     optimizer = torch.optim.AdamW(network.parameters(), lr=given.rate, weight_decay=1e-4)
@@ -285,15 +341,20 @@ def fit(
         with torch.autocast(device, torch.bfloat16, enabled=device == "cuda"):
             embedding = network.encode(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])
             output, found = network.decide(embedding.repeat_interleave(len(steps), dim=0), sensed)
-        output, phases = output.float().split([moved, len(shape.phases)], dim=1)
-        errors, stands = (output - wanted[at]).abs(), wanted[at, WALKS - 1]
+        output, phases, _ = output.float().split([moved, len(shape.phases), len(shape.finds)], dim=1)
+        errors, stands, works = (output - wanted[at]).abs(), wanted[at, WALKS - 1], handed[at]
+        count = works.sum().clamp(min=1)
+        finds = finder.loss(network, generator)[0] if finder else errors.new_zeros(())
         losses = torch.stack(
             (
                 (errors[:, : WALKS - 1] * (1 - stands)[:, None]).mean(),
                 nn.functional.binary_cross_entropy_with_logits(output[:, WALKS - 1], stands.clamp(SURE, 1 - SURE)),
                 (found.float() - goal[at]).abs().mean(),
-                errors[:, WALKS:].sum() / max(errors[:, WALKS:].numel(), 1),
-                nn.functional.cross_entropy(phases, does[at]) if shape.phases else errors.new_zeros(()),
+                (errors[:, WALKS:].sum(1) * works).sum() / (max(shape.moves, 1) * count),
+                nn.functional.cross_entropy(phases, does[at], ignore_index=-1, reduction="sum") / count
+                if shape.phases
+                else errors.new_zeros(()),
+                finds,
             )
         )
         optimizer.zero_grad(set_to_none=True)

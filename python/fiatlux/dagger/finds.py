@@ -4,8 +4,8 @@ import argparse
 import math
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,10 @@ from .._scene import SCENE
 from ..expert import Experts
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
-from .lessons import SENSED, SETTLES, Array, Columns, columns_of, lesson_worlds
+from .lessons import SENSED, SENSORS, SETTLES, Array, Columns, columns_of, lesson_worlds, state_of, touch
 from .network import MIN_DEVIATION, Network, Shape, learning_rate, normalised, on_device, varied
+from .parts import Part, do_all, rooms_of_parts, total
 
-SENSORS = ("proprioception", "last_action", "privileged")
 LOGARITHMS = -9.0, 2.0
 """Range of the logarithms of standard deviations."""
 KEPT_OUT = 16
@@ -122,11 +122,12 @@ def find(given: argparse.Namespace) -> None:
         embedding=256,
         blind=given.blind,
         finds=finding.finds,
+        arms_back=finding is ON_LADDER,
     )
     env.close()
-    # One task's worlds work while another's wait for the slowest of theirs.
-    with ThreadPoolExecutor() as pool:
-        looks = list(pool.map(lambda index: looks_of(index, shape, given), range(len(given.tasks))))
+    parts = parts_of_looks(given.tasks, shape, given)
+    do_all(parts, given.threads)
+    looks = read_looks(parts)
     began = time.monotonic()
     network, errors = fit(shape, looks, given, device)
     record = {
@@ -139,22 +140,28 @@ def find(given: argparse.Namespace) -> None:
     network.keep(given.out / "found.pt", record)
 
 
-def looks_of(index: int, shape: Shape, given: argparse.Namespace) -> Looks:
-    """Looks in a task, which are made where the run has none yet."""
-    task = given.tasks[index]
-    folder = given.out / f"looks-{task}"
-    if not (folder / "done").exists():
-        began, worlds = time.monotonic(), given.worlds[index % len(given.worlds)]
-        rooms = range(given.first_room, given.first_room + worlds)
-        seen = look(task, rooms, given.steps, shape=shape, threads=given.threads, seed=given.seed + index)
-        seen.save(folder)
-        (folder / "done").touch()
-        print(f"{task}: {len(seen.wall)} looks, {time.monotonic() - began:.0f} s", flush=True)
-    return Looks.load(folder)
+def parts_of_looks(tasks: Sequence[str], shape: Shape, given: argparse.Namespace) -> list[Part]:
+    """Looks in tasks, in parts."""
+    parts = []
+    for task in tasks:
+        index = given.tasks.index(task)
+        for rooms in rooms_of_parts(given.first_room, given.worlds[index % len(given.worlds)]):
+            make = partial(look, task, rooms, given.steps, shape=shape, seed=given.seed + index + rooms[0])
+            parts.append(Part(given.out / f"looks-{task}-{rooms[0]}", make))
+    return parts
 
 
-def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int) -> Looks:
-    """Pictures of the cameras in a world for each room while the expert plays."""
+def read_looks(parts: Sequence[Part]) -> list[Looks]:
+    """The looks of parts that are done."""
+    if parts:
+        print(f"{total(parts)['looks']} looks", flush=True)
+    return [Looks.load(part.folder) for part in parts]
+
+
+def look(
+    task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: int | None, seed: int
+) -> tuple[Looks, dict[str, int]]:
+    """Pictures of the cameras in a world for each room while the expert plays, and their number."""
     worlds, every, finding = len(rooms), shape.every, finding_of(task)
     env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
     experts = Experts(env, num_threads=env.num_threads)
@@ -175,7 +182,8 @@ def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: 
             new = slice(rows, rows := rows + len(at))
             for camera, name in enumerate(shape.cameras):
                 np.copyto(looks.pictures[new, camera], seen[name][at], casting="unsafe")
-            looks.body[new] = columns_of(seen, (*SENSED, "joint_position"))[at]
+            body = columns_of(seen, (*SENSED, "joint_position"))[at]
+            looks.body[new] = np.concatenate([body, touch(seen)[at]], axis=1) if shape.touched else body
             looks.place[new] = place_of(finding, seen)[at]
             looks.wall[new] = at_wall(seen)[at]
             looks.room[new] = np.asarray(rooms)[at]
@@ -186,7 +194,7 @@ def look(task: str, rooms: Sequence[int], steps: int, *, shape: Shape, threads: 
         count += 1
         count[over] = 0
     env.close()
-    return Looks(**{field.name: getattr(looks, field.name)[:rows] for field in fields(Looks)})
+    return Looks(**{field.name: getattr(looks, field.name)[:rows] for field in fields(Looks)}), {"looks": rows}
 
 
 def place_of(finding: Finding, seen: Any) -> Array:
@@ -213,69 +221,108 @@ def at_wall(seen: Any) -> Array:
     return (np.abs(axis[:, 2]) < 0.5).astype(np.float32)
 
 
+class Finder:
+    """Looks in the memory of a device, from which a network learns where things are: numbers and their standard deviations by their
+    likelihood."""
+
+    def __init__(self, shape: Shape, looks: Sequence[Looks], batch: int, device: str) -> None:
+        self.shape, self.batch, self.device = shape, batch, device
+        self.finding = next(each for each in (ON_LADDER, IN_ROOM) if each.finds == shape.finds)
+        self.pictures = on_device(looks, device)
+        self.body, self.place, self.wall, room = (
+            torch.from_numpy(np.concatenate([getattr(each, name) for each in looks])).to(device)
+            for name in ("body", "place", "wall", "room")
+        )
+        self.learned, self.kept_out = (torch.nonzero((room % KEPT_OUT == 0) == kept)[:, 0] for kept in (False, True))
+        if not len(self.learned):
+            raise SystemExit("there is no look to learn from; take more --worlds or --steps")
+        # What it reads beside body and pictures, a row for each of its tasks: pictures are of now, and none is what it looks for alone.
+        tasks = np.array([place for place, task in enumerate(shape.tasks) if task in self.finding.tasks])
+        none = np.zeros(len(tasks), np.int64)
+        still = np.zeros((len(tasks), 3))
+        state = state_of(
+            shape, np.zeros((len(tasks), shape.sensed)), still, [still] * (len(shape.ages) - 1), none - 1, none, tasks
+        )
+        self.rest = torch.from_numpy(state[:, shape.sensed :] if shape.acts else state[:, :0]).to(device)
+        self.of = torch.tensor(self.finding.spread_of, device=device)
+
+    def begin(self, network: Network) -> None:
+        """Takes the scales of what comes out."""
+        numbers, spreads, first = len(self.finding.numbers), len(self.finding.deviations), -len(self.shape.finds)
+        centre, scale = network.centre[first:], network.scale[first:]
+        centre[:numbers] = self.place.mean(0)
+        scale[:numbers] = torch.tensor(self.finding.widths, device=self.device)
+        centre[numbers : numbers + spreads] = math.log(0.2 * min(self.finding.widths))
+
+    def answers(self, network: Network, seen: torch.Tensor, body: torch.Tensor, drawn: torch.Tensor) -> torch.Tensor:
+        """The numbers that are found, from normalised pictures and body; ``drawn`` says in which of the tasks it believes to be."""
+        with torch.autocast(self.device, torch.bfloat16, enabled=self.device == "cuda" and network.training):
+            embedding = network.encode(seen)[:, None].expand(-1, len(self.shape.ages), -1)
+            output, _ = network.decide(embedding, torch.cat((body, self.rest[drawn]), dim=1))
+        return network.answer(output.float())[:, -len(self.shape.finds) :]
+
+    def loss(self, network: Network, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Of a batch that is drawn; and the means of the squares of the errors, and of the surprise about the wall."""
+        at = self.learned[torch.randint(len(self.learned), (self.batch,), device=self.device, generator=generator)]
+        drawn = torch.randint(len(self.rest), (self.batch,), device=self.device, generator=generator)
+        seen = varied(normalised(self.pictures[at][:, None]), generator, 0)[:, 0]
+        noise = torch.randn((self.batch, self.shape.sensed), device=self.device, generator=generator)
+        body = self.body[at] + 0.02 * network.deviation[: self.shape.sensed] * noise
+        answer, numbers = self.answers(network, seen, body, drawn), len(self.finding.numbers)
+        off, logarithm = answer[:, :numbers] - self.place[at], answer[:, numbers + self.of].clamp(*LOGARITHMS)
+        surprise = 0.5 * (off * torch.exp(-logarithm)).square() + logarithm
+        says_wall = answer.new_zeros(())
+        if self.finding.says_wall:
+            says_wall = nn.functional.binary_cross_entropy_with_logits(answer[:, -1], self.wall[at])
+        loss = surprise.sum() / self.batch + says_wall
+        return loss, torch.cat((off.square().mean(0), says_wall[None])).detach()
+
+    @torch.inference_mode()
+    def errors(self, network: Network) -> dict[str, float]:
+        """Root mean squares, m and rad, in rooms that are kept out of training, and the share of looks in which it is wrong about the wall."""
+        numbers = len(self.finding.numbers)
+        totals = torch.zeros(numbers + 1, device=self.device)
+        for at in self.kept_out.split(self.batch):
+            answer = self.answers(network, normalised(self.pictures[at]), self.body[at], at % len(self.rest))
+            off = answer[:, :numbers] - self.place[at]
+            wrong = ((answer[:, -1] > 0) != (self.wall[at] > 0)).sum() * self.finding.says_wall
+            totals += torch.cat((off.square().sum(0), wrong[None]))
+        looked = max(1, len(self.kept_out))
+        print(f"kept out: {told(self.finding, totals / looked)}", flush=True)
+        errors = (*(totals[:-1] / looked).sqrt().tolist(), totals[-1].item() / looked)
+        return dict(zip((*self.finding.numbers, "wall"), errors))
+
+
 def fit(
     shape: Shape, looks: Sequence[Looks], given: argparse.Namespace, device: str
 ) -> tuple[Network, dict[str, float]]:
-    """Trains a network: numbers and their standard deviations by their likelihood. Returns its errors, too, in rooms that are kept out of
-    training: root mean squares, m and rad, and the share of looks in which it is wrong about the wall."""
+    """Trains a network. Returns its errors, too."""
     torch.manual_seed(given.seed)
     generator = torch.Generator(device).manual_seed(given.seed)
-    pictures = on_device(looks, device)
-    body, place, wall, room = (
-        torch.from_numpy(np.concatenate([getattr(each, name) for each in looks])).to(device)
-        for name in ("body", "place", "wall", "room")
-    )
-    finding = next(each for each in (ON_LADDER, IN_ROOM) if each.finds == shape.finds)
-    learned, kept_out = (torch.nonzero((room % KEPT_OUT == 0) == kept)[:, 0] for kept in (False, True))
-    numbers, spreads = len(finding.numbers), len(finding.deviations)
-    network = Network(shape).to(device)
-    network.mean, network.deviation = body.mean(0), body.std(0).clamp(min=MIN_DEVIATION)
-    network.centre[:numbers] = place.mean(0)
-    network.scale[:numbers] = torch.tensor(finding.widths, device=device)
-    network.centre[numbers : numbers + spreads] = math.log(0.2 * min(finding.widths))
+    finder, network = Finder(shape, looks, given.batch, device), Network(shape).to(device)
+    network.mean, network.deviation = finder.body.mean(0), finder.body.std(0).clamp(min=MIN_DEVIATION)
+    finder.begin(network)
     optimizer = torch.optim.AdamW(network.parameters(), lr=given.rate, weight_decay=1e-4)
     network.train()
     began, every = time.monotonic(), max(1, min(1000, given.updates // 20))
-    totals = torch.zeros(numbers + 1, device=device)
-    of = torch.tensor(finding.spread_of, device=device)
-    print(f"{len(learned)} looks to learn, {len(kept_out)} kept out, {device}", flush=True)
+    totals = torch.zeros(len(finder.finding.numbers) + 1, device=device)
+    print(f"{len(finder.learned)} looks to learn, {len(finder.kept_out)} kept out, {device}", flush=True)
     for step in range(1, given.updates + 1):
         rate = learning_rate(given.rate, step, given.updates)
         for group in optimizer.param_groups:
             group["lr"] = rate
-        at = learned[torch.randint(len(learned), (given.batch,), device=device, generator=generator)]
-        seen = varied(normalised(pictures[at][:, None]), generator, 0)[:, 0]
-        noise = torch.randn((given.batch, shape.state), device=device, generator=generator)
-        with torch.autocast(device, torch.bfloat16, enabled=device == "cuda"):
-            output, _ = network.decide(network.encode(seen)[:, None], body[at] + 0.02 * network.deviation * noise)
-        answer = network.answer(output.float())
-        off, logarithm = answer[:, :numbers] - place[at], answer[:, numbers + of].clamp(*LOGARITHMS)
-        surprise = 0.5 * (off * torch.exp(-logarithm)).square() + logarithm
-        says_wall = answer.new_zeros(())
-        if finding.says_wall:
-            says_wall = nn.functional.binary_cross_entropy_with_logits(answer[:, -1], wall[at])
+        loss, means = finder.loss(network, generator)
         optimizer.zero_grad(set_to_none=True)
-        (surprise.sum() / given.batch + says_wall).backward()
+        loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimizer.step()
-        totals += torch.cat((off.square().mean(0), says_wall[None])).detach()
+        totals += means
         if step % every == 0:
             speed = step / (time.monotonic() - began)
-            print(f"  step {step}: {told(finding, totals / every)}; {speed:.0f} steps/s", flush=True)
+            print(f"  step {step}: {told(finder.finding, totals / every)}; {speed:.0f} steps/s", flush=True)
             totals.zero_()
     network.eval()
-    totals.zero_()
-    with torch.inference_mode():
-        for at in kept_out.split(given.batch):
-            output, _ = network.decide(network.encode(normalised(pictures[at]))[:, None], body[at])
-            answer = network.answer(output)
-            off = answer[:, :numbers] - place[at]
-            wrong = ((answer[:, -1] > 0) != (wall[at] > 0)).sum() * finding.says_wall
-            totals += torch.cat((off.square().sum(0), wrong[None]))
-    looked = max(1, len(kept_out))
-    print(f"kept out: {told(finding, totals / looked)}", flush=True)
-    errors = (*(totals[:-1] / looked).sqrt().tolist(), totals[-1].item() / looked)
-    return network, dict(zip((*finding.numbers, "wall"), errors))
+    return network, finder.errors(network)
 
 
 def told(finding: Finding, means: torch.Tensor) -> str:

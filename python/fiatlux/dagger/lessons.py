@@ -15,7 +15,7 @@ from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
 from ..vector import VectorEnv
 from ..whole_body import ARMS, DEAD_ZONE, LEGS_AND_WAIST, WholeBodies
-from .network import CLOCKS, POSTURE, WALKS, Network, Shape, normalised
+from .network import CLOCKS, POSTURE, WALKS, Network, Shape, load, normalised
 
 SETTLES = 25
 """Control steps for which the robot stands first, and that are not learned."""
@@ -50,7 +50,11 @@ in which that changes, s."""
 HANDED_OVER = 0.5, 12.0
 """In a lesson with hands that a student drives: share of the episodes that the teacher begins, and for how long at most, s."""
 HEAD_OF_HANDS = (512, 512)
-"""Widths of the head's layers of a network that has hands."""
+"""Widths of the head's layers of a network that works with hands alone."""
+HEAD_OF_ALL = (768, 768)
+"""The same of one that has other tasks, too."""
+EMBEDDING_OF_ALL = 256
+"""Numbers that an encoder makes of a picture, of a network that acts and finds places."""
 STARTS = 4
 """Starts of the task in each room, which episodes draw from."""
 FAR_BEHIND_M = 0.15
@@ -192,7 +196,8 @@ class Memory:
     def decide(
         self, worlds: Array, body: Array, place: Array, back: Array, phase: Array, since: Array, task: int
     ) -> Array:
-        """The network's answer in these worlds, m/s, rad/s, m and rad, and a number for each phase; ``back`` is of the newest look."""
+        """The network's answer in these worlds, m/s, rad/s, m and rad, a number for each phase, and what it finds; ``back`` is of the newest
+        look."""
         at = torch.from_numpy(worlds).to(self.device)
         slots = [(back - np.minimum(age, back)) % self.room for age in self.ages]
         seen = torch.stack([self.seen[at, torch.from_numpy(slot).to(self.device)] for slot in slots], dim=1)
@@ -217,7 +222,7 @@ def state_of(
     if shape.phases:
         # The last row is that of no phase.
         parts.append(np.eye(len(shape.phases) + 1, len(shape.phases))[phase])
-        parts.append(np.minimum(since[:, None] / np.array(CLOCKS), 1))
+        parts.append(np.minimum(np.where(phase < 0, 0, since)[:, None] / np.array(CLOCKS), 1))
     return np.concatenate([*parts, np.eye(len(shape.tasks))[task]], axis=1).astype(np.float32)
 
 
@@ -271,22 +276,32 @@ class Bodies:
         return targets
 
 
-def shape_of(tasks: Sequence[str], **settings: Any) -> Shape:
-    """The shape of a network for these tasks.
+def shape_of(tasks: Sequence[str], finds: tuple[str, ...] = (), **settings: Any) -> Shape:
+    """The shape of a network for these tasks. One that works with hands, or that finds places too, has hands.
 
     Raises:
-        ValueError: Some need hands and others do not.
+        ValueError: It should find places, but works with hands in no task, or learns of no look.
     """
-    if not set(tasks) & set(PHASES):
+    handed = [task for task in tasks if task in PHASES]
+    if not handed:
+        if finds:
+            raise ValueError("a network for tasks on the ladder needs S06 or S08 among them, too; or train one by find")
         return Shape(tuple(tasks), **settings)
-    if others := [task for task in tasks if task not in PHASES]:
-        raise ValueError(f"{' and '.join(PHASES)} need a network that has hands; train {' '.join(others)} apart")
     env = VectorEnv(tasks[0], 1, sensors=["hand_contact"])
     touched = touch(env.reset()[0]).shape[1]
     env.close()
-    phases = tuple(dict.fromkeys(name for task in tasks for name in PHASES[task]))
+    phases = tuple(dict.fromkeys(name for task in handed for name in PHASES[task]))
+    hidden = HEAD_OF_ALL if set(tasks) - set(handed) else HEAD_OF_HANDS
     return Shape(
-        tuple(tasks), joints=tuple(env.action_names), touched=touched, phases=phases, hidden=HEAD_OF_HANDS, **settings
+        tuple(tasks),
+        joints=tuple(env.action_names),
+        touched=touched,
+        phases=phases,
+        finds=finds,
+        arms_back=bool(finds),
+        hidden=hidden,
+        embedding=EMBEDDING_OF_ALL if finds else Shape.embedding,
+        **settings,
     )
 
 
@@ -342,7 +357,7 @@ def play(
     """
     worlds, cameras, every = len(rooms), shape.cameras, shape.every
     env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
-    random, number, has_hands = np.random.default_rng([seed, worlds]), shape.tasks.index(task), bool(shape.joints)
+    random, number, has_hands = np.random.default_rng([seed, rooms[0]]), shape.tasks.index(task), task in PHASES
     bodies = Bodies(worlds, env.num_threads, has_hands)
     experts = Experts(env, num_threads=env.num_threads, parameters=TEACHERS.get(task))
     memory = None if student is None else Memory(student, worlds, device)
@@ -377,14 +392,16 @@ def play(
         cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
         place += moving[:, None] * np.stack((cos * ahead - sin * left, sin * ahead + cos * left, turning), axis=1)
         command = np.nan_to_num(label.body_command)
-        velocity, moves = command[:, :3], np.zeros((worlds, 0))
+        velocity = command[:, :3]
+        moves = np.zeros((worlds, shape.moves))
         body, back = pelvis.astype(np.float32), count // every
-        does = np.array([indices.get(name, -1) for name in label.phase])
+        does = np.array([indices.get(name, -1) if has_hands else -1 for name in label.phase])
         since = count - phases.began
         behind = (does < 0) | (np.abs(command[:, 3] - pelvis[:, -1]) > FAR_BEHIND_M)
         unlearned = behind if has_hands else count < SETTLES
         if has_hands:
             moves = np.nan_to_num(np.concatenate([command[:, 3:], label.joint_target[:, LEGS_AND_WAIST:]], axis=1))
+        if shape.joints:
             body = np.concatenate([body, columns_of(seen, ("joint_position",)), touch(seen)], axis=1).astype(np.float32)
         at = np.flatnonzero(count % every == 0)
         if len(at):
@@ -413,8 +430,8 @@ def play(
                 within = np.clip(answer[:, :3], RANGES[:, 0], RANGES[:, 1])
                 wanted[at] = np.where(answer[:, 3:WALKS] > 0, 0.0, within)
                 if has_hands:
-                    ends = [WALKS, WALKS + POSTURE, WALKS + shape.moves]
-                    _, posture, arms, chosen = np.split(answer.astype(np.float64), ends, axis=1)
+                    ends = [WALKS, WALKS + POSTURE, WALKS + shape.moves, WALKS + shape.moves + len(shape.phases)]
+                    _, posture, arms, chosen, _ = np.split(answer.astype(np.float64), ends, axis=1)
                     arms = np.clip(arms, lower, upper)
                     phases.choose(chosen.argmax(axis=1), count)
             elif has_hands:
@@ -445,6 +462,13 @@ def play(
             drives[:, over] = student_drives()[:, over]
     env.close()
     return Played(notebook.lesson(number), int(ended.sum()), successes, int((ended == 0).sum()))
+
+
+def part_of_lesson(task: str, *, student: Path | None, device: str, **settings: Any) -> tuple[Lesson, dict[str, int]]:
+    """A part of a lesson, and how its episodes ended; a student is that of a checkpoint."""
+    played = play(task, student=None if student is None else load(student, device)[0], device=device, **settings)
+    ends = {"episodes": played.ended, "successes": played.successes, "without_end": played.without_end}
+    return played.lesson, {**ends, "worlds": len(settings["rooms"]), "decisions": len(played.lesson.back)}
 
 
 class Stumbles:

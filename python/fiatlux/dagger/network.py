@@ -1,5 +1,6 @@
 """The network of the policy ``see``, and its file."""
 
+import itertools
 import json
 import math
 import os
@@ -14,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
+from .._files import regular
 from ..whole_body import LEGS_AND_WAIST
 
 FORMAT = "fiatlux-see/1"
@@ -58,7 +60,8 @@ class Shape:
     blind: bool = False
     """It sees grey instead of pictures: a twin that shows what they are worth."""
     joints: tuple[str, ...] = ()
-    """Of a network that has hands: all joints of the robot, whose angles it reads in each control step. It moves arms and hands."""
+    """Of a network that has hands: all joints of the robot, whose angles it reads, in each control step where it works with its hands. It moves
+    arms and hands there."""
     touched: int = 0
     """Bodies of the hands whose force it feels."""
     phases: tuple[str, ...] = ()
@@ -66,7 +69,17 @@ class Shape:
     that was, and for how long."""
 
     finds: tuple[str, ...] = ()
-    """Of a network that says where things are in place of what to do: names of the numbers that come out."""
+    """Of a network that says where things are: names of the numbers. One without phases says nothing else; of one with phases they come out
+    last."""
+
+    arms_back: bool = False
+    """Of a network that says where the robot is on the ladder: pictures of a way down showed the arms drawn back, as the expert has them, and so
+    it is played. False: folded before the chest."""
+
+    @property
+    def acts(self) -> bool:
+        """True if it says what to do."""
+        return not self.finds or bool(self.phases)
 
     @property
     def sensed(self) -> int:
@@ -76,7 +89,7 @@ class Shape:
     @property
     def state(self) -> int:
         """Numbers that the head reads beside embeddings."""
-        if self.finds:
+        if not self.acts:
             return self.measured
         return self.measured + (len(self.phases) + len(CLOCKS) if self.phases else 0) + len(self.tasks)
 
@@ -93,9 +106,25 @@ class Shape:
     @property
     def outputs(self) -> int:
         """Numbers that come out."""
-        if self.finds:
-            return len(self.finds)
-        return WALKS + self.moves + len(self.phases)
+        acted = WALKS + self.moves + len(self.phases) if self.acts else 0
+        return acted + len(self.finds)
+
+    @property
+    def reads(self) -> list[tuple[Any, ...]]:
+        """A name for each number that the head reads."""
+        seen = itertools.product(self.ages, self.cameras, range(self.embedding))
+        names = [*seen, *zip(["sensed"] * self.sensed, range(self.sensed))]
+        names += itertools.product(["moved"], self.ages[1:], range(MOVED))
+        if not self.acts:
+            return names
+        names += [("phase", name) for name in self.phases] + [("clock", most) for most in CLOCKS if self.phases]
+        return names + [("task", name) for name in self.tasks]
+
+    @property
+    def says(self) -> list[tuple[Any, ...]]:
+        """A name for each number that comes out."""
+        acted = [("acts", index) for index in range(WALKS + self.moves)] + [("phase", name) for name in self.phases]
+        return (acted if self.acts else []) + [("finds", name) for name in self.finds]
 
 
 class Eye(nn.Module):
@@ -226,7 +255,7 @@ def on_device(lessons: Sequence[Any], device: str) -> torch.Tensor:
 def export(network: Network, file: Path, training: dict[str, Any], stands_from: float = 0.0) -> None:
     """Writes the file of a network, in half precision; ``stands_from`` is the number from which it stands, which is 0 in the file."""
     shape = network.shape
-    if stands_from and shape.finds:
+    if stands_from and not shape.acts:
         raise ValueError("--stands-from: a network that finds a place does not say whether to stand")
     layers = {name: tensor.double().cpu() for name, tensor in network.state_dict().items()}
     tensors: dict[str, torch.Tensor] = {}
@@ -262,6 +291,49 @@ def export(network: Network, file: Path, training: dict[str, Any], stands_from: 
     os.replace(part_file, file)
 
 
+def grown(small: Network, shape: Shape) -> Network:
+    """A network of a larger shape that answers what a smaller one does: it reads and says more, and its layers may be wider. What is new
+    counts nothing for what is old.
+
+    Raises:
+        ValueError: The shape lacks something that the small network has.
+    """
+    of, large = small.shape, Network(shape)
+    equal = ("cameras", "picture", "every", "convolutions", "blind", "joints", "touched")
+    others = [f"{name} {getattr(of, name)}" for name in equal if getattr(of, name) != getattr(shape, name)]
+    others += [
+        f"{name} {', '.join(map(str, more))}"
+        for name in ("tasks", "ages", "phases", "finds")
+        if (more := [each for each in getattr(of, name) if each not in getattr(shape, name)])
+    ]
+    wide = [(*each.hidden, each.embedding) for each in (of, shape)]
+    if len(wide[0]) != len(wide[1]) or any(one > other for one, other in zip(*wide)):
+        others.append(f"layers of {wide[0]} numbers")
+    if others:
+        raise ValueError(
+            f"the network has what the new one lacks: {'; '.join(others)}; name its --tasks, --ages and --picture, too"
+        )
+    reads, says = (
+        [theirs.index(name) for name in own] for own, theirs in ((of.reads, shape.reads), (of.says, shape.says))
+    )
+    state = [place - len(shape.reads) + shape.state for place in reads[-of.state :]]
+    with torch.no_grad():
+        for old, new in zip(small.eyes, large.eyes):
+            new.convolutions.load_state_dict(old.convolutions.state_dict())
+            new.embedding.weight[: of.embedding] = old.embedding.weight
+            new.embedding.bias[: of.embedding] = old.embedding.bias
+        olds, news = ((*network.head, network.last, network.goal) for network in (small, large))
+        for old, new in zip(olds, news):
+            rows = says if old is small.last else list(range(old.out_features))
+            columns = reads if old is small.head[0] else list(range(old.in_features))
+            new.weight[rows] = 0.0
+            new.weight[np.ix_(rows, columns)] = old.weight
+            new.bias[rows] = old.bias
+        large.mean[state], large.deviation[state] = small.mean, small.deviation
+        large.centre[says], large.scale[says] = small.centre, small.scale
+    return large
+
+
 def read(file: Path) -> tuple[Network, dict[str, Any]]:
     """The network of a file that :func:`export` wrote, and the record of its training. What training alone uses begins anew.
 
@@ -288,6 +360,17 @@ def read(file: Path) -> tuple[Network, dict[str, Any]]:
     except (TypeError, KeyError, RuntimeError) as error:
         raise ValueError(f"{file} does not fit its own contract: {error}") from error
     return network, record
+
+
+def load(checkpoint: Path, device: str) -> tuple[Network, dict[str, Any]]:
+    """The network of a checkpoint, or of a file that `see` plays, and the record of its training."""
+    if checkpoint.suffix == ".safetensors":
+        network, record = read(regular(checkpoint))
+        return network.to(device).eval(), record
+    state = torch.load(regular(checkpoint), map_location=device, weights_only=True)
+    network = Network(Shape(**state["shape"])).to(device).eval()
+    network.load_state_dict(state["network"])
+    return network, state["record"]
 
 
 def _eyes(shape: Shape) -> Iterator[tuple[str, str]]:

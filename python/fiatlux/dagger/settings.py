@@ -34,6 +34,11 @@ def keep(given: argparse.Namespace) -> None:
     rooms, each = END_OF_ROOMS - given.first_room, max(given.worlds)
     if (given.rounds + 1) * each > rooms:
         raise ValueError(f"{given.rounds} rounds after the first, in {each} rooms each: training has {rooms} rooms")
+    if given.threads is not None and given.threads < 1:
+        raise ValueError(f"--threads {given.threads}: at least one core plays")
+    for task in getattr(given, "shown", []):
+        if task not in given.tasks:
+            raise ValueError(f"--shown {task} is not among --tasks")
     # As JSON has them: lists for tuples.
     settings = {name: value for name, value in vars(given).items() if name not in FREE}
     settings = json.loads(json.dumps(settings, default=str))

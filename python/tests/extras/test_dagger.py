@@ -2,9 +2,12 @@
 
 import dataclasses
 import json
+import multiprocessing
 import os
 import re
 import subprocess
+import time
+from functools import partial
 from pathlib import Path
 
 import fiatlux
@@ -14,11 +17,11 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
-from fiatlux.dagger import lessons  # noqa: E402
+from fiatlux.dagger import lessons, parts  # noqa: E402
 from fiatlux.dagger.__main__ import load, main  # noqa: E402
 from fiatlux.dagger.finds import IN_ROOM, ON_LADDER, Looks  # noqa: E402
 from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, Phases, play  # noqa: E402
-from fiatlux.dagger.network import WALKS, Network, Shape, export  # noqa: E402
+from fiatlux.dagger.network import WALKS, Network, Shape, export, grown  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
 
 SMALL = [
@@ -34,7 +37,7 @@ SMALL = [
     "32",
     "48",
     "--threads",
-    "2",
+    "1",
 ]
 
 
@@ -73,6 +76,8 @@ def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
         (["--worlds", "3", "4", "5"], "--worlds has 3 numbers for 2 tasks: give one, or one a task"),
         (["--steps", "20"], "nothing is learned of the first 25 steps"),
         (["--first-room", "64"], "--first-room 64 is for judging"),
+        (["--shown", "S07"], "--shown S07 is not among --tasks"),
+        (["--threads", "0"], "--threads 0: at least one core plays"),
     ],
 )
 def test_a_run_goes_on_by_its_own_settings_alone(run, capsys, other, message):
@@ -131,18 +136,116 @@ def hands(tmp_path_factory):
     return folder
 
 
-def test_hands_and_walks_are_not_learned_by_one_network(tmp_path):
-    with pytest.raises(SystemExit, match="train S05 apart"):
-        main(["train", "--tasks", "S06", "S05", "--out", str(tmp_path), *SMALL])
+ALL = ["train", "--tasks", "S05", "S06", "S10", "S12", *SMALL, "--shown", "S06", "--ages", "0", "10"]
 
 
-@pytest.mark.parametrize("task", ["S09", "S06"])
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """One network that walks, works with its hands and finds where it is on the ladder."""
+    folder = tmp_path_factory.mktemp("dagger") / "whole"
+    assert main([*ALL, "--out", str(folder), "--rounds", "1"]) == 0
+    return folder
+
+
+def test_one_network_learns_tasks_of_all_kinds(whole, tmp_path):
+    network, record = load(whole / "round-1.pt", "cpu")
+    shape = network.shape
+    assert (
+        shape.acts
+        and shape.finds == ON_LADDER.finds
+        and shape.says[-7:] == [("finds", name) for name in ON_LADDER.finds]
+    )
+    assert len(shape.reads) == network.head[0].in_features and len(shape.says) == network.last.out_features
+    # The teacher shows S06 in both rounds; S12 is looked at once, and in S10 there is nothing to see before the robot is up.
+    assert record["demonstrated"] == 2 * (60 // 5 + 2 * 60) and record["labelled"] == 2 * 60 // 5
+    assert record["looks"] == 2 * 60 // 5 and set(record["errors"]) == {"x", "y", "heading", "wall"}
+    walked = Lesson.load(whole / "lessons-0-S05-1000")
+    assert walked.body.shape[1] == shape.sensed and (np.array(walked.phase) == -1).all() and not walked.moves.any()
+    with pytest.raises(SystemExit, match="places are learned in S03, S04, S11, S12; name one of them"):
+        main(["train", "--tasks", "S06", "S10", "--out", str(tmp_path / "other"), *SMALL])
+    with pytest.raises(SystemExit, match="needs S06 or S08 among them, too"):
+        main(["train", "--tasks", "S05", "S12", "--out", str(tmp_path), *SMALL])
+
+
+def test_a_larger_network_begins_with_what_a_smaller_one_knows(whole, hands, tmp_path, capsys):
+    small, large = load(hands / "round-1.pt", "cpu")[0], load(whole / "round-1.pt", "cpu")[0].shape
+    large = dataclasses.replace(
+        large, tasks=("S08", "S05", "S06"), phases=("Other", *reversed(small.shape.phases)), ages=(0, 50, 150, 200)
+    )
+    big = grown(small, large).eval()
+    seen, states = torch.rand(5, 4, 2, 3, 48, 32), torch.randn(5, large.state)
+    read, said = (
+        [theirs.index(name) for name in own]
+        for own, theirs in ((small.shape.reads, large.reads), (small.shape.says, large.says))
+    )
+    of_state = [place - len(large.reads) + large.state for place in read[-small.shape.state :]]
+
+    def answer(network, pictures, states):
+        embedded = network.encode(pictures.flatten(0, 1)).unflatten(0, pictures.shape[:2])
+        return network.answer(network.decide(embedded, states)[0])
+
+    with torch.no_grad():
+        expected = answer(small, seen[:, :3], states[:, of_state])
+        torch.testing.assert_close(answer(big, seen, states)[:, said], expected, atol=1e-4, rtol=1e-4)
+    with pytest.raises(
+        ValueError, match="has what the new one lacks: tasks S08; phases StepUp; name its --tasks, --ages"
+    ):
+        grown(small, dataclasses.replace(large, tasks=("S05", "S06"), phases=small.shape.phases[1:]))
+    file = tmp_path / "hands.safetensors"
+    export(small, file, {})
+    with pytest.raises(
+        SystemExit,
+        match=r"--start .*hands.safetensors: the network has what the new one lacks: picture \(32, 48\); ages 50, 150; name",
+    ):
+        start = [*ALL, "--out", str(tmp_path / "run"), "--picture", "48", "48", "--start", str(file)]
+        main(["train", "--tasks", "S06", "S08", "S05", *start[8:]])
+
+
+def test_processes_make_the_same_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "WORLDS", 1)
+    for cores in ("1", "2"):
+        run = ["train", "--tasks", "S05", "--rounds", "1", "--out", str(tmp_path / cores), *SMALL, "--threads", cores]
+        assert main(run) == 0
+    first, second = (load(tmp_path / cores / "round-1.pt", "cpu")[0].state_dict() for cores in "12")
+    assert len(list((tmp_path / "2").glob("lessons-1-S05-*"))) == 2
+    for name, numbers in first.items():
+        assert torch.equal(numbers, second[name]), name
+
+
+@dataclasses.dataclass
+class Slept(parts.Columns):
+    seconds: np.ndarray
+
+
+def waits(seconds, threads):
+    time.sleep(seconds)
+    return Slept(np.array(seconds)), {"threads": threads}
+
+
+def test_a_run_that_is_stopped_ends_its_processes(tmp_path, monkeypatch):
+    work = [parts.Part(tmp_path / str(seconds), partial(waits, seconds)) for seconds in (0, 300, 301, 302)]
+
+    def stops(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(parts, "print", stops, raising=False)
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        parts.do_all(work, 2)
+    for child in multiprocessing.active_children():
+        child.join(20)
+    assert not multiprocessing.active_children() and time.monotonic() - began < 120
+    assert [part.is_done for part in work] == [True, False, False, False]
+
+
+@pytest.mark.parametrize("task, made", [("S09", "run"), ("S06", "hands"), ("S05", "whole"), ("S06", "whole")])
 @pytest.mark.parametrize("blind", [False, True])
-def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind):
+def test_the_file_plays_what_the_student_would(request, tmp_path, task, made, blind):
     program = os.environ.get("FIATLUX_TEST_PROGRAM")
     if program is None:
         pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
-    network, record = load((run if task == "S09" else hands) / "round-1.pt", "cpu")
+    network, record = load(request.getfixturevalue(made) / "round-1.pt", "cpu")
+    has_hands, first = task in lessons.PHASES, WALKS + network.shape.moves
     if blind:
         weights = network.state_dict()
         network = Network(dataclasses.replace(network.shape, blind=True)).eval()
@@ -153,8 +256,8 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
         # the first step, and kept, and the robot goes.
         with torch.no_grad():
             network.last.bias[WALKS - 1] -= 0.5
-            network.last.weight[-count:] = 0.0
-            network.last.bias[-count:] = torch.arange(count) / 8
+            network.last.weight[first : first + count] = 0.0
+            network.last.bias[first : first + count] = torch.arange(count) / 8
     export(network, file, record)
     settings = ["--tasks", task, "--seeds", "1003", "--record", "camera@10,chest_camera@10", "--end-on", "time-out"]
     played = [program, "evaluate", "--policy", f"see:{file}", "--out", str(out), *settings]
@@ -183,13 +286,13 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
         if step % 5 == 0:
             pictures = np.stack([images[camera][step] for camera in network.shape.cameras])[None]
             memory.look(one, pictures, place[None], back)
-        if step % 5 == 0 or network.shape.joints:
+        if step % 5 == 0 or has_hands:
             since = step - phases.began
             answer = memory.decide(
                 one, read[step][None].astype(np.float32), place[None], back, phases.now, since, number
             )[0]
-            answer, chosen = np.split(answer, [len(answer) - len(network.shape.phases)])
-            if len(chosen):
+            answer, chosen, _ = np.split(answer, [first, first + count])
+            if has_hands:
                 phases.choose(chosen[None].argmax(axis=1), np.array([step]))
             # Where it hardly prefers to stand or to go, rounding decides.
             assert abs(answer[3]) > 1e-3
@@ -197,7 +300,7 @@ def test_the_file_plays_what_the_student_would(run, hands, tmp_path, task, blind
         goes = (np.abs(wanted) >= DEAD_ZONE).any() and step >= SETTLES
         velocity = velocity + np.clip(wanted - velocity, -SLEW * 0.02, SLEW * 0.02) if goes else np.zeros(3)
         np.testing.assert_allclose(commands[step, :3], velocity, atol=2e-3, err_msg=str(step))
-        if network.shape.joints:
+        if has_hands:
             np.testing.assert_allclose(commands[step, 3:], answer[4:8], atol=2e-3, err_msg=str(step))
             rates = 0.02 * np.repeat(lessons.RATES, (14, targets.shape[1] - 29))
             within = np.clip(answer[8:], *fiatlux.Kinematics().joint_limits[15:].T)
@@ -229,7 +332,7 @@ def test_a_run_of_counted_updates_follows_from_its_seed(tmp_path, capsys):
         assert torch.equal(numbers, weights[1][name]), name
     assert "none ended in 2 of 2 worlds" in capsys.readouterr().out
     curve = (tmp_path / "one" / "curve-1.csv").read_text().splitlines()
-    assert curve[0] == "step,velocity,stands,goal,moves,phases" and len(curve) == 7
+    assert curve[0] == "step,velocity,stands,goal,moves,phases,finds" and len(curve) == 7
 
 
 def test_the_teacher_takes_over_where_it_is_asked_to():
@@ -270,7 +373,7 @@ def test_hands_choose_their_phase_and_read_it_in_the_next_decision(hands):
     assert len(state(-1, 0)) == shape.state and not state(-1, 0)[first : first + len(shape.phases) + 4].any()
     assert state(1, 50)[first : first + len(shape.phases)].argmax() == 1
     np.testing.assert_allclose(state(1, 50)[first + len(shape.phases) :][:4], [1, 50 / 75, 0.25, 0.1], rtol=1e-6)
-    lesson = Lesson.load(hands / "lessons-0-S06")
+    lesson = Lesson.load(hands / "lessons-0-S06-1000")
     # The teacher drove: what stands for the student's phase is the teacher's of the step before, or an older one.
     begins = np.flatnonzero(np.array(lesson.since) == 0)
     assert (np.array(lesson.phase)[begins] == -1).all()
@@ -334,7 +437,7 @@ def found(tmp_path_factory):
 
 
 def test_it_learns_where_the_robot_is_from_looks_that_it_keeps(found, tmp_path, capsys):
-    looks = Looks.load(found / "looks-S12")
+    looks = Looks.load(found / "looks-S12-1000")
     # Worlds begin on the platform, and their pictures are as many as the bodies that took them.
     assert len(looks.place) == len(looks.pictures) == len(looks.body) == 2 * 60 // 5
     assert np.abs(looks.place).max(axis=0) == pytest.approx([0.05, 0.05, 0.1], abs=0.1)
@@ -346,6 +449,7 @@ def test_it_learns_where_the_robot_is_from_looks_that_it_keeps(found, tmp_path, 
     network, record = load(found / "found.pt", "cpu")
     assert record["looks"] == 2 * len(looks.place) and set(record["errors"]) == {"x", "y", "heading", "wall"}
     assert network.shape.finds == ON_LADDER.finds and network.shape.state == network.shape.measured
+    assert network.shape.arms_back
     assert main(["export", str(found / "found.pt"), str(tmp_path / "found.safetensors")]) == 0
     again, _ = load(tmp_path / "found.safetensors", "cpu")
     assert again.shape == network.shape
@@ -372,7 +476,7 @@ def test_looks_of_other_settings_are_not_taken_for_its_own(found, capsys, other,
 def test_it_learns_where_the_room_is_and_what_stands_in_it(tmp_path, capsys):
     run = ["find", "--tasks", "S01", *SMALL, "--out", str(tmp_path / "room")]
     assert main(run) == 0
-    looks = Looks.load(tmp_path / "room" / "looks-S01")
+    looks = Looks.load(tmp_path / "room" / "looks-S01-1000")
     assert len(looks.place) == 2 * 60 // 10
     place = dict(zip(IN_ROOM.numbers, looks.place.T))
     assert np.hypot(place["cos"], place["sin"]) == pytest.approx(1, abs=1e-5)
@@ -395,3 +499,5 @@ def test_the_shipped_network_finds_what_is_learned_here():
     shipped = Path(__file__).parents[3] / "crates/policies/weights/platform.safetensors"
     network, record = load(shipped, "cpu")
     assert network.shape.finds == ON_LADDER.finds and record["errors"]["y"] < 0.002
+    # It has learned from pictures in which the expert folded its arms.
+    assert not network.shape.arms_back

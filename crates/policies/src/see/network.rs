@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use data_encoding::HEXLOWER;
+use fiatlux_climb::Arms;
 use fiatlux_nets::{Convolution, Dense, Finish, LANES, MAX_KERNEL, Plane, Rounding, elu, largest_difference};
 use fiatlux_rules::Task;
 use fiatlux_safetensors::{File, SafetensorsError};
@@ -87,13 +88,17 @@ pub(super) struct Contract {
     /// Bodies of the hands whose force it feels.
     #[serde(default)]
     pub touched: usize,
-    /// Of a network that keeps in mind what it does: names of the phases. The numbers that come out last choose one, and in the next
-    /// decision it reads which that was, and for how long.
+    /// Of a network that keeps in mind what it does: names of the phases. A number of each comes out, of which the largest chooses, and in the
+    /// next decision it reads which that was, and for how long.
     #[serde(default)]
     pub phases: Vec<String>,
-    /// Of a network that says where things are in place of what to do: names of the numbers that come out.
+    /// Of a network that says where things are: names of the numbers. One without phases says nothing else; of one with phases they come
+    /// out last, and it does what it is to do in its other tasks.
     #[serde(default)]
     pub finds: Vec<String>,
+    /// True if the arms were drawn back in the pictures of a way down that it learned from, as the expert has them; else they were folded.
+    #[serde(default)]
+    arms_back: bool,
 }
 
 impl Contract {
@@ -155,13 +160,12 @@ impl Contract {
         if self.phases.len() > MAX_PARTS {
             return refuse("phases", &self.phases.len(), "at most 128");
         }
-        let is_known = self.finds == ON_LADDER || self.finds == IN_ROOM;
-        if self.finds_place() && (!is_known || !self.phases.is_empty() || self.ages.len() > 1) {
-            return refuse(
-                "finds",
-                &self.finds,
-                "none, or those of python -m fiatlux.dagger find, beside no phases and one age",
-            );
+        let is_known = self.finds == ON_LADDER || self.finds == IN_ROOM && !self.acts();
+        if self.finds_place() && !is_known {
+            return refuse("finds", &self.finds, "none, or those of python -m fiatlux.dagger, of the room without phases");
+        }
+        if !self.acts() && self.ages.len() > 1 {
+            return refuse("ages", &self.ages, "0 alone, of a network that finds and does not act");
         }
         Ok(())
     }
@@ -187,19 +191,36 @@ impl Contract {
 
     /// Numbers that the head reads beside embeddings.
     fn state(&self) -> usize {
+        let sensed = PELVIS + self.joints.len() + self.touched;
+        if !self.acts() {
+            return sensed;
+        }
         let clocks = if self.phases.is_empty() { 0 } else { CLOCKS.len() };
         let moved = MOVED * (self.ages.len() - 1);
-        if self.finds_place() {
-            return PELVIS + self.joints.len() + self.touched;
-        }
-        PELVIS + self.joints.len() + self.touched + moved + self.phases.len() + clocks + self.tasks.len()
+        sensed + moved + self.phases.len() + clocks + self.tasks.len()
+    }
+
+    /// Its inputs for which of its tasks this is.
+    pub fn task(&self, task: usize) -> impl Iterator<Item = f32> {
+        (0..self.tasks.len()).map(move |index| f32::from(u8::from(index == task)))
     }
 
     /// Its inputs for the phase that it is in, if any, and for the control steps since that began.
     pub fn phase(&self, phase: Option<usize>, steps: u64) -> impl Iterator<Item = f32> {
         let phases = (0..self.phases.len()).map(move |index| f32::from(u8::from(phase == Some(index))));
         let clocks = if self.phases.is_empty() { &[][..] } else { &CLOCKS };
+        let steps = if phase.is_some() { steps } else { 0 };
         phases.chain(clocks.iter().map(move |most| (steps as f32 / most).min(1.0)))
+    }
+
+    /// The arms in pictures of a way down.
+    pub fn arms(&self) -> Arms {
+        if self.arms_back { Arms::DrawnBack } else { Arms::Folded }
+    }
+
+    /// True if it says what to do.
+    pub fn acts(&self) -> bool {
+        !self.finds_place() || !self.phases.is_empty()
     }
 
     /// True if it moves arms and hands, too.
@@ -212,18 +233,18 @@ impl Contract {
         self.finds == IN_ROOM
     }
 
-    /// True if it says where the robot is in place of what to do.
+    /// True if it says where the robot is.
     pub fn finds_place(&self) -> bool {
         !self.finds.is_empty()
     }
 
     /// Numbers that come out.
     fn outputs(&self) -> usize {
-        if self.finds_place() {
+        if !self.acts() {
             return self.finds.len();
         }
         let hands = if self.has_hands() { POSTURE + self.joints.len() - fiatlux_wbc::MOVED } else { 0 };
-        WALKS + hands + self.phases.len()
+        WALKS + hands + self.phases.len() + self.finds.len()
     }
 }
 
@@ -314,8 +335,21 @@ impl Network {
         self.eyes[camera].run(rgb)
     }
 
-    /// Velocity ahead, to the left and about the vertical, whether to stand, what a network that has hands does with them, and a number
-    /// for each phase, from the embeddings of each age (cameras one after the other) and the other numbers.
+    /// Numbers that are found in pictures of now alone, in a task.
+    pub fn find(&mut self, seen: &[f32], sensed: &[f32], task: usize) -> &[f32] {
+        let contract = &self.contract;
+        let mut state = sensed.to_vec();
+        if contract.acts() {
+            // Nothing has moved since old pictures: they are the same.
+            state.extend([0.0, 0.0, 1.0, 0.0].repeat(contract.ages.len() - 1));
+            state.extend(contract.phase(None, 0).chain(contract.task(task)));
+        }
+        let (ages, found) = (contract.ages.len(), contract.outputs() - contract.finds.len());
+        &self.decide(&vec![seen; ages], &state)[found..]
+    }
+
+    /// Velocity ahead, to the left and about the vertical, whether to stand, what a network that has hands does with them, a number for
+    /// each phase, and what is found, from the embeddings of each age (cameras one after the other) and the other numbers.
     pub fn decide(&mut self, ages: &[&[f32]], state: &[f32]) -> &[f32] {
         let [from, to] = &mut self.rows;
         let numbers = ages.iter().copied().flatten().chain(state);

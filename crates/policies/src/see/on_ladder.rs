@@ -22,6 +22,8 @@ use crate::Climb;
 use crate::body::{angles, message, sensed};
 use crate::hands::{Hands, hand_link};
 
+/// Tasks that are played so, in which a network says where the robot is.
+pub(super) const TASKS: [Task; 6] = [Task::S02, Task::S03, Task::S04, Task::S10, Task::S11, Task::S12];
 /// Height of the pelvis from which a task begins on the platform, m, and from which pictures say where the robot is.
 const UP_M: f64 = 1.6;
 const PICTURES_M: f64 = 1.55;
@@ -45,11 +47,11 @@ enum Plays {
 }
 
 impl Plays {
-    fn new(task: Task) -> Result<Self, PolicyError> {
+    fn new(task: Task, arms: Arms) -> Result<Self, PolicyError> {
         Ok(match task {
             Task::S03 => Self::TakesOut(Box::new(Hands::new()?), Old::default()),
             Task::S11 => Self::PutsIn(Box::new(Hands::new()?), Fresh::new()),
-            _ => Self::Climb(Box::new(Climb::new()?.with_arms(Arms::Folded))),
+            _ => Self::Climb(Box::new(Climb::new()?.with_arms(arms))),
         })
     }
 
@@ -80,11 +82,11 @@ pub(super) struct OnLadder {
 }
 
 impl OnLadder {
-    /// Begins an episode of one of the tasks that [`Plays::new`] knows.
+    /// Begins an episode of one of the tasks that [`Plays::new`] knows; a way down begins with the arms as pictures show them.
     ///
     /// # Errors
     /// The robot lacks what it plays with, or its LiDAR does not see the ladder.
-    pub fn new(task: Task, info: &SessionInfo, first: &Observation) -> Result<Self, PolicyError> {
+    pub fn new(task: Task, arms: Arms, info: &SessionInfo, first: &Observation) -> Result<Self, PolicyError> {
         let unfit = |reason: &str| PolicyError::Unfit { policy: "see", reason: reason.into() };
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(&error.to_string()))?;
@@ -111,7 +113,7 @@ impl OnLadder {
         }
         Ok(Self {
             info: info.clone(),
-            plays: Plays::new(task)?,
+            plays: Plays::new(task, arms)?,
             began: None,
             q0,
             reckoning,

@@ -3,11 +3,12 @@
 use serde_json::{Value, json};
 
 use fiatlux_client::Policy;
+use fiatlux_climb::Arms;
 use fiatlux_rules::Task;
 
 use super::See;
 use super::carry::Carry;
-use super::finds::{Found, ON_LADDER};
+use super::finds::{Found, IN_ROOM, ON_LADDER};
 use super::network::{Network, SeeError, WALKS};
 
 const SIDE: usize = 16;
@@ -243,10 +244,11 @@ fn a_network_that_finds_says_where_the_robot_is() {
     contract["finds"] = json!(ON_LADDER);
     let file = |contract: &Value| Network::from_bytes(&made.file(contract, &[]));
     let refused = |contract: &Value| file(contract).map(|_| ()).expect_err("it does not fit").to_string();
-    assert!(refused(&contract).contains("the contract's finds is"), "two ages");
+    assert!(refused(&contract).contains("the contract's ages is"), "two ages");
     contract["ages"] = json!([0]);
     contract["phases"] = json!(["Open"]);
-    assert!(refused(&contract).contains("the contract's finds is"), "phases");
+    contract["finds"] = json!(IN_ROOM);
+    assert!(refused(&contract).contains("the contract's finds is"), "the room beside phases");
     contract["phases"] = json!([]);
     for other in [&ON_LADDER[1..], &["x"; ON_LADDER.len()], &["wall", "x", "y"]] {
         contract["finds"] = json!(other);
@@ -285,5 +287,30 @@ fn a_network_that_keeps_its_phase_in_mind_reads_it_and_the_time_in_it() {
     let seen: Vec<f32> = made.embedding().iter().map(|number| *number as f32).collect();
     assert_eq!(network.decide(&[&seen, &seen], &made.state).len(), WALKS + 4 + joints - 15 + phases.len());
     // A file without them has no room for them.
+    assert!(Network::from_bytes(&Made::with_hands().file(&contract, &[])).is_err());
+}
+
+/// One network for all tasks: what it finds comes out last, and is asked for with what stands for no phase and no past.
+#[test]
+fn a_network_that_acts_may_also_say_where_the_robot_is() {
+    let [joints, touched] = PARTS;
+    let acts = WALKS + 4 + joints - 15 + 1;
+    let made = Made::of(STATE + joints + touched + 1 + 4, acts + ON_LADDER.len());
+    let mut contract = with_hands();
+    contract["tasks"] = json!(["S06", "S11"]);
+    contract["phases"] = json!(["Open"]);
+    contract["finds"] = json!(ON_LADDER);
+    let mut network = Network::from_bytes(&made.file(&contract, &made.output())).expect("a sound file");
+    let seen: Vec<f32> = made.embedding().iter().map(|number| *number as f32).collect();
+    let sensed = &made.state[..10 + joints + touched];
+    let state = [sensed, &[0.0, 0.0, 1.0, 0.0], &[0.0; 5], &[0.0, 1.0]].concat();
+    let expected = network.decide(&[&seen, &seen], &state)[acts..].to_vec();
+    assert_eq!(network.find(&seen, sensed, 1), expected);
+    assert_ne!(network.find(&seen, sensed, 0), expected);
+    // A way down is played with the arms that its pictures showed.
+    assert_eq!(network.contract().arms(), Arms::Folded);
+    contract["arms_back"] = json!(true);
+    let network = Network::from_bytes(&made.file(&contract, &made.output())).expect("a sound file");
+    assert_eq!(network.contract().arms(), Arms::DrawnBack);
     assert!(Network::from_bytes(&Made::with_hands().file(&contract, &[])).is_err());
 }

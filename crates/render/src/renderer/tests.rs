@@ -47,3 +47,19 @@ fn the_look_is_the_same_on_every_level_of_instructions() {
         assert_eq!(digest(Level::Avx2(avx2)), LOOK);
     }
 }
+
+/// Rooms of many worlds are in memory at once, and fine meshes are most of what one takes.
+#[test]
+fn meshes_for_the_robots_cameras_are_coarse_alone() {
+    let robot = Arc::new(Robot::benchmark().unwrap());
+    let spec = SceneSpec::new(SceneKind::of(Task::S01), 0, robot.gains(GainSet::Fiatlux));
+    let scene = Scene::build(&SceneConfig::default(), robot, spec).unwrap();
+    let shared = |visuals: Visuals| {
+        let [fine, coarse] = [Detail::Fine, Detail::Coarse].map(|detail| visuals.meshes(detail).to_vec());
+        fine.iter().zip(&coarse).filter(|(fine, coarse)| Arc::ptr_eq(fine, coarse)).count()
+    };
+    let sensors = Visuals::new(&scene);
+    let count = sensors.meshes(Detail::Coarse).len();
+    assert!(count > 30 && shared(sensors) == count);
+    assert_eq!(shared(Visuals::for_people(&scene, None)), 0);
+}
