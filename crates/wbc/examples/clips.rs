@@ -60,7 +60,7 @@ fn main() {
     std::fs::create_dir_all(&out).unwrap();
     let network = std::env::args().nth(2).map_or_else(Network::shipped, |file| Network::read(Path::new(&file)));
     let (scene, network) = (floor(), Arc::new(network.unwrap()));
-    let visuals = Visuals::new(&scene);
+    let visuals = Visuals::for_people(&scene, None);
     let mut renderer = Renderer::supersampled(SIZE[0], SIZE[1], 2);
     println!(
         "{:10}{:>11}{:>11}{:>11}{:>11}{:>11}",
