@@ -44,7 +44,7 @@ class Part:
         return time.monotonic() - began
 
     def counts(self) -> dict[str, int]:
-        """What was counted."""
+        """Numbers that were counted, by name."""
         return dict(json.loads((self.folder / "done").read_text()))
 
 
