@@ -63,7 +63,7 @@ def drive(task, rooms, student, share, steps, data):  # the student walks in thi
 
 
 def main(task, rounds, worlds=64, steps=700, batches=6000, judged=range(1100, 1132), last=3000):
-    data, student = [], None
+    data, student = [], PHASES.clear()  # none yet
     for number in range(rounds):
         drive(task, range(2000 + worlds * number, 2000 + worlds * (number + 1)), student, number / rounds, steps, data)
         (student := Network()).train(*map(np.concatenate, zip(*data)), batches * (10 if number + 1 == rounds else 1))
