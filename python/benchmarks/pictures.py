@@ -48,7 +48,7 @@ def main():
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
 
-    # What the first batch of a process takes is no world's.
+    # The first batch of a process takes memory that belongs to no world.
     envs = {name: make(args, args.worlds, sensors) for name, sensors in CASES.items()}
     rates = dict.fromkeys(CASES, 0.0)
     for _ in range(args.rounds):

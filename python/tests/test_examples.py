@@ -68,6 +68,12 @@ def test_pick_takes_the_bulb_in_three_rooms_of_four():
 
 
 @nightly
+@pytest.mark.parametrize("task", ["S06", "S07"])
+def test_a_student_of_the_expert_does_nine_rooms_of_ten(task):
+    assert imported("dagger").main(task, 8, last=6000) >= 29
+
+
+@nightly
 @needs_program
 def test_a_clone_of_twenty_demonstrations_solves_a_room_of_four(tmp_path):
     def used():

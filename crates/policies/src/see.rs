@@ -213,7 +213,8 @@ impl Policy for See {
         }
         let of_network = contract.tasks.iter().position(|known| known == task).unwrap_or_default();
         if contract.finds_place() && (!contract.acts() || on_ladder::TASKS.contains(&known)) {
-            self.episode = Some(Playing::OnLadder(Box::new(OnLadder::new(known, contract.arms(), info, first)?), of_network));
+            self.episode =
+                Some(Playing::OnLadder(Box::new(OnLadder::new(known, contract.arms(), info, first)?), of_network));
             return Ok(());
         }
         let walks = !contract.has_hands() || WALKED.contains(&known);
@@ -350,8 +351,7 @@ impl Episode {
             return;
         }
         let moved = frames.iter().skip(1).flat_map(|frame| self.place.of(&frame.place));
-        let phase = contract.phase(self.phase, step.saturating_sub(self.since)).chain(contract.task(self.task));
-        let state: Vec<f32> = sensed.iter().copied().chain(moved).chain(phase).collect();
+        let state = contract.reads(sensed, moved, (self.phase, step.saturating_sub(self.since)), self.task);
         let ages: Vec<&[f32]> = frames.iter().map(|frame| frame.embedding.as_slice()).collect();
         let (has_hands, phases, found) = (contract.has_hands(), contract.phases.len(), contract.finds.len());
         let answer = network.decide(&ages, &state);
@@ -359,7 +359,7 @@ impl Episode {
         let (walks, hands) = moves.split_at(WALKS);
         let within = |axis: usize| f64::from(walks[axis]).clamp(RANGES[axis][0], RANGES[axis][1]);
         self.command.velocity = if walks[WALKS - 1] > 0.0 { [0.0; 3] } else { [0, 1, 2].map(within) };
-        // Of phases it knows those of its hands.
+        // Its phases are those of its hands.
         if self.walks && has_hands {
             return;
         }

@@ -69,6 +69,12 @@ impl Visuals {
         Self { robot: Arc::clone(&scene.robot), world_from_bench: scene.world_from_bench, look, fine, coarse }
     }
 
+    /// The same with fine meshes of the look that the robot's cameras see, which are only compared.
+    #[cfg(test)]
+    pub(crate) fn finely(self, scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
+        Self { fine: meshes(scene, robot, Detail::Fine, self.look), ..self }
+    }
+
     pub(crate) fn look(&self) -> Look {
         self.look
     }

@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn every_sensor_with_pictures_is_shown() {
         let large = fiatlux_wire::SENSORS.iter().filter(|sensor| sensor.is_large).map(|sensor| sensor.name);
-        // Numbers that are no pictures.
+        // These hold numbers, not pictures.
         let mut expected: Vec<_> = large.filter(|name| !["lidar", "features", "flat"].contains(name)).collect();
         let mut shown: Vec<_> = SENSORS.iter().map(|(name, _)| *name).chain([HEAD]).collect();
         expected.sort_unstable();

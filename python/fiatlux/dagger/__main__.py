@@ -212,7 +212,7 @@ def begin_with(start: Path, shape: Shape, device: str) -> tuple[Network, dict[st
     """A network of a shape that knows what another one does, and the record of that one's training.
 
     Raises:
-        ValueError: It is no network, or does not fit into that shape.
+        ValueError: The file is not a network, or has what that shape lacks.
     """
     network, record = load(start, device)
     return network if network.shape == shape else grown(network.cpu(), shape).to(device).eval(), record

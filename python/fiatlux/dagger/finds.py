@@ -236,7 +236,7 @@ class Finder:
         self.learned, self.kept_out = (torch.nonzero((room % KEPT_OUT == 0) == kept)[:, 0] for kept in (False, True))
         if not len(self.learned):
             raise SystemExit("there is no look to learn from; take more --worlds or --steps")
-        # What it reads beside body and pictures, a row for each of its tasks: pictures are of now, and none is what it looks for alone.
+        # The rest of its input, one row for each task: all pictures are current, and it is in no phase.
         tasks = np.array([place for place, task in enumerate(shape.tasks) if task in self.finding.tasks])
         none = np.zeros(len(tasks), np.int64)
         still = np.zeros((len(tasks), 3))

@@ -88,8 +88,8 @@ pub(super) struct Contract {
     /// Bodies of the hands whose force it feels.
     #[serde(default)]
     pub touched: usize,
-    /// Of a network that keeps in mind what it does: names of the phases. A number of each comes out, of which the largest chooses, and in the
-    /// next decision it reads which that was, and for how long.
+    /// Of a network that keeps in mind what it does: names of the phases. One number comes out for each; the largest chooses the phase, and
+    /// the next decision reads which it was, and for how long.
     #[serde(default)]
     pub phases: Vec<String>,
     /// Of a network that says where things are: names of the numbers. One without phases says nothing else; of one with phases they come
@@ -162,7 +162,11 @@ impl Contract {
         }
         let is_known = self.finds == ON_LADDER || self.finds == IN_ROOM && !self.acts();
         if self.finds_place() && !is_known {
-            return refuse("finds", &self.finds, "none, or those of python -m fiatlux.dagger, of the room without phases");
+            return refuse(
+                "finds",
+                &self.finds,
+                "none, or those of python -m fiatlux.dagger, of the room without phases",
+            );
         }
         if !self.acts() && self.ages.len() > 1 {
             return refuse("ages", &self.ages, "0 alone, of a network that finds and does not act");
@@ -200,9 +204,17 @@ impl Contract {
         sensed + moved + self.phases.len() + clocks + self.tasks.len()
     }
 
-    /// Its inputs for which of its tasks this is.
-    pub fn task(&self, task: usize) -> impl Iterator<Item = f32> {
-        (0..self.tasks.len()).map(move |index| f32::from(u8::from(index == task)))
+    /// The numbers that the head of a network that acts reads beside embeddings: what the body senses, where the robot was at old pictures, the
+    /// phase that it is in with the control steps since that began, and which of its tasks this is.
+    pub fn reads(
+        &self,
+        sensed: &[f32],
+        moved: impl Iterator<Item = f32>,
+        (phase, steps): (Option<usize>, u64),
+        task: usize,
+    ) -> Vec<f32> {
+        let tasks = (0..self.tasks.len()).map(|index| f32::from(u8::from(index == task)));
+        sensed.iter().copied().chain(moved).chain(self.phase(phase, steps)).chain(tasks).collect()
     }
 
     /// Its inputs for the phase that it is in, if any, and for the control steps since that began.
@@ -338,13 +350,10 @@ impl Network {
     /// Numbers that are found in pictures of now alone, in a task.
     pub fn find(&mut self, seen: &[f32], sensed: &[f32], task: usize) -> &[f32] {
         let contract = &self.contract;
-        let mut state = sensed.to_vec();
-        if contract.acts() {
-            // Nothing has moved since old pictures: they are the same.
-            state.extend([0.0, 0.0, 1.0, 0.0].repeat(contract.ages.len() - 1));
-            state.extend(contract.phase(None, 0).chain(contract.task(task)));
-        }
         let (ages, found) = (contract.ages.len(), contract.outputs() - contract.finds.len());
+        // Nothing has moved since old pictures: they are the same.
+        let still = [0.0, 0.0, 1.0, 0.0].repeat(ages - 1).into_iter();
+        let state = if contract.acts() { contract.reads(sensed, still, (None, 0), task) } else { sensed.to_vec() };
         &self.decide(&vec![seen; ages], &state)[found..]
     }
 

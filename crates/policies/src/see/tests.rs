@@ -248,7 +248,7 @@ fn a_network_that_finds_says_where_the_robot_is() {
     contract["ages"] = json!([0]);
     contract["phases"] = json!(["Open"]);
     contract["finds"] = json!(IN_ROOM);
-    assert!(refused(&contract).contains("the contract's finds is"), "the room beside phases");
+    assert!(refused(&contract).contains("the contract's finds is"), "a room with phases");
     contract["phases"] = json!([]);
     for other in [&ON_LADDER[1..], &["x"; ON_LADDER.len()], &["wall", "x", "y"]] {
         contract["finds"] = json!(other);

@@ -44,11 +44,11 @@ fn our_own_shapes_come_back() {
     let middle = world.row().robot.pose.translation.vector;
     let beside = Camera::look_at(middle + Vector3::new(1.5, 2.0, 0.5), middle, 0.7, 1.0);
     let head = Camera::head(&robot, world.row()).unwrap();
-    let visuals = [Visuals::new(&scene), Visuals::with_robot(&scene, Some(&meshes))];
-    // Both are coarse, and their outlines a little off each other.
-    let least = 0.985;
-    let cases = [(Renderer::supersampled(300, 300, 2), beside), (Renderer::new(HEAD_PIXELS, HEAD_PIXELS), head)];
-    for (mut renderer, camera) in cases {
+    let visuals = [None, Some(&meshes)].map(|own| Visuals::with_robot(&scene, own).finely(&scene, own));
+    // Of the coarse one the outline is a little off.
+    let cases =
+        [(Renderer::supersampled(300, 300, 2), beside, 0.999), (Renderer::new(HEAD_PIXELS, HEAD_PIXELS), head, 0.985)];
+    for (mut renderer, camera, least) in cases {
         let size = [renderer.image().width(), renderer.image().height()];
         let [ours, theirs] = visuals.each_ref().map(|visuals| {
             renderer.render(visuals, world.row(), &camera, &Lighting::default());
