@@ -143,9 +143,9 @@ class Settings(EpisodeSettings, total=False):
             and soles), ``hand_friction``, ``robot_mass`` and ``gains`` (factors), and by name ``friction`` of surfaces and
             ``thing_mass`` (factors), such as ``{"noise": (0.5, 2), "friction": {"floor": (0.5, 1.1)}}``; and ``camera``, by name: ``x``,
             ``y``, ``z`` (m), ``roll``, ``pitch``, ``yaw`` (rad), ``angle`` (a factor of the angle of view), ``exposure`` (powers of
-            two), ``noise`` (levels of 255), ``blur`` (pixels), ``delay`` (ms, in steps of 20), ``colours`` (a share) and
-            ``pattern`` (0 for none, 1 to 8). ``"real"`` stands for
-            those of a real robot, as does ``{"preset": "real"}``, next to which other ranges override its own.
+            two), ``noise`` (levels of 255), ``blur`` (pixels), ``delay`` (ms, in steps of 20), ``colours`` (a share), ``pattern`` (0
+            for none, 1 to 8) and ``look`` (1 for the benchmark's, 2 for that of pictures for people). ``"real"`` stands for those of
+            a real robot, as does ``{"preset": "real"}``, next to which other ranges override its own.
     """
 
     ranges: Mapping[str, Any] | str | None

@@ -99,3 +99,16 @@ def test_features_in_whole_numbers():
     whole, _ = fiatlux.Env("S05", weights="int8", **settings).reset(seed=1000)
     one, other = single["camera_features"], whole["camera_features"]
     assert 0 < np.linalg.norm(one - other) < 0.02 * np.linalg.norm(one)
+
+
+def test_the_second_look_is_asked_for_and_repeats():
+    def seen(look):
+        ranges = {"camera": {"look": (look, look)}}
+        worlds = [vector(ranges=ranges), vector(ranges=ranges, num_threads=2)]
+        pictures = [world.reset(seed=3)[0]["camera"].copy() for world in worlds]
+        np.testing.assert_array_equal(*pictures)
+        return pictures[0]
+
+    plain = vector().reset(seed=3)[0]["camera"]
+    np.testing.assert_array_equal(seen(1), plain)
+    assert np.mean(seen(2) != plain) > 0.2

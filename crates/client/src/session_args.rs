@@ -59,7 +59,7 @@ pub struct SessionArgs {
     /// gravity=9.6..10,noise=0.5..2,friction.floor=0.5..1.1: gravity (m/s^2), noise (factor), action_delay (ms), floor_friction (floor
     /// and soles), hand_friction, friction.SURFACE, robot_mass, gains, thing_mass.THING (factors); of pictures camera.x, .y, .z (m),
     /// .roll, .pitch, .yaw (rad), .angle (factor), .exposure (powers of two), .noise (levels), .blur (pixels), .delay (ms), .colours
-    /// (share), .pattern (1 to 8); or real for those of a real robot, which later ones override: real,noise=1
+    /// (share), .pattern (1 to 8), .look (1, or 2 for people's); or real for those of a real robot, which later ones override: real,noise=1
     #[arg(long = "range", value_name = "NAME=LEAST..MOST", value_delimiter = ',', value_parser = range)]
     ranges: Vec<Given>,
     /// Override a threshold, such as fragility_n=30; may be repeated

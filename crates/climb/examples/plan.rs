@@ -1,10 +1,9 @@
 //! Plans ways up the step ladder, from the floor to the platform: backwards, and with the face to it, which reversed is the way
-//! down, with the arms drawn back or, the last posture alone, folded. Then, on the platform, the turn from the back to the face.
+//! down. Then, on the platform, the turn from the back to the face.
 //!
 //!     cargo run -p fiatlux-climb --example plan -- ladder crates/climb/src/ladder.txt
 //!     cargo run -p fiatlux-climb --example plan -- ladder-bulb crates/climb/src/ladder_bulb.txt
 //!     cargo run -p fiatlux-climb --example plan -- descent crates/climb/src/descent.txt
-//!     cargo run -p fiatlux-climb --example plan -- folded crates/climb/src/folded.txt
 //!     cargo run -p fiatlux-climb --example plan -- turn crates/climb/src/turn.txt
 #![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
 
@@ -56,8 +55,7 @@ const LADDER: Way =
 const AHEAD: Arm = Arm { pitch: -0.8, roll: 0.3, elbow: 0.6, ..Arm::ZERO };
 /// The wrist is turned as a bulb in the hand starts, upright.
 const LADDER_BULB: Way = Way { arms: Some([AHEAD, Arm { wrist_roll: -1.57, ..AHEAD }]), ..LADDER };
-const FOLDED: Arm = Arm { pitch: 0.6, roll: 0.3, elbow: -0.9, ..Arm::ZERO };
-const BETWEEN: Arm = Arm { pitch: 1.0, roll: 0.3, elbow: -1.0, ..Arm::ZERO };
+const FOLDED: Arm = Arm { pitch: 1.0, roll: 0.3, elbow: -1.0, ..Arm::ZERO };
 const DRAWN_BACK: Arm = Arm { pitch: 1.1, roll: 0.35, elbow: -0.4, ..Arm::ZERO };
 const DESCENT: Way = Way {
     face: 1.0,
@@ -65,9 +63,8 @@ const DESCENT: Way = Way {
     before: 0.14,
     gaps: [0.001, 0.003, 0.010, 0.030],
     arms: Some([DRAWN_BACK; 2]),
-    on_platform: Some([BETWEEN; 2]),
+    on_platform: Some([FOLDED; 2]),
 };
-const DESCENT_FOLDED: Way = Way { on_platform: Some([FOLDED; 2]), ..DESCENT };
 impl Way {
     fn heading(&self) -> f64 {
         if self.face > 0.0 { 0.0 } else { PI }
@@ -269,8 +266,7 @@ fn main() {
         "ladder" => LADDER,
         "ladder-bulb" => LADDER_BULB,
         "descent" => DESCENT,
-        "folded" => DESCENT_FOLDED,
-        _ => panic!("{name} is not a way; name ladder, ladder-bulb, descent, folded or turn"),
+        _ => panic!("{name} is not a way; name ladder, ladder-bulb, descent or turn"),
     };
     let ladder = Ladder::new(way, &SceneConfig::default());
     let scene = &ladder.scene;
@@ -310,9 +306,6 @@ fn main() {
         }
         let (_, last) = at_once(planner.stand(&state, feet)).expect("no posture on the platform");
         plan.extend([last]);
-    }
-    if name == "folded" {
-        plan.keyframes.drain(..plan.keyframes.len() - 1);
     }
     let platform = ladder.site(SURFACES[PLATFORM]).translation.vector;
     write(plan, &Isometry3::translation(platform.x - TOP_POINT, platform.y, 0.0), file);

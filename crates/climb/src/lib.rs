@@ -35,27 +35,13 @@ pub fn ladder() -> Result<Plan, PlanError> {
     Plan::read(LADDER)
 }
 
-/// Arms as the way down begins, between guard rail and lamp.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Arms {
-    /// Clear of both, also where the ladder stands a few centimetres too near.
-    #[default]
-    DrawnBack,
-    /// Before the chest, where the cameras see them: so they are in the pictures that the network of `see` has learned from.
-    Folded,
-}
-
-/// The plan from the platform of the step ladder to the floor before it, facing the ladder.
+/// The plan from the platform of the step ladder to the floor before it, facing the ladder. It begins with the arms drawn back, clear of guard
+/// rail and lamp also where the ladder stands a few centimetres too near.
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.
-pub fn descent(arms: Arms) -> Result<Plan, PlanError> {
-    let mut plan = Plan::read(include_str!("descent.txt"))?;
-    if arms == Arms::Folded {
-        plan.keyframes.pop();
-        plan.keyframes.extend(Plan::read(include_str!("folded.txt"))?.keyframes);
-    }
-    Ok(plan.reversed())
+pub fn descent() -> Result<Plan, PlanError> {
+    Ok(Plan::read(include_str!("descent.txt"))?.reversed())
 }
 
 /// The same as [`ladder`], with the right hand as it holds a bulb.
@@ -93,8 +79,8 @@ const SHOULDER_PITCH: (usize, f64) = (22, 0.07);
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.
-pub fn descent_with_bulb(arms: Arms) -> Result<Plan, PlanError> {
-    let mut plan = with_bulb(descent(arms)?);
+pub fn descent_with_bulb() -> Result<Plan, PlanError> {
+    let mut plan = with_bulb(descent()?);
     plan.keyframes.iter_mut().for_each(|key| key.angles[SHOULDER_PITCH.0] += SHOULDER_PITCH.1);
     Ok(plan)
 }

@@ -26,6 +26,9 @@ pub struct Nearest {
     pub normal: V3,
 }
 
+/// A bound of a gap may be off by rounding by far less than this, m.
+const SLACK: f64 = 1e-6;
+
 /// A shape without its radius.
 enum Core<'a> {
     Segment(Segment),
@@ -63,6 +66,19 @@ impl<'a> Core<'a> {
             Core::Cuboid(cuboid) => cuboid,
             Core::Hull(corners) => corners,
         }
+    }
+
+    /// At most the distance of a point to it, both in its frame, m.
+    fn outside(&self, point: &V3) -> f64 {
+        let [low, high] = match self {
+            Core::Segment(segment) => [segment.a, segment.b].map(|end| V3::new(end.x, end.y, end.z)),
+            Core::Cuboid(cuboid) => {
+                let half = V3::new(cuboid.half_extents.x, cuboid.half_extents.y, cuboid.half_extents.z);
+                [-half, half]
+            }
+            Core::Hull(Corners(hull)) => *hull.own_bounds(),
+        };
+        (point - point.sup(&low).inf(&high)).norm()
     }
 
     /// The point that is farthest in a direction, both in the world.
@@ -107,11 +123,28 @@ impl Mechanics {
                     let spec = &model.shapes[shape.0];
                     self.world_point(spec.body, &spec.body_from_shape.translation.vector)
                 };
-                let gap = (center(b) - center(a)).norm() - extent(a) - extent(b);
+                let (centers, extents) = ([center(a), center(b)], [extent(a), extent(b)]);
+                let gap = (centers[1] - centers[0]).norm() - extents[0] - extents[1];
                 // A gap that is not a number is none.
-                if gap <= most { between(poses(), core_a, core_b, most) } else { None }
+                if !(gap <= most) {
+                    return None;
+                }
+                let poses = poses();
+                // A long shape is far from most of the ball around it.
+                let larger = usize::from(extents[1] > extents[0]);
+                let point = poses[larger].inverse_transform_point(&centers[1 - larger].into()).coords;
+                let gap = [&core_a, &core_b][larger].0.outside(&point) - [core_a.1, core_b.1][larger] - extents[1 - larger];
+                if gap > most + SLACK { None } else { between(poses, core_a, core_b, most) }
             }
         }
+    }
+
+    /// True if the gap of one of some pairs of shapes is at most so wide, m.
+    ///
+    /// # Panics
+    /// If the model does not have one of the shapes.
+    pub fn any_within(&self, model: &Model, pairs: &[(ShapeId, ShapeId)], most: f64) -> bool {
+        pairs.iter().any(|&(a, b)| self.nearest(model, a, b, most).is_some_and(|nearest| nearest.distance <= most))
     }
 
     /// The nearest two of some pairs of shapes, by their place in the list; none if all gaps are wider than `most`, m.

@@ -93,7 +93,7 @@ impl Geometry {
             Self::Sphere { radius } => *radius,
             Self::Capsule { radius, half_length } => radius + half_length,
             Self::Cuboid { half_extents } => half_extents.norm(),
-            Self::Hull(hull) => hull.vertices().iter().map(Vector3::norm).fold(0.0, f64::max),
+            Self::Hull(hull) => hull.radius(),
         }
     }
 

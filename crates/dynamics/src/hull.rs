@@ -18,6 +18,9 @@ pub struct Hull {
     /// The corners of all faces.
     corners: Vec<u16>,
     inside: V3,
+    /// Distance of the farthest corner from the origin, m, and the box around the corners.
+    radius: f64,
+    bounds: [V3; 2],
 }
 
 /// A face: the plane `normal . p = offset` and the corners, counter-clockwise seen from outside.
@@ -62,6 +65,16 @@ impl Hull {
 
     pub(crate) fn inside(&self) -> &V3 {
         &self.inside
+    }
+
+    /// Distance of its farthest corner from its origin, m.
+    pub(crate) fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// The box around it in its own frame: least and greatest coordinates, m.
+    pub(crate) fn own_bounds(&self) -> &[V3; 2] {
+        &self.bounds
     }
 
     /// The vertex that is farthest along a vector.

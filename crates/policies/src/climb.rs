@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Arms, Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
+    Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
     ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
@@ -84,8 +84,6 @@ pub struct Climb {
     climber: Option<Arc<fiatlux_climb::Network>>,
     /// It does not look where in its task the robot is.
     pub(crate) at_start: bool,
-    /// As a way down begins.
-    arms: Arms,
     episode: Option<Episode>,
 }
 
@@ -128,7 +126,7 @@ impl Climb {
     /// Its weights cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
         let (name, network) = body::network("climb", "", "")?;
-        Ok(Self { name, network, climber: None, at_start: false, arms: Arms::default(), episode: None })
+        Ok(Self { name, network, climber: None, at_start: false, episode: None })
     }
 
     /// The same, but a network follows the plan from its first posture on.
@@ -139,11 +137,6 @@ impl Climb {
         let climber = fiatlux_climb::Network::read(Path::new(file)).map_err(PolicyError::of("climb"))?;
         let name = body::label("climb", file, &[climber.digest()]);
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
-    }
-
-    /// The same, with the arms elsewhere as a way down begins.
-    pub(crate) fn with_arms(self, arms: Arms) -> Self {
-        Self { arms, ..self }
     }
 
     /// Sets how the plan is played from the next step on: at a part of its speed, and with the centre of mass elsewhere, m in the plan's
@@ -236,8 +229,8 @@ impl Policy for Climb {
                 return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
             }
             "S10" => (ladder_with_bulb(), Some(turn_with_bulb()), false),
-            "S04" => (descent_with_bulb(self.arms), None, true),
-            "S12" => (descent(self.arms), None, true),
+            "S04" => (descent_with_bulb(), None, true),
+            "S12" => (descent(), None, true),
             _ => {
                 let reason = format!("it plays S02, S04, S10, S12 and climb, but this is {task}; use another policy");
                 return Err(unfit(reason));

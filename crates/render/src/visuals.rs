@@ -9,7 +9,7 @@ pub(crate) mod robot;
 mod room;
 mod shapes;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use fiatlux_dynamics::BodyId;
 use fiatlux_robot::Robot;
@@ -30,9 +30,13 @@ pub struct Visuals {
     pub(crate) robot: Arc<Robot>,
     pub(crate) world_from_bench: Option<Isometry3<f64>>,
     look: Look,
+    /// Links of the user's own, which every look draws.
+    links: Option<RobotMeshes>,
     /// Fine and coarse meshes of the same things in the same order; for the robot's cameras both are coarse.
     fine: Vec<Arc<Mesh>>,
     coarse: Vec<Arc<Mesh>>,
+    /// The same scene for the robot's cameras in the other look, from its first use on.
+    second: OnceLock<Arc<Visuals>>,
 }
 
 impl Visuals {
@@ -44,13 +48,16 @@ impl Visuals {
     /// Makes the meshes that the robot's cameras see. Links that `robot` has a mesh for are drawn with it; it must be opened
     /// for the scene's robot.
     pub fn with_robot(scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
-        Self::with_look(scene, robot, Look::One)
+        let coarse = meshes(scene, robot, Detail::Coarse, Look::One);
+        // The robot's cameras take coarse ones at any size, and many rooms may have their meshes in memory.
+        Self::of(scene, robot, Look::One, [coarse.clone(), coarse])
     }
 
     /// Makes the meshes that people see. Links that `robot` has a mesh for are drawn with it; it must be opened for the
     /// scene's robot.
     pub fn for_people(scene: &Scene, robot: Option<&RobotMeshes>) -> Self {
-        Self::with_look(scene, robot, Look::Two)
+        let made = [Detail::Fine, Detail::Coarse].map(|detail| meshes(scene, robot, detail, Look::Two));
+        Self::of(scene, robot, Look::Two, made)
     }
 
     /// The floor of a scene, and meshes of an object that stands on it, for people to look at.
@@ -58,15 +65,28 @@ impl Visuals {
         let mut meshes = vec![room::floor(scene, Detail::Fine)];
         meshes.extend(object);
         let meshes: Vec<_> = meshes.into_iter().map(|mesh| Arc::new(mesh.finished())).collect();
-        let robot = Arc::clone(&scene.robot);
-        Self { robot, world_from_bench: None, look: Look::Two, fine: meshes.clone(), coarse: meshes }
+        Self { world_from_bench: None, ..Self::of(scene, None, Look::Two, [meshes.clone(), meshes]) }
     }
 
-    fn with_look(scene: &Scene, robot: Option<&RobotMeshes>, look: Look) -> Self {
-        let coarse = meshes(scene, robot, Detail::Coarse, look);
-        // The robot's cameras take coarse ones at any size, and many rooms may have their meshes in memory.
-        let fine = if look == Look::One { coarse.clone() } else { meshes(scene, robot, Detail::Fine, look) };
-        Self { robot: Arc::clone(&scene.robot), world_from_bench: scene.world_from_bench, look, fine, coarse }
+    fn of(scene: &Scene, links: Option<&RobotMeshes>, look: Look, [fine, coarse]: [Vec<Arc<Mesh>>; 2]) -> Self {
+        Self {
+            robot: Arc::clone(&scene.robot),
+            world_from_bench: scene.world_from_bench,
+            look,
+            links: links.cloned(),
+            fine,
+            coarse,
+            second: OnceLock::new(),
+        }
+    }
+
+    /// What the robot's cameras see in the look that pictures for people have. Made at its first use, then shared.
+    pub fn second_look(&self, scene: &Scene) -> &Self {
+        self.second.get_or_init(|| {
+            let links = self.links.as_ref();
+            let coarse = meshes(scene, links, Detail::Coarse, Look::Two);
+            Arc::new(Self::of(scene, links, Look::Two, [coarse.clone(), coarse]))
+        })
     }
 
     /// The same with fine meshes of the look that the robot's cameras see, which are only compared.

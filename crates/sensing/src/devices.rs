@@ -272,6 +272,10 @@ impl Devices {
         let renderer = eye.renderer.get_or_insert_with(|| self.renderers.lend(self.image_size));
         let [width, height] = self.image_size;
         let variation = self.variation.as_ref();
+        let visuals = match variation {
+            Some(CameraVariation { look: 2, .. }) => visuals.second_look(view.scene),
+            _ => visuals,
+        };
         // The row of a delayed picture; at the start of an episode its first one.
         let shown = variation.map_or(view.row.step, |by| view.row.step.saturating_sub(by.delay_steps as u64));
         let row = self.past.iter().rfind(|past| past.step <= shown).or(self.past.front()).unwrap_or(view.row);

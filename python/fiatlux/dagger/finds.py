@@ -122,7 +122,6 @@ def find(given: argparse.Namespace) -> None:
         embedding=256,
         blind=given.blind,
         finds=finding.finds,
-        arms_back=finding is ON_LADDER,
     )
     env.close()
     parts = parts_of_looks(given.tasks, shape, given)

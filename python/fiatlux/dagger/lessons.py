@@ -298,7 +298,6 @@ def shape_of(tasks: Sequence[str], finds: tuple[str, ...] = (), **settings: Any)
         touched=touched,
         phases=phases,
         finds=finds,
-        arms_back=bool(finds),
         hidden=hidden,
         embedding=EMBEDDING_OF_ALL if finds else Shape.embedding,
         **settings,

@@ -72,10 +72,6 @@ class Shape:
     """Of a network that says where things are: names of the numbers. One without phases says nothing else; of one with phases they come out
     last."""
 
-    arms_back: bool = False
-    """Of a network that says where the robot is on the ladder: pictures of a way down showed the arms drawn back, as the expert has them, and so
-    it is played. False: folded before the chest."""
-
     @property
     def acts(self) -> bool:
         """True if it says what to do."""

@@ -8,7 +8,7 @@ mod room;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_climb::{Arms, Body, Keyframe, Plan, Player, approach, raised, stand};
+use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, raised, stand};
 use fiatlux_dynamics::{Mechanics, ShapeId, State};
 use fiatlux_kinematics::{Work, at_once};
 use fiatlux_robot::{GainSet, Robot};
@@ -158,7 +158,7 @@ fn stances_of_the_way_up_hold() {
 
 #[test]
 fn stances_of_the_way_down_hold() {
-    stances_hold(&fiatlux_climb::descent(Arms::DrawnBack).unwrap());
+    stances_hold(&fiatlux_climb::descent().unwrap());
 }
 
 fn stances_hold(plan: &Plan) {
@@ -257,7 +257,7 @@ fn a_plan_is_raised_with_the_ladder() {
         let soles = [sole(0), sole(1)].map(|pose| pose.translation.vector);
         (soles, mechanics.center_of_mass(&body.model, body.ids.root).1)
     };
-    for (plan, factor) in [(fiatlux_climb::ladder(), 1.1), (fiatlux_climb::descent(Arms::DrawnBack), 0.95)] {
+    for (plan, factor) in [(fiatlux_climb::ladder(), 1.1), (fiatlux_climb::descent(), 0.95)] {
         let plan = plan.unwrap();
         let raised = raised(&body, &plan, factor).unwrap();
         for (key, high) in plan.keyframes.iter().zip(&raised.keyframes) {

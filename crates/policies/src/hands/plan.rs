@@ -125,6 +125,15 @@ impl Arm {
         self.mechanics.nearest_pair(&self.model, pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
+    /// True if the gap between the arm with its hand and all else is wider than so much, m, which is below [`WIDE`].
+    async fn is_apart(&mut self, angles: &ArmAngles, least: f64, apart: Apart) -> bool {
+        self.set(angles);
+        self.mechanics.update(&self.model, &self.state);
+        let pairs = &self.pairs[apart as usize];
+        self.work.spend(GAP_WORK + pairs.len()).await;
+        least < WIDE && !self.mechanics.any_within(&self.model, pairs, least)
+    }
+
     /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
     pub async fn body_gap(&mut self) -> f64 {
         self.mechanics.update(&self.model, &self.state);
@@ -164,7 +173,7 @@ impl Arm {
             let mut is_clear = true;
             for command in commands {
                 self.assume(command, &angles);
-                is_clear = self.gap(&angles, apart).await > margin;
+                is_clear = self.is_apart(&angles, margin, apart).await;
                 if !is_clear {
                     break;
                 }
@@ -246,7 +255,7 @@ impl Arm {
         for index in 1..=count as usize {
             let share = index as f64 / count;
             let angles = std::array::from_fn(|joint| from[joint] + share * (to[joint] - from[joint]));
-            if self.gap(&angles, apart).await <= margin.at(&angles) {
+            if !self.is_apart(&angles, margin.at(&angles), apart).await {
                 return false;
             }
         }

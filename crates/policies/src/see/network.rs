@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use data_encoding::HEXLOWER;
-use fiatlux_climb::Arms;
 use fiatlux_nets::{Convolution, Dense, Finish, LANES, MAX_KERNEL, Plane, Rounding, elu, largest_difference};
 use fiatlux_rules::Task;
 use fiatlux_safetensors::{File, SafetensorsError};
@@ -96,9 +95,6 @@ pub(super) struct Contract {
     /// out last, and it does what it is to do in its other tasks.
     #[serde(default)]
     pub finds: Vec<String>,
-    /// True if the arms were drawn back in the pictures of a way down that it learned from, as the expert has them; else they were folded.
-    #[serde(default)]
-    arms_back: bool,
 }
 
 impl Contract {
@@ -223,11 +219,6 @@ impl Contract {
         let clocks = if self.phases.is_empty() { &[][..] } else { &CLOCKS };
         let steps = if phase.is_some() { steps } else { 0 };
         phases.chain(clocks.iter().map(move |most| (steps as f32 / most).min(1.0)))
-    }
-
-    /// The arms in pictures of a way down.
-    pub fn arms(&self) -> Arms {
-        if self.arms_back { Arms::DrawnBack } else { Arms::Folded }
     }
 
     /// True if it says what to do.

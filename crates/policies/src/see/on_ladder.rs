@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use fiatlux_client::{Command, Policy, PolicyError};
-use fiatlux_climb::{Arms, Body};
+use fiatlux_climb::Body;
 use fiatlux_dynamics::Site;
 use fiatlux_proto::v3::{Chunk, Observation, Privileged, SessionInfo};
 use fiatlux_robot::Robot;
@@ -47,11 +47,11 @@ enum Plays {
 }
 
 impl Plays {
-    fn new(task: Task, arms: Arms) -> Result<Self, PolicyError> {
+    fn new(task: Task) -> Result<Self, PolicyError> {
         Ok(match task {
             Task::S03 => Self::TakesOut(Box::new(Hands::new()?), Old::default()),
             Task::S11 => Self::PutsIn(Box::new(Hands::new()?), Fresh::new()),
-            _ => Self::Climb(Box::new(Climb::new()?.with_arms(arms))),
+            _ => Self::Climb(Box::new(Climb::new()?)),
         })
     }
 
@@ -82,11 +82,11 @@ pub(super) struct OnLadder {
 }
 
 impl OnLadder {
-    /// Begins an episode of one of the tasks that [`Plays::new`] knows; a way down begins with the arms as pictures show them.
+    /// Begins an episode of one of the tasks that [`Plays::new`] knows.
     ///
     /// # Errors
     /// The robot lacks what it plays with, or its LiDAR does not see the ladder.
-    pub fn new(task: Task, arms: Arms, info: &SessionInfo, first: &Observation) -> Result<Self, PolicyError> {
+    pub fn new(task: Task, info: &SessionInfo, first: &Observation) -> Result<Self, PolicyError> {
         let unfit = |reason: &str| PolicyError::Unfit { policy: "see", reason: reason.into() };
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(&error.to_string()))?;
@@ -113,7 +113,7 @@ impl OnLadder {
         }
         Ok(Self {
             info: info.clone(),
-            plays: Plays::new(task, arms)?,
+            plays: Plays::new(task)?,
             began: None,
             q0,
             reckoning,

@@ -3,7 +3,6 @@
 use serde_json::{Value, json};
 
 use fiatlux_client::Policy;
-use fiatlux_climb::Arms;
 use fiatlux_rules::Task;
 
 use super::See;
@@ -307,10 +306,5 @@ fn a_network_that_acts_may_also_say_where_the_robot_is() {
     let expected = network.decide(&[&seen, &seen], &state)[acts..].to_vec();
     assert_eq!(network.find(&seen, sensed, 1), expected);
     assert_ne!(network.find(&seen, sensed, 0), expected);
-    // A way down is played with the arms that its pictures showed.
-    assert_eq!(network.contract().arms(), Arms::Folded);
-    contract["arms_back"] = json!(true);
-    let network = Network::from_bytes(&made.file(&contract, &made.output())).expect("a sound file");
-    assert_eq!(network.contract().arms(), Arms::DrawnBack);
     assert!(Network::from_bytes(&Made::with_hands().file(&contract, &[])).is_err());
 }

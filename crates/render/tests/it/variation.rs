@@ -20,6 +20,7 @@ fn none() -> CameraVariation {
         delay_steps: 0,
         colours: 0.0,
         pattern: 0,
+        look: 1,
         stream: (7, 0),
     }
 }

@@ -1,9 +1,9 @@
 //! Depth and segmentation show what the camera's picture shows.
 
-use fiatlux_render::{Camera, HEAD_CAMERA};
+use fiatlux_render::{Camera, HEAD_CAMERA, Lighting, Renderer, Visuals};
 use fiatlux_rules::{Task, errand};
 use fiatlux_sensing::{Sensor, Sensors, segment_names};
-use fiatlux_world::ShapeOwner;
+use fiatlux_world::{CameraVariation, ShapeOwner};
 use nalgebra::Point3;
 
 use crate::common::{Rig, start_row};
@@ -99,4 +99,26 @@ fn a_pixel_has_both_or_neither() {
     later.step += 1;
     later.robot.pose.translation.vector.x += 0.5;
     assert_ne!(rig.compute(Sensor::Depth, &later), depths);
+}
+
+/// The second look is that of pictures for people, and the first one is as before after it.
+#[test]
+fn the_second_look_is_that_for_people() {
+    let (scene, row) = start_row(Task::S08);
+    let mut rig = Rig::new(&scene, &row, Task::S08, Sensors::of(&[Sensor::Camera]), None);
+    let mut seen = |look: f64| {
+        let varied = [("camera.look".to_owned(), look)].into();
+        rig.suite.vary_cameras(CameraVariation::of(&varied, 3, 0));
+        rig.suite.restart(None, Lighting::default());
+        rig.observe(Sensors::of(&[Sensor::Camera]), &row).camera.unwrap().rgb
+    };
+    let [first, second, again] = [1.0, 2.0, 1.0].map(&mut seen);
+    let camera = Camera::head(&scene.robot, &row).unwrap().fitted(SIZE[0], SIZE[1]);
+    let drawn = |visuals: Visuals| {
+        Renderer::new(SIZE[0], SIZE[1]).render(&visuals, &row, &camera, &Lighting::default()).rgb().to_vec()
+    };
+    assert_eq!(first, drawn(Visuals::new(&scene)));
+    assert_eq!(second, drawn(Visuals::for_people(&scene, None)));
+    assert_eq!(again, first);
+    assert_ne!(second, first);
 }

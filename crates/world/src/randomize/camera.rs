@@ -15,9 +15,10 @@ const BLUR: &str = "camera.blur";
 pub(super) const DELAY: &str = "camera.delay";
 const COLOURS: &str = "camera.colours";
 pub(super) const PATTERN: &str = "camera.pattern";
+pub(super) const LOOK: &str = "camera.look";
 
 /// Name, limits and unit of each range.
-pub(super) const CAMERA_RANGES: [(&str, [f64; 2], &str); 13] = [
+pub(super) const CAMERA_RANGES: [(&str, [f64; 2], &str); 14] = [
     (X, [-0.1, 0.1], " m"),
     (Y, [-0.1, 0.1], " m"),
     (Z, [-0.1, 0.1], " m"),
@@ -31,6 +32,7 @@ pub(super) const CAMERA_RANGES: [(&str, [f64; 2], &str); 13] = [
     (DELAY, [0.0, 100.0], " ms in steps of 20"),
     (COLOURS, [0.0, 1.0], ""),
     (PATTERN, [0.0, 8.0], " as a whole number"),
+    (LOOK, [1.0, 2.0], " as a whole number"),
 ];
 
 /// Differences of an episode's pictures from the benchmark's, the same for all cameras. What is not drawn is as there.
@@ -54,6 +56,8 @@ pub struct CameraVariation {
     pub colours: f64,
     /// Pattern on floor and walls, from 1 to 8; 0 for none.
     pub pattern: usize,
+    /// Look of things: 1 for the benchmark's, 2 for that of pictures for people.
+    pub look: usize,
     /// Seed and episode, for the numbers that each colour and each picture draw.
     pub stream: (u64, u64),
 }
@@ -73,6 +77,7 @@ impl CameraVariation {
             delay_steps: (or(DELAY, 0.0) / (CONTROL_DT * 1e3)).round() as usize,
             colours: or(COLOURS, 0.0),
             pattern: or(PATTERN, 0.0) as usize,
+            look: or(LOOK, 1.0) as usize,
             stream: (seed, episode),
         })
     }

@@ -7,7 +7,7 @@ use fiatlux_rules::{ACTION_DELAY, CONTROL_DT, Motion, NOISE, manifest};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use super::camera::{CAMERA_RANGES, DELAY, PATTERN};
+use super::camera::{CAMERA_RANGES, DELAY, LOOK, PATTERN};
 use crate::{Random, ShapeOwner, Stream};
 
 /// Values drawn from [`EpisodeRanges`], by name.
@@ -35,6 +35,7 @@ pub type Varied = BTreeMap<String, f64>;
 /// | `camera.delay` | time from a row to its picture, ms, in steps of 20 | 0 to 100 |
 /// | `camera.colours` | largest change of red, green and blue of each colour, as a share | 0 to 1 |
 /// | `camera.pattern` | pattern on floor and walls: 0 for none, or a number from 1 to 8 | 0 to 8 |
+/// | `camera.look` | look of things: 1 for the benchmark's, 2 for that of pictures for people | 1 to 2 |
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EpisodeRanges(BTreeMap<String, [f64; 2]>);
 
@@ -182,7 +183,7 @@ fn limits(name: &str) -> Option<([f64; 2], &'static str)> {
 fn step_of(name: &str) -> Option<f64> {
     match name {
         ACTION_DELAY | DELAY => Some(delay_step_ms()),
-        PATTERN => Some(1.0),
+        PATTERN | LOOK => Some(1.0),
         _ => None,
     }
 }

@@ -113,6 +113,8 @@ fn ranges_that_cannot_be_drawn_from_are_refused() {
         ("camera.angle", [0.1, 1.0], "from 0.5 to 1.5"),
         ("camera.delay", [0.0, 10.0], "in steps of 20"),
         ("camera.pattern", [0.0, 2.5], "as a whole number"),
+        ("camera.look", [1.0, 1.5], "as a whole number"),
+        ("camera.look", [0.0, 1.0], "from 1 to 2"),
     ] {
         let error = EpisodeRanges::new([(name.to_owned(), range)]).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
