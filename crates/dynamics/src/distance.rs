@@ -100,7 +100,7 @@ impl Mechanics {
     }
 
     /// Signed distance and nearest points of two shapes, of one tree or not; none if the gap is wider than `most`, m, which may
-    /// be infinite. Two shapes that may never touch have a distance, too. Allocates only where boxes overlap.
+    /// be infinite; of polytopes that overlap by more than a `most` below 0 it may find none. Two shapes that may never touch have a distance, too. Allocates only where boxes overlap.
     ///
     /// # Panics
     /// If the model has no such shape.
@@ -130,32 +130,65 @@ impl Mechanics {
                     return None;
                 }
                 let poses = poses();
-                // A long shape is far from most of the ball around it.
+                // A long shape is far from most of the ball around it. How deep shapes overlap is not known so.
                 let larger = usize::from(extents[1] > extents[0]);
                 let point = poses[larger].inverse_transform_point(&centers[1 - larger].into()).coords;
-                let gap = [&core_a, &core_b][larger].0.outside(&point) - [core_a.1, core_b.1][larger] - extents[1 - larger];
-                if gap > most + SLACK { None } else { between(poses, core_a, core_b, most) }
+                let gap =
+                    [&core_a, &core_b][larger].0.outside(&point) - [core_a.1, core_b.1][larger] - extents[1 - larger];
+                if gap > most.max(0.0) + SLACK { None } else { between(poses, core_a, core_b, most) }
             }
         }
     }
 
-    /// True if the gap of one of some pairs of shapes is at most so wide, m.
+    /// Gaps between shapes in the present state; for many pairs at once.
+    pub fn gaps<'a>(&'a mut self, model: &'a Model) -> Gaps<'a> {
+        let mut balls = std::mem::take(&mut self.balls);
+        balls.clear();
+        balls.extend(model.shapes.iter().map(|shape| {
+            let center = self.world_point(shape.body, &shape.body_from_shape.translation.vector);
+            let radius = if matches!(shape.geometry, Geometry::HalfSpace) { f64::INFINITY } else { shape.geometry.radius() };
+            (center, radius)
+        }));
+        self.balls = balls;
+        Gaps { mechanics: self, model }
+    }
+}
+
+/// Gaps between the shapes of a state: [`Mechanics::gaps`].
+#[derive(Debug, Clone, Copy)]
+pub struct Gaps<'a> {
+    mechanics: &'a Mechanics,
+    model: &'a Model,
+}
+
+impl Gaps<'_> {
+    /// As [`Mechanics::nearest`].
+    ///
+    /// # Panics
+    /// If the model has no such shape.
+    pub fn nearest(&self, a: ShapeId, b: ShapeId, most: f64) -> Option<Nearest> {
+        let [(center_a, radius_a), (center_b, radius_b)] = [a, b].map(|shape| self.mechanics.balls[shape.0]);
+        let gap = (center_b - center_a).norm() - radius_a - radius_b;
+        if gap <= most { self.mechanics.nearest(self.model, a, b, most) } else { None }
+    }
+
+    /// True if the gap of one of some pairs of shapes is at most so wide, m; 0 or more.
     ///
     /// # Panics
     /// If the model does not have one of the shapes.
-    pub fn any_within(&self, model: &Model, pairs: &[(ShapeId, ShapeId)], most: f64) -> bool {
-        pairs.iter().any(|&(a, b)| self.nearest(model, a, b, most).is_some_and(|nearest| nearest.distance <= most))
+    pub fn any_within(&self, pairs: &[(ShapeId, ShapeId)], most: f64) -> bool {
+        pairs.iter().any(|&(a, b)| self.nearest(a, b, most).is_some_and(|nearest| nearest.distance <= most))
     }
 
     /// The nearest two of some pairs of shapes, by their place in the list; none if all gaps are wider than `most`, m.
     ///
     /// # Panics
     /// If the model does not have one of the shapes.
-    pub fn nearest_pair(&self, model: &Model, pairs: &[(ShapeId, ShapeId)], most: f64) -> Option<(usize, Nearest)> {
+    pub fn nearest_pair(&self, pairs: &[(ShapeId, ShapeId)], most: f64) -> Option<(usize, Nearest)> {
         let mut best: Option<(usize, Nearest)> = None;
         for (index, &(a, b)) in pairs.iter().enumerate() {
             let most = best.map_or(most, |(_, nearest)| nearest.distance);
-            if let Some(nearest) = self.nearest(model, a, b, most).filter(|nearest| nearest.distance <= most) {
+            if let Some(nearest) = self.nearest(a, b, most).filter(|nearest| nearest.distance <= most) {
                 best = Some((index, nearest));
             }
         }

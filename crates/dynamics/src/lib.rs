@@ -130,7 +130,7 @@ mod variation;
 
 pub use builder::{DEFAULT_GRAVITY, ModelBuilder};
 pub use contact::Contact;
-pub use distance::Nearest;
+pub use distance::{Gaps, Nearest};
 pub use error::{ModelError, check_array};
 pub use factor::dot;
 pub use geometry::Geometry;

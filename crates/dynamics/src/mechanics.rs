@@ -38,6 +38,8 @@ pub struct Mechanics {
     pub(crate) varied: Option<Arc<Parameters>>,
     /// Of each body with all that hangs on it: mass, and its first moment about the tree's origin.
     branches: Vec<(f64, V3)>,
+    /// Middle of each shape and its radius, m, of the last [`Mechanics::gaps`].
+    pub(crate) balls: Vec<(V3, f64)>,
 }
 
 impl Mechanics {
@@ -48,6 +50,7 @@ impl Mechanics {
             equation: EquationOfMotion::new(model),
             varied: None,
             branches: vec![(0.0, V3::zeros()); model.bodies.len()],
+            balls: Vec::new(),
         }
     }
 

@@ -272,8 +272,12 @@ impl InverseKinematics {
         }
         let mut cost = 0.5 * dot(&self.error, &self.error);
         self.close.clear();
+        if self.clearances.is_empty() {
+            return Errors { cost, position, rotation, clearance };
+        }
+        let gaps = self.mechanics.gaps(model);
         for (index, Clearance { shapes: (a, b), margin }) in self.clearances.iter().enumerate() {
-            if let Some(nearest) = self.mechanics.nearest(model, *a, *b, margin + FORESIGHT) {
+            if let Some(nearest) = gaps.nearest(*a, *b, margin + FORESIGHT) {
                 let lacks = margin - nearest.distance;
                 self.close.push((index, nearest));
                 self.error.push(lacks);

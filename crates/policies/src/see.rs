@@ -213,8 +213,7 @@ impl Policy for See {
         }
         let of_network = contract.tasks.iter().position(|known| known == task).unwrap_or_default();
         if contract.finds_place() && (!contract.acts() || on_ladder::TASKS.contains(&known)) {
-            self.episode =
-                Some(Playing::OnLadder(Box::new(OnLadder::new(known, info, first)?), of_network));
+            self.episode = Some(Playing::OnLadder(Box::new(OnLadder::new(known, info, first)?), of_network));
             return Ok(());
         }
         let walks = !contract.has_hands() || WALKED.contains(&known);

@@ -82,7 +82,7 @@ fn gap(rig: &Rig, a: &str, b: &str) -> f64 {
     let pairs: Vec<(ShapeId, ShapeId)> = of(a).into_iter().flat_map(|a| others.iter().map(move |b| (a, *b))).collect();
     let mut mechanics = fiatlux_dynamics::Mechanics::new(&rig.model);
     mechanics.update(&rig.model, &rig.state);
-    mechanics.nearest_pair(&rig.model, &pairs, 1.0).map_or(1.0, |(_, nearest)| nearest.distance)
+    mechanics.gaps(&rig.model).nearest_pair(&pairs, 1.0).map_or(1.0, |(_, nearest)| nearest.distance)
 }
 
 /// An object times a factor about a point of its frame. Its mass stays.

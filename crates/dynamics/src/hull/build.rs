@@ -61,16 +61,15 @@ impl Hull {
 
     /// None unless the faces make a closed surface.
     fn from_faces(vertices: Vec<V3>, loops: &[Vec<u16>]) -> Option<Self> {
-        let mut hull =
-            Self {
-                inside: V3::zeros(),
-                radius: vertices.iter().map(V3::norm).fold(0.0, f64::max),
-                bounds: [V3::zeros(); 2],
-                vertices,
-                faces: Vec::new(),
-                edges: Vec::new(),
-                corners: Vec::new(),
-            };
+        let mut hull = Self {
+            inside: V3::zeros(),
+            radius: vertices.iter().map(V3::norm).fold(0.0, f64::max),
+            bounds: [V3::zeros(); 2],
+            vertices,
+            faces: Vec::new(),
+            edges: Vec::new(),
+            corners: Vec::new(),
+        };
         hull.bounds = hull.bounds(&nalgebra::Matrix3::identity());
         let mut sides: BTreeMap<(u16, u16), usize> = BTreeMap::new();
         for (index, corners) in loops.iter().enumerate() {

@@ -73,7 +73,7 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
         builder.add_shape(shape).unwrap();
     }
     let model = builder.build().unwrap();
-    let mechanics = Mechanics::new(&model);
+    let mut mechanics = Mechanics::new(&model);
     let low = mechanics.nearest(&model, ShapeId(0), ShapeId(2), 1.0).unwrap();
     assert!((low.distance - 0.15).abs() < 1e-12 && (low.normal - Vector3::z()).norm() < 1e-12, "{low:?}");
     assert!((low.points[0] - Vector3::new(0.6, 0.0, 0.0)).norm() < 1e-12, "{low:?}");
@@ -82,7 +82,42 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
     assert_eq!(mechanics.nearest(&model, ShapeId(0), ShapeId(1), 1.0), None);
     assert_eq!(mechanics.nearest(&model, ShapeId(0), ShapeId(0), 1.0), None);
     let pairs = [1, 2, 3].map(|index| (ShapeId(0), ShapeId(index)));
-    let (index, deep) = mechanics.nearest_pair(&model, &pairs, f64::INFINITY).unwrap();
+    let (index, deep) = mechanics.gaps(&model).nearest_pair(&pairs, f64::INFINITY).unwrap();
     assert!(index == 2 && (deep.distance + 0.15).abs() < 1e-12, "{index}: {deep:?}");
-    assert_eq!(mechanics.nearest_pair(&model, &pairs[..1], 0.5), None);
+    assert_eq!(mechanics.gaps(&model).nearest_pair(&pairs[..1], 0.5), None);
+}
+
+/// What is found does not depend on how far is looked, long shapes beside short ones included.
+#[test]
+fn a_bound_leaves_out_what_is_wider_and_changes_nothing_else() {
+    let mut counts = [0; 2];
+    for kinds in [(0, 0), (0, 1), (1, 1), (2, 0), (1, 2), (2, 1), (2, 2), (3, 0), (1, 3), (3, 2), (3, 3)] {
+        let mut random = Random(900 + 10 * kinds.0 as u64 + kinds.1 as u64);
+        for case in 0..400 {
+            let long = if case % 2 == 0 { 1.0 } else { 12.0 };
+            let a = match random.geometry(kinds.0) {
+                Geometry::Capsule { radius, half_length } => {
+                    Geometry::Capsule { radius, half_length: long * half_length }
+                }
+                Geometry::Cuboid { half_extents: h } => {
+                    Geometry::Cuboid { half_extents: Vector3::new(long * h.x, h.y, h.z) }
+                }
+                other => other,
+            };
+            let model = two_shapes(a, random.geometry(kinds.1));
+            let mut placed = placed(&model, [&random.pose(0.2), &random.pose(0.3)]);
+            let [first, second] = SHAPES;
+            let whole = placed.nearest(&model, first, second, f64::INFINITY).unwrap();
+            for most in [0.0, 0.005, 0.03, 0.1] {
+                let found = placed.nearest(&model, first, second, most).filter(|found| found.distance <= most);
+                let expected = Some(whole).filter(|whole| whole.distance <= most);
+                assert_eq!(found, expected, "{kinds:?} case {case}, within {most}: {whole:?}");
+                let gaps = placed.gaps(&model);
+                assert_eq!(gaps.nearest(first, second, most).filter(|found| found.distance <= most), expected);
+                assert_eq!(gaps.any_within(&[(first, second)], most), expected.is_some());
+                counts[usize::from(expected.is_some())] += 1;
+            }
+        }
+    }
+    assert!(counts.iter().all(|count| *count > 2000), "{counts:?}");
 }

@@ -122,23 +122,26 @@ impl Arm {
         self.mechanics.update(&self.model, &self.state);
         let pairs = &self.pairs[apart as usize];
         self.work.spend(GAP_WORK + pairs.len()).await;
-        self.mechanics.nearest_pair(&self.model, pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
+        self.mechanics.gaps(&self.model).nearest_pair(pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
     /// True if the gap between the arm with its hand and all else is wider than so much, m, which is below [`WIDE`].
     async fn is_apart(&mut self, angles: &ArmAngles, least: f64, apart: Apart) -> bool {
+        if least < 0.0 {
+            return self.gap(angles, apart).await > least;
+        }
         self.set(angles);
         self.mechanics.update(&self.model, &self.state);
         let pairs = &self.pairs[apart as usize];
         self.work.spend(GAP_WORK + pairs.len()).await;
-        least < WIDE && !self.mechanics.any_within(&self.model, pairs, least)
+        least < WIDE && !self.mechanics.gaps(&self.model).any_within(pairs, least)
     }
 
     /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
     pub async fn body_gap(&mut self) -> f64 {
         self.mechanics.update(&self.model, &self.state);
         self.work.spend(GAP_WORK + self.body_pairs.len()).await;
-        let nearest = self.mechanics.nearest_pair(&self.model, &self.body_pairs, WIDE);
+        let nearest = self.mechanics.gaps(&self.model).nearest_pair(&self.body_pairs, WIDE);
         nearest.map_or(WIDE, |(_, nearest)| nearest.distance)
     }
 
