@@ -146,7 +146,8 @@ impl Mechanics {
         balls.clear();
         balls.extend(model.shapes.iter().map(|shape| {
             let center = self.world_point(shape.body, &shape.body_from_shape.translation.vector);
-            let radius = if matches!(shape.geometry, Geometry::HalfSpace) { f64::INFINITY } else { shape.geometry.radius() };
+            let radius =
+                if matches!(shape.geometry, Geometry::HalfSpace) { f64::INFINITY } else { shape.geometry.radius() };
             (center, radius)
         }));
         self.balls = balls;

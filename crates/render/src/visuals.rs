@@ -80,7 +80,7 @@ impl Visuals {
         }
     }
 
-    /// What the robot's cameras see in the look that pictures for people have. Made at its first use, then shared.
+    /// The same scene for the robot's cameras in the look that pictures for people have. Made at its first use, then shared.
     pub fn second_look(&self, scene: &Scene) -> &Self {
         self.second.get_or_init(|| {
             let links = self.links.as_ref();

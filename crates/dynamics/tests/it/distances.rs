@@ -87,7 +87,7 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
     assert_eq!(mechanics.gaps(&model).nearest_pair(&pairs[..1], 0.5), None);
 }
 
-/// What is found does not depend on how far is looked, long shapes beside short ones included.
+/// The bound of a search changes nothing within it, beside long shapes, too.
 #[test]
 fn a_bound_leaves_out_what_is_wider_and_changes_nothing_else() {
     let mut counts = [0; 2];
