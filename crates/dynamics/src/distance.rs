@@ -126,7 +126,7 @@ impl Mechanics {
                 let (centers, extents) = ([center(a), center(b)], [extent(a), extent(b)]);
                 let gap = (centers[1] - centers[0]).norm() - extents[0] - extents[1];
                 // A gap that is not a number is none.
-                if !(gap <= most) {
+                if gap.is_nan() || gap > most {
                     return None;
                 }
                 let poses = poses();

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from ..settings import ROBOTS
 from .finds import IN_ROOM, ON_LADDER, Finder, find, parts_of_looks, read_looks
 from .lessons import GOALS, PHASES, Lesson, part_of_lesson, shape_of, state_of
 from .network import WALKS, Network, Shape, export, grown, learning_rate, load, normalised, on_device, varied
@@ -102,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     train.add_argument("--threads", type=int, help="cores that play, a process each, with some 2 GB [default: all]")
     train.add_argument("--seed", type=int, default=1)
     train.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
+    train.add_argument("--robot", choices=ROBOTS, default=ROBOTS[0], help="robot that learns [default: %(default)s]")
     train.add_argument("--hardware", default=platform.machine(), help="for the record")
     train.set_defaults(run=train_rounds)
     finds = commands.add_parser(
@@ -127,6 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finds.add_argument("--threads", type=int, help="cores that play, a process each, with some 2 GB [default: all]")
     finds.add_argument("--seed", type=int, default=1)
     finds.add_argument("--blind", action="store_true", help="grey pictures, to see what they are worth")
+    finds.add_argument("--robot", choices=ROBOTS, default=ROBOTS[0], help="robot that learns [default: %(default)s]")
     finds.add_argument("--hardware", default=platform.machine(), help="for the record")
     finds.set_defaults(run=find, rounds=0)
     write = commands.add_parser("export", help="writes the file that the policy see plays")
@@ -153,7 +156,14 @@ def train_rounds(given: argparse.Namespace) -> None:
     played, looked = ([task for task in given.tasks if task in of] for of in (GOALS, ON_LADDER.looks_in))
     finds = ON_LADDER.finds if set(given.tasks) & set(ON_LADDER.tasks) else ()
     try:
-        shape = shape_of(given.tasks, finds, picture=tuple(given.picture), ages=tuple(given.ages), blind=given.blind)
+        shape = shape_of(
+            given.tasks,
+            finds,
+            picture=tuple(given.picture),
+            ages=tuple(given.ages),
+            blind=given.blind,
+            robot=given.robot,
+        )
     except ValueError as error:
         raise SystemExit(f"--tasks: {error}") from error
     if finds and not looked:

@@ -112,7 +112,7 @@ def find(given: argparse.Namespace) -> None:
     finding = finding_of(given.tasks[0])
     if others := set(given.tasks) - set(finding.looks_in):
         raise SystemExit(f"--tasks: {given.tasks[0]} and {min(others)} find other things; make a network of each")
-    env = VectorEnv(given.tasks[0], 1)
+    env = VectorEnv(given.tasks[0], 1, robot=given.robot)
     shape = Shape(
         finding.tasks,
         picture=tuple(given.picture),
@@ -121,6 +121,7 @@ def find(given: argparse.Namespace) -> None:
         joints=tuple(env.action_names),
         embedding=256,
         blind=given.blind,
+        robot=given.robot,
         finds=finding.finds,
     )
     env.close()
@@ -164,7 +165,7 @@ def look(
     worlds, every, finding = len(rooms), shape.every, finding_of(task)
     env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
     experts = Experts(env, num_threads=env.num_threads)
-    count, q0, rows = np.zeros(worlds, np.int64), Kinematics().q0, 0
+    count, q0, rows = np.zeros(worlds, np.int64), Kinematics(robot=shape.robot).q0, 0
     most = worlds * (steps // every + steps // SETTLES + 1)
     looks = Looks(
         pictures=np.zeros((most, len(shape.cameras), *shape.picture[::-1], 3), np.uint8),

@@ -287,7 +287,7 @@ def shape_of(tasks: Sequence[str], finds: tuple[str, ...] = (), **settings: Any)
         if finds:
             raise ValueError("a network for tasks on the ladder needs S06 or S08 among them, too; or train one by find")
         return Shape(tuple(tasks), **settings)
-    env = VectorEnv(tasks[0], 1, sensors=["hand_contact"])
+    env = VectorEnv(tasks[0], 1, sensors=["hand_contact"], robot=settings.get("robot", Shape.robot))
     touched = touch(env.reset()[0]).shape[1]
     env.close()
     phases = tuple(dict.fromkeys(name for task in handed for name in PHASES[task]))
@@ -320,6 +320,7 @@ def lesson_worlds(
         image_size=shape.picture,
         action_form="joint_target",
         protocol="strict",
+        robot=shape.robot,
         copy=False,
         final_obs=False,
     )
@@ -368,7 +369,7 @@ def play(
     # An episode looks at its first step, too, and none ends while it settles.
     looks = steps // every + steps // SETTLES + 1
     notebook = Notebook(worlds, looks, steps if has_hands else looks, shape)
-    robot = Kinematics()
+    robot = Kinematics(robot=shape.robot)
     lower, upper = robot.joint_limits[LEGS_AND_WAIST:].T
     rates = CONTROL_DT * np.repeat(RATES, (ARMS, arms.shape[1] - ARMS))
 

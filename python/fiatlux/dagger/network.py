@@ -16,6 +16,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from .._files import regular
+from ..settings import ROBOTS
 from ..whole_body import LEGS_AND_WAIST
 
 FORMAT = "fiatlux-see/1"
@@ -59,6 +60,8 @@ class Shape:
     hidden: tuple[int, ...] = (256, 256)
     blind: bool = False
     """It sees grey instead of pictures: a twin that shows what they are worth."""
+    robot: str = ROBOTS[0]
+    """The robot that it learns on, and plays with."""
     joints: tuple[str, ...] = ()
     """Of a network that has hands: all joints of the robot, whose angles it reads, in each control step where it works with its hands. It moves
     arms and hands there."""

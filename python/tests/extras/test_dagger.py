@@ -493,6 +493,16 @@ def test_it_learns_where_the_room_is_and_what_stands_in_it(tmp_path, capsys):
         main(["find", "--tasks", "S12", "S01", *SMALL, "--out", str(tmp_path / "both")])
 
 
+def test_a_robot_with_other_hands_learns_and_its_name_stays_with_the_network(tmp_path):
+    robot = "g1_dex3"
+    assert main(["find", "--tasks", "S12", *SMALL, "--robot", robot, "--out", str(tmp_path)]) == 0
+    network, _ = load(tmp_path / "found.pt", "cpu")
+    env = fiatlux.VectorEnv("S12", 1, robot=robot)
+    assert network.shape.robot == robot and network.shape.joints == tuple(env.action_names)
+    env.close()
+    assert lessons.shape_of(["S06"], robot=robot).joints != lessons.shape_of(["S06"]).joints
+
+
 def test_the_shipped_network_finds_what_is_learned_here():
     """The policy reads the shipped file by names of its own, and refuses others."""
     shipped = Path(__file__).parents[3] / "crates/policies/weights/platform.safetensors"
