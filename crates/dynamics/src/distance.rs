@@ -100,7 +100,8 @@ impl Mechanics {
     }
 
     /// Signed distance and nearest points of two shapes, of one tree or not; none if the gap is wider than `most`, m, which may
-    /// be infinite; of polytopes that overlap by more than a `most` below 0 it may find none. Two shapes that may never touch have a distance, too. Allocates only where boxes overlap.
+    /// be infinite; of polytopes that overlap by more than a `most` below 0 it may find none. Two shapes that may never touch
+    /// have a distance, too. Allocates only where boxes overlap.
     ///
     /// # Panics
     /// If the model has no such shape.
