@@ -106,3 +106,18 @@ fn pictures_can_be_left_out() {
     assert!(pictures > 0, "{rows} rows");
     assert_eq!(recorded("without-pictures", &["--no-pictures"]), (0, rows));
 }
+
+/// A change of the expert changes the public list: `--write-recipe` makes its lines. Three tasks of twelve without `FIATLUX_SLOW_TESTS`.
+#[test]
+fn the_public_list_has_what_this_version_plays() {
+    let list = concat!(env!("CARGO_MANIFEST_DIR"), "/../demonstrations.txt");
+    let every = if std::env::var_os("FIATLUX_SLOW_TESTS").is_some() { 1 } else { 4 };
+    for task in Task::SUBTASKS.into_iter().step_by(every) {
+        let (task, out) = (task.short_id(), folder(&format!("listed-{}", task.short_id())));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fiatlux"));
+        command.args(["demonstrate", "--task", task, "--episodes", "1", "--no-pictures", "--recipe", list, "--out"]);
+        let done = command.arg(out).output().unwrap();
+        let said = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success() && said.contains("1 of 1 are those of the list"), "{task}: {said}");
+    }
+}
