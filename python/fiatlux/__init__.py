@@ -18,7 +18,7 @@ from .climber import Climber
 from .dataset import export_lerobot
 from .env import Env
 from .evaluation import Evaluation, evaluate
-from .expert import Expert, Experts, Label, Labels, label
+from .expert import Expert, Experts, Label, Labels, SessionExpert, label
 from .grip import Grip
 from .hand import HandActions, load_policy
 from .kinematics import Kinematics
@@ -57,6 +57,7 @@ __all__ = [
     "Labels",
     "Policy",
     "PolicyLike",
+    "SessionExpert",
     "Settings",
     "SharedSettings",
     "Start",

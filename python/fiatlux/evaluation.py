@@ -14,6 +14,7 @@ from . import _native
 from ._numbers import seeds_of
 from .client import run_of, tasks_of
 from .env import Env
+from .expert import Expert
 from .policy import Player, PolicyLike, check_policy, settings_for
 from .settings import Settings, complete, spelt_out
 from .spaces import ObservationForm
@@ -229,7 +230,8 @@ def steps(
     observed, _ = env.reset(seed=seed, options={"episode": episode})
     begin = getattr(played, "reset", None)
     if callable(begin):
-        begin({"task": env.task.short_id, "instruction": env.task.instruction, "seed": seed, "episode": episode})
+        task = {"task": env.task.short_id, "instruction": env.task.instruction}
+        begin({**task, "seed": seed, "episode": episode, "expert": Expert(env)})
     yield None, observed, 0.0, False, False
     taken, ended = 0, False
     look = getattr(played, "look", None) if env.looks else None

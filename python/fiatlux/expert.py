@@ -91,6 +91,12 @@ class _Asking:
             reason=list(reasons),
         )
 
+    def label(self, answers: NDArray[np.float64], told: list[tuple[str, float, str | None]]) -> Label:
+        """The only answer."""
+        one = self.labels(answers, told)
+        first: Any = (part[0] if isinstance(part, list) or part.ndim > 1 else part[0].item() for part in one)
+        return Label(*first)
+
 
 class Expert:
     """The expert of an :class:`Env`, which answers what it would do in the state that the environment is in.
@@ -140,9 +146,33 @@ class Expert:
             self._episode = self._env._episode
             self._native.restart()
         answers = self._asking.answers(1)
-        one = self._asking.labels(answers, self._native.label(self._episode, answers))
-        first: Any = (part[0] if isinstance(part, list) or part.ndim > 1 else part[0].item() for part in one)
-        return Label(*first)
+        return self._asking.label(answers, self._native.label(self._episode, answers))
+
+
+class SessionExpert:
+    """The expert of an episode on a server, for a policy anywhere: ``info["expert"]``, where ``info`` is what its ``reset`` gets.
+
+    It answers the observation that the policy answers now, as :class:`Expert` does. The session's sensors must have all that it reads:
+    ``proprioception``, ``hand_contact``, ``last_action`` and ``privileged``, in each observation. So such a policy ranks with those that
+    are shown exact poses.
+    """
+
+    def __init__(self, native: _native.SessionExpert, action_names: list[str]) -> None:
+        self._native = native
+        self._asking = _Asking(action_names, native.is_target)
+
+    def reset(self) -> None:
+        """Makes the expert begin anew at the present observation, as if it had seen nothing before."""
+        self._native.restart()
+
+    def label(self) -> Label:
+        """Answers the present observation; a second call gives the same answer.
+
+        Raises:
+            ValueError: The session lacks a sensor.
+        """
+        answers = self._asking.answers(1)
+        return self._asking.label(answers, self._native.label(answers))
 
 
 class Experts:

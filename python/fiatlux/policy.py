@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _native
+from .expert import SessionExpert
 from .spaces import Layout, ObservationForm, as_actions
 
 
@@ -14,7 +16,7 @@ class Policy(Protocol):
     """Answers each observation with an action.
 
     A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
-    ``seed`` and ``episode``. A method ``look(observation)``, if it has one, is called before each action in which a sensor of the form
+    ``seed``, ``episode`` and ``expert``, which can be asked what it would do (:class:`fiatlux.SessionExpert`). A method ``look(observation)``, if it has one, is called before each action in which a sensor of the form
     ``"camera@look"`` could be seen anew, and returns the names of those to look at; an episode begins with a look. Attributes ``action_form``, ``sensors`` and ``robot``, if it has them, are settings that it needs, as in
     :class:`fiatlux.Settings`.
     """
@@ -88,6 +90,9 @@ class Player:
             self._begun.set()
         reset = getattr(self._policy, "reset", None)
         if callable(reset):
+            expert = info.get("expert")
+            if isinstance(expert, _native.SessionExpert):
+                info = {**info, "expert": SessionExpert(expert, self._layout.action_names)}
             reset(dict(info))
 
     def look(self, numbers: NDArray[np.float32]) -> list[str]:

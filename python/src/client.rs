@@ -27,6 +27,7 @@ use crate::build;
 use crate::fault::{check_process, failed, not_contiguous, refused};
 use crate::numbers::Numbers;
 use crate::settings::Settings;
+use crate::teacher::SessionExpert;
 use crate::watch::watch;
 
 /// A link to one server or several.
@@ -325,6 +326,8 @@ struct Player {
     form: ActionForm,
     failure: Failure,
     numbers: Numbers,
+    /// What it asks what the expert would do.
+    expert: Option<Py<SessionExpert>>,
     /// Sensors that it asks for where it plays a part of the errand; elsewhere those of its sessions are in their request.
     sensors: Vec<Sensor>,
     /// Sensors that are seen when the policy looks.
@@ -336,11 +339,14 @@ struct Player {
 impl Player {
     fn new(object: Py<PyAny>, name: String, form: ActionForm, failure: Failure) -> Self {
         let (numbers, sensors, on_request) = (Numbers::default(), Vec::new(), Vec::new());
-        Self { object, name, form, failure, numbers, sensors, on_request, is_lost: false }
+        Self { object, name, form, failure, numbers, expert: None, sensors, on_request, is_lost: false }
     }
 
-    fn begin(&self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
+    fn begin(&mut self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
         let dict = PyDict::new(py);
+        let expert = Py::new(py, SessionExpert::new(info, self.form == ActionForm::JointTarget)?)?;
+        dict.set_item("expert", &expert)?;
+        self.expert = Some(expert);
         if let Some(task) = &info.task {
             dict.set_item("task", &task.task)?;
             dict.set_item("instruction", &task.instruction)?;
@@ -354,6 +360,13 @@ impl Player {
         spec.set_item("rewards", Vec::<String>::new())?;
         spec.set_item("observation", self.numbers.fields().to_vec())?;
         self.object.call_method1(py, "begin", (dict, spec)).map(|_| ())
+    }
+
+    fn take(&mut self, observation: &Observation) {
+        self.numbers.take(observation);
+        if let Some(expert) = &self.expert {
+            expert.get().show(observation);
+        }
     }
 
     fn answer(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
@@ -406,7 +419,7 @@ impl Policy for Player {
         if self.on_request.is_empty() {
             return Vec::new();
         }
-        self.numbers.take(observation);
+        self.take(observation);
         let asked = Python::attach(|py| looked_at(self.object.bind(py), self.numbers.latest()));
         asked.unwrap_or_else(|error| {
             self.failure.note(error);
@@ -419,7 +432,7 @@ impl Policy for Player {
         if self.is_lost {
             return Err(PolicyError::Failed { policy: "of Python", source: "it could not say where to look".into() });
         }
-        self.numbers.take(observation);
+        self.take(observation);
         let numbers = Python::attach(|py| self.answer(py)).map_err(|error| self.failure.note(error))?;
         Ok(match self.form {
             ActionForm::Action => Command::Action(numbers),

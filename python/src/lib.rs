@@ -50,6 +50,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<kinematics::Kinematics>()?;
     module.add_class::<teacher::Expert>()?;
     module.add_class::<teacher::Experts>()?;
+    module.add_class::<teacher::SessionExpert>()?;
     module.add_class::<wbc::WholeBody>()?;
     module.add_class::<wbc::WholeBodies>()?;
     module.add_function(wrap_pyfunction!(bag::is_leftover, module)?)?;

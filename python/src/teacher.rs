@@ -1,12 +1,13 @@
 //! Gives learners the experts: what the policy `expert` would do in a world as it is now.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fiatlux_batch::{Batch as Worlds, BatchError};
 use fiatlux_cli::in_full;
 use fiatlux_client::{Policy, PolicyError};
 use fiatlux_policies::{Expert as Asked, Label};
+use fiatlux_proto::v3::{Observation, Sensor as Asks, SessionInfo};
 use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_wire::session_terms;
 use fiatlux_world::ACTION_SCALE;
@@ -53,25 +54,34 @@ impl Teacher {
             return Ok(());
         }
         let seen = suite.observe(view, SENSORS)?;
+        self.hear(&seen, now, || session_terms(view.task, view.scene));
+        Ok(())
+    }
+
+    /// Answers an observation of an episode and a step once, as [`Teacher::ask`] does.
+    fn hear(&mut self, seen: &Observation, now: (u64, u64), info: impl FnOnce() -> SessionInfo) {
+        if self.at == Some(now) {
+            return;
+        }
         let goes_on = self.at.is_some_and(|(episode, step)| episode == now.0 && step < now.1);
         if !goes_on {
-            let info = session_terms(view.task, view.scene);
-            self.q0 = view.scene.robot.q0().to_vec();
+            let info = info();
+            self.q0 = info.joints.iter().map(|joint| joint.q0).collect();
             self.answer = Ok(Label::default());
-            if let Err(error) = self.expert.reset(&info, &seen) {
+            if let Err(error) = self.expert.reset(&info, seen) {
                 self.answer = Err(in_full(&error));
                 let is_unfit = matches!(error, PolicyError::Unfit { .. });
                 self.refused = (self.is_changed && !is_unfit).then(|| in_full(&error));
             } else if self.is_changed && !self.expert.is_by_hand() {
-                self.refused = Some(format!("{} is not played by hand: it has none", view.task.short_id()));
+                self.refused =
+                    Some(format!("{} is not played by hand: it has none", info.task.unwrap_or_default().task));
             }
         }
         // An expert that could not go on begins anew only with an episode, or when it is told to.
         if self.answer.is_ok() {
-            self.answer = self.expert.label(&seen).map_err(|error| in_full(&error));
+            self.answer = self.expert.label(seen).map_err(|error| in_full(&error));
         }
         self.at = Some(now);
-        Ok(())
     }
 
     /// Writes the last answer into a row: joint targets, the same as actions, the command, and the flags `is_over` and `can_label`.
@@ -150,6 +160,75 @@ impl Expert {
     }
 }
 
+/// The expert of a session, which answers what its server showed last.
+#[pyclass(module = "fiatlux._native", frozen)]
+pub(crate) struct SessionExpert {
+    info: SessionInfo,
+    /// Its policy acts by joint targets.
+    is_target: bool,
+    /// Sensors that the session does not show in each observation.
+    lacks: Vec<&'static str>,
+    seen: Mutex<Observation>,
+    teacher: Mutex<Teacher>,
+}
+
+impl SessionExpert {
+    pub fn new(info: &SessionInfo, is_target: bool) -> PyResult<Self> {
+        let is_shown = |sensor: &Sensor| {
+            let shown = |asked: &Asks| asked.name == sensor.name() && !asked.on_request && !asked.bag_only;
+            info.sensors.iter().any(|asked| shown(asked) && asked.rate_hz == 0.0)
+        };
+        let lacks = SENSORS.iter().filter(|sensor| !is_shown(sensor)).map(Sensor::name).collect();
+        let (info, seen) = (info.clone(), Mutex::default());
+        Ok(Self { info, is_target, lacks, seen, teacher: Mutex::new(Teacher::new(None)?) })
+    }
+
+    /// Keeps of an observation what the expert reads.
+    pub fn show(&self, observation: &Observation) {
+        if self.lacks.is_empty() {
+            *lock(&self.seen) = Observation {
+                episode: observation.episode,
+                step: observation.step,
+                proprioception: observation.proprioception.clone(),
+                hand_contact_force: observation.hand_contact_force.clone(),
+                last_action: observation.last_action.clone(),
+                privileged: observation.privileged.clone(),
+                ..Observation::default()
+            };
+        }
+    }
+}
+
+#[pymethods]
+impl SessionExpert {
+    #[getter]
+    fn is_target(&self) -> bool {
+        self.is_target
+    }
+
+    /// Begins anew at the next observation that it is asked about.
+    fn restart(&self) {
+        lock(&self.teacher).at = None;
+    }
+
+    /// Answers the last observation; the array is as of `Experts::label`, of one row.
+    fn label(&self, py: Python<'_>, mut answers: PyReadwriteArrayDyn<'_, f64>) -> PyResult<Vec<Told>> {
+        if !self.lacks.is_empty() {
+            let lacks = self.lacks.join(", ");
+            return Err(PyValueError::new_err(format!(
+                "the expert reads {lacks}, too: add to sensors, in each observation"
+            )));
+        }
+        py.detach(|| {
+            guarded(|| {
+                let seen = lock(&self.seen);
+                lock(&self.teacher).hear(&seen, (seen.episode, seen.step), || self.info.clone());
+            })
+        })?;
+        write(std::iter::once(&self.teacher), &mut answers)
+    }
+}
+
 /// The experts of many worlds.
 #[pyclass(module = "fiatlux._native")]
 pub(crate) struct Experts {
@@ -214,6 +293,6 @@ impl Experts {
     }
 }
 
-fn lock(teacher: &Mutex<Teacher>) -> std::sync::MutexGuard<'_, Teacher> {
-    teacher.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

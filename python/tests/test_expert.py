@@ -240,3 +240,44 @@ def test_a_copy_of_an_environment_gets_an_expert_of_its_own():
         for copied in (copy.deepcopy, pickle.dumps):
             with pytest.raises(TypeError, match=f"cannot be copied or pickled: {named}, and make"):
                 copied(expert)
+
+
+class Asks:
+    """Plays what the expert says, and keeps it."""
+
+    sensors = ("proprioception", "hand_contact", "last_action", "privileged")
+    action_form = "joint_target"
+    told: list[fiatlux.Label] = []
+
+    def reset(self, info):
+        self.expert, self.told[:] = info["expert"], []
+
+    def __call__(self, observation):
+        label = self.expert.label()
+        assert label.reason is None and label.joint_target.tolist() == self.expert.label().joint_target.tolist()
+        self.told.append(label)
+        return label.joint_target
+
+
+def test_a_policy_on_a_server_asks_the_expert_and_hears_what_it_says_in_an_environment(tmp_path):
+    played = fiatlux.evaluate(Asks, ["S07"], [64], out=tmp_path)
+    told = list(Asks.told)
+    assert played.episodes[0]["strict_success"] and len(told) == played.episodes[0]["strict_steps"]
+    env = fiatlux.Env("S07", action_form="joint_target", protocol="strict")
+    env.reset(seed=64)
+    expected = labelled(env, fiatlux.Expert(env), 200)
+    for heard, label in zip(told, expected):
+        np.testing.assert_array_equal(heard.joint_target, label.joint_target)
+        np.testing.assert_array_equal(heard.body_command, label.body_command)
+        assert (heard.phase, heard.is_over) == (label.phase, label.is_over)
+    # The plain evaluation gives it, too.
+    plain = fiatlux.evaluate(Asks, ["S07"], [64])
+    assert plain.episodes[0]["state_digest"] == played.episodes[0]["state_digest"]
+
+
+def test_an_expert_without_exact_poses_says_which_sensors_it_needs(tmp_path):
+    class Blind(Asks):
+        sensors = ("proprioception",)
+
+    with pytest.raises(ValueError, match="reads hand_contact, last_action, privileged, too: add to sensors"):
+        fiatlux.evaluate(Blind, ["S07"], [64], out=tmp_path)

@@ -24,6 +24,8 @@ const TABLES: [&str; 10] = [
     "summaries",
 ];
 
+/// A scorer that was just stopped lets go of a database within so long.
+const LEAVES: Duration = Duration::from_secs(5);
 const READ: &str = "be read";
 const WRITE: &str = "be copied";
 
@@ -75,7 +77,7 @@ impl Store {
     /// store, and incomplete uploads start again. Nothing here is removed.
     pub async fn move_to(&self, place: &Place) -> Result<Copied, StoreError> {
         let in_use = || StoreError::InUse { store: self.place.database.to_string() };
-        let _alone = self.database.held(true, Duration::ZERO).await?.ok_or_else(in_use)?;
+        let _alone = self.database.held(true, LEAVES).await?.ok_or_else(in_use)?;
         let to = Self::open_at(place).await?;
         if !to.list_audit(1).await?.is_empty() {
             return Err(StoreError::Taken { store: place.database.to_string() });
