@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from .._files import regular
-from ..settings import ROBOTS
+from ..settings import ROBOTS, Robot
 from ..whole_body import LEGS_AND_WAIST
 
 FORMAT = "fiatlux-see/1"
@@ -60,7 +60,7 @@ class Shape:
     hidden: tuple[int, ...] = (256, 256)
     blind: bool = False
     """It sees grey instead of pictures: a twin that shows what they are worth."""
-    robot: str = ROBOTS[0]
+    robot: Robot = ROBOTS[0]
     """The robot that it learns on, and plays with."""
     joints: tuple[str, ...] = ()
     """Of a network that has hands: all joints of the robot, whose angles it reads, in each control step where it works with its hands. It moves
