@@ -8,6 +8,7 @@ use fiatlux_cli::in_full;
 use fiatlux_client::{Policy, PolicyError};
 use fiatlux_policies::{Expert as Asked, Label};
 use fiatlux_proto::v3::{Observation, Sensor as Asks, SessionInfo};
+use fiatlux_rules::CONTROL_DT;
 use fiatlux_sensing::{SenseError, Sensor, SensorSuite, Sensors, View};
 use fiatlux_wire::session_terms;
 use fiatlux_world::ACTION_SCALE;
@@ -176,7 +177,8 @@ impl SessionExpert {
     pub fn new(info: &SessionInfo, is_target: bool) -> PyResult<Self> {
         let is_shown = |sensor: &Sensor| {
             let shown = |asked: &Asks| asked.name == sensor.name() && !asked.on_request && !asked.bag_only;
-            info.sensors.iter().any(|asked| shown(asked) && asked.rate_hz == 0.0)
+            let each = |asked: &Asks| asked.rate_hz == 0.0 || asked.rate_hz * CONTROL_DT > 0.99;
+            info.sensors.iter().any(|asked| shown(asked) && each(asked))
         };
         let lacks = SENSORS.iter().filter(|sensor| !is_shown(sensor)).map(Sensor::name).collect();
         let (info, seen) = (info.clone(), Mutex::default());
