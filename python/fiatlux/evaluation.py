@@ -14,7 +14,7 @@ from . import _native
 from ._numbers import seeds_of
 from .client import run_of, tasks_of
 from .env import Env
-from .expert import Expert
+from .expert import ShownExpert
 from .policy import Player, PolicyLike, check_policy, settings_for
 from .settings import Settings, complete, spelt_out
 from .spaces import ObservationForm
@@ -231,7 +231,7 @@ def steps(
     begin = getattr(played, "reset", None)
     if callable(begin):
         task = {"task": env.task.short_id, "instruction": env.task.instruction}
-        begin({**task, "seed": seed, "episode": episode, "expert": Expert(env)})
+        begin({**task, "seed": seed, "episode": episode, "expert": ShownExpert(env)})
     yield None, observed, 0.0, False, False
     taken, ended = 0, False
     look = getattr(played, "look", None) if env.looks else None

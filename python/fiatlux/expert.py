@@ -149,6 +149,25 @@ class Expert:
         return self._asking.label(answers, self._native.label(self._episode, answers))
 
 
+_READS = ("proprioception", "hand_contact", "last_action", "privileged")
+"""Sensors that it reads."""
+
+
+class ShownExpert(Expert):
+    """As :class:`Expert`, for a policy of the environment: it answers where the policy is shown what the expert reads, as on a server."""
+
+    def label(self) -> Label:
+        """As :meth:`Expert.label`.
+
+        Raises:
+            ValueError: The environment lacks a sensor.
+        """
+        shown = self._env._settings["sensors"] or ()
+        if lacks := [name for name in _READS if name not in shown]:
+            raise ValueError(f"the expert reads {', '.join(lacks)}, too: add to sensors, in each observation")
+        return super().label()
+
+
 class SessionExpert:
     """The expert of an episode on a server, for a policy anywhere: ``info["expert"]``, where ``info`` is what its ``reset`` gets.
 
@@ -160,6 +179,9 @@ class SessionExpert:
     def __init__(self, native: _native.SessionExpert, action_names: list[str]) -> None:
         self._native = native
         self._asking = _Asking(action_names, native.is_target)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("SessionExpert cannot be copied or pickled: it belongs to its session")
 
     def reset(self) -> None:
         """Makes the expert begin anew at the present observation, as if it had seen nothing before."""

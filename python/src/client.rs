@@ -326,7 +326,7 @@ struct Player {
     form: ActionForm,
     failure: Failure,
     numbers: Numbers,
-    /// What it asks what the expert would do.
+    /// The expert of the episode, which it may ask.
     expert: Option<Py<SessionExpert>>,
     /// Sensors that it asks for where it plays a part of the errand; elsewhere those of its sessions are in their request.
     sensors: Vec<Sensor>,
@@ -345,6 +345,7 @@ impl Player {
     fn begin(&mut self, info: &SessionInfo, first: &Observation, py: Python<'_>) -> PyResult<()> {
         let dict = PyDict::new(py);
         let expert = Py::new(py, SessionExpert::new(info, self.form == ActionForm::JointTarget)?)?;
+        expert.get().show(first);
         dict.set_item("expert", &expert)?;
         self.expert = Some(expert);
         if let Some(task) = &info.task {

@@ -251,6 +251,8 @@ class Asks:
 
     def reset(self, info):
         self.expert, self.told[:] = info["expert"], []
+        # It may be asked at once.
+        assert self.expert.label().can_label
 
     def __call__(self, observation):
         label = self.expert.label()
@@ -279,5 +281,6 @@ def test_an_expert_without_exact_poses_says_which_sensors_it_needs(tmp_path):
     class Blind(Asks):
         sensors = ("proprioception",)
 
-    with pytest.raises(ValueError, match="reads hand_contact, last_action, privileged, too: add to sensors"):
-        fiatlux.evaluate(Blind, ["S07"], [64], out=tmp_path)
+    for where in ({"out": tmp_path}, {}):
+        with pytest.raises(ValueError, match="reads hand_contact, last_action, privileged, too: add to sensors"):
+            fiatlux.evaluate(Blind, ["S07"], [64], **where)

@@ -61,7 +61,7 @@ class Shape:
     blind: bool = False
     """It sees grey instead of pictures: a twin that shows what they are worth."""
     robot: Robot = ROBOTS[0]
-    """The robot that it learns on, and plays with."""
+    """The robot that it learns on."""
     joints: tuple[str, ...] = ()
     """Of a network that has hands: all joints of the robot, whose angles it reads, in each control step where it works with its hands. It moves
     arms and hands there."""
