@@ -14,6 +14,7 @@ MAX_WORLDS: int
 MAX_THREADS: int
 MAX_STARTS: int
 BODY_COMMAND: list[str]
+EXPERT_SENSORS: list[str]
 STANDS_BELOW: list[float]
 BODY_COMMAND_KEYS: list[str]
 
@@ -224,6 +225,8 @@ class Expert:
     ) -> list[tuple[str, float, str | None]]: ...
 
 class SessionExpert:
+    @property
+    def lacks(self) -> list[str]: ...
     @property
     def is_target(self) -> bool: ...
     def restart(self) -> None: ...

@@ -149,8 +149,10 @@ class Expert:
         return self._asking.label(answers, self._native.label(self._episode, answers))
 
 
-_READS = ("proprioception", "hand_contact", "last_action", "privileged")
-"""Sensors that it reads."""
+def _check_shown(lacks: list[str]) -> None:
+    """Refuses a policy that is not shown what the expert reads."""
+    if lacks:
+        raise ValueError(f"the expert reads {', '.join(lacks)}, too: add to sensors, in each observation")
 
 
 class ShownExpert(Expert):
@@ -162,9 +164,9 @@ class ShownExpert(Expert):
         Raises:
             ValueError: The environment lacks a sensor.
         """
-        shown = self._env._settings["sensors"] or ()
-        if lacks := [name for name in _READS if name not in shown]:
-            raise ValueError(f"the expert reads {', '.join(lacks)}, too: add to sensors, in each observation")
+        shown = self._env._settings["sensors"]
+        shown = _native.body_sensors(self._env.task.short_id) if shown is None else shown
+        _check_shown([name for name in _native.EXPERT_SENSORS if name not in shown])
         return super().label()
 
 
@@ -193,6 +195,7 @@ class SessionExpert:
         Raises:
             ValueError: The session lacks a sensor.
         """
+        _check_shown(self._native.lacks)
         answers = self._asking.answers(1)
         return self._asking.label(answers, self._native.label(answers))
 

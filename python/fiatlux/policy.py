@@ -16,9 +16,10 @@ class Policy(Protocol):
     """Answers each observation with an action.
 
     A method ``reset(info)``, if the policy has one, is called at the start of each episode with its ``task``, ``instruction``,
-    ``seed``, ``episode`` and ``expert``, which can be asked what it would do (:class:`fiatlux.SessionExpert`). A method ``look(observation)``, if it has one, is called before each action in which a sensor of the form
-    ``"camera@look"`` could be seen anew, and returns the names of those to look at; an episode begins with a look. Attributes
-    ``action_form``, ``sensors`` and ``robot``, if it has them, are settings that it needs, as in :class:`fiatlux.Settings`.
+    ``seed``, ``episode`` and ``expert``, which can be asked what it would do (:class:`fiatlux.SessionExpert`). A method
+    ``look(observation)``, if it has one, is called before each action in which a sensor of the form ``"camera@look"`` could be seen
+    anew, and returns the names of those to look at; an episode begins with a look. Attributes ``action_form``, ``sensors`` and
+    ``robot``, if it has them, are settings that it needs, as in :class:`fiatlux.Settings`.
     """
 
     def __call__(self, observation: Any) -> Any: ...

@@ -36,6 +36,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MAX_THREADS", fiatlux_batch::MAX_THREADS)?;
     module.add("MAX_STARTS", fiatlux_batch::MAX_STARTS)?;
     module.add("BODY_COMMAND", fiatlux_wbc::BodyCommand::NAMES)?;
+    module.add("EXPERT_SENSORS", teacher::SENSORS.iter().map(|sensor| sensor.name()).collect::<Vec<_>>())?;
     module.add("STANDS_BELOW", fiatlux_wbc::BodyCommand::STANDS_BELOW)?;
     module.add("BODY_COMMAND_KEYS", fiatlux_wbc::BodyCommand::CHUNK_KEYS)?;
     let training = SeedOwner::Training.seeds();

@@ -21,7 +21,7 @@ use crate::episode::Episode;
 use crate::fault::{failed, guarded, not_contiguous, own, own_mut};
 
 /// The sensors of experts. A learner's own sensors do not matter.
-const SENSORS: Sensors =
+pub(crate) const SENSORS: Sensors =
     Sensors::of(&[Sensor::Proprioception, Sensor::HandContact, Sensor::LastAction, Sensor::Privileged]);
 
 /// The expert of one world, and its last answer.
@@ -204,6 +204,11 @@ impl SessionExpert {
 #[pymethods]
 impl SessionExpert {
     #[getter]
+    fn lacks(&self) -> Vec<&'static str> {
+        self.lacks.clone()
+    }
+
+    #[getter]
     fn is_target(&self) -> bool {
         self.is_target
     }
@@ -215,12 +220,6 @@ impl SessionExpert {
 
     /// Answers the last observation; the array is as of `Experts::label`, of one row.
     fn label(&self, py: Python<'_>, mut answers: PyReadwriteArrayDyn<'_, f64>) -> PyResult<Vec<Told>> {
-        if !self.lacks.is_empty() {
-            let lacks = self.lacks.join(", ");
-            return Err(PyValueError::new_err(format!(
-                "the expert reads {lacks}, too: add to sensors, in each observation"
-            )));
-        }
         py.detach(|| {
             guarded(|| {
                 let seen = lock(&self.seen);

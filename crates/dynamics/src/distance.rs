@@ -106,36 +106,38 @@ impl Mechanics {
     /// # Panics
     /// If the model has no such shape.
     pub fn nearest(&self, model: &Model, a: ShapeId, b: ShapeId, most: f64) -> Option<Nearest> {
-        let cores = [a, b].map(|shape| Core::of(&model.shapes[shape.0].geometry));
-        let poses = || [a, b].map(|shape| self.world_from_shape(model, shape));
-        match cores {
+        self.nearest_of(model, [a, b], [a, b].map(|shape| self.ball(model, shape)), most)
+    }
+
+    /// The ball about a shape: its middle, and its radius, m, which is infinite for a half-space.
+    fn ball(&self, model: &Model, shape: ShapeId) -> (V3, f64) {
+        let spec = &model.shapes[shape.0];
+        let center = self.world_point(spec.body, &spec.body_from_shape.translation.vector);
+        let is_plane = matches!(spec.geometry, Geometry::HalfSpace);
+        (center, if is_plane { f64::INFINITY } else { spec.geometry.radius() })
+    }
+
+    /// As [`Mechanics::nearest`], of shapes in these balls.
+    fn nearest_of(&self, model: &Model, shapes: [ShapeId; 2], balls: [(V3, f64); 2], most: f64) -> Option<Nearest> {
+        let [(center_a, extent_a), (center_b, extent_b)] = balls;
+        let gap = (center_b - center_a).norm() - extent_a - extent_b;
+        // A gap that is not a number is none.
+        if gap.is_nan() || gap > most {
+            return None;
+        }
+        let poses = shapes.map(|shape| self.world_from_shape(model, shape));
+        match shapes.map(|shape| Core::of(&model.shapes[shape.0].geometry)) {
             [None, None] => None,
-            [None, Some(core)] => {
-                let [plane, other] = poses();
-                above_plane(&plane, &core, &other, most)
-            }
-            [Some(core), None] => {
-                let [other, plane] = poses();
-                above_plane(&plane, &core, &other, most).map(Nearest::reversed)
-            }
+            [None, Some(core)] => above_plane(&poses[0], &core, &poses[1], most),
+            [Some(core), None] => above_plane(&poses[1], &core, &poses[0], most).map(Nearest::reversed),
             [Some(core_a), Some(core_b)] => {
-                let extent = |shape: ShapeId| model.shapes[shape.0].geometry.radius();
-                let center = |shape: ShapeId| {
-                    let spec = &model.shapes[shape.0];
-                    self.world_point(spec.body, &spec.body_from_shape.translation.vector)
-                };
-                let (centers, extents) = ([center(a), center(b)], [extent(a), extent(b)]);
-                let gap = (centers[1] - centers[0]).norm() - extents[0] - extents[1];
-                // A gap that is not a number is none.
-                if gap.is_nan() || gap > most {
-                    return None;
-                }
-                let poses = poses();
                 // A long shape is far from most of the ball around it. How deep shapes overlap is not known so.
-                let larger = usize::from(extents[1] > extents[0]);
-                let point = poses[larger].inverse_transform_point(&centers[1 - larger].into()).coords;
-                let gap =
-                    [&core_a, &core_b][larger].0.outside(&point) - [core_a.1, core_b.1][larger] - extents[1 - larger];
+                let (larger, core, smaller, extent) = if extent_b > extent_a {
+                    (&poses[1], &core_b, center_a, extent_a)
+                } else {
+                    (&poses[0], &core_a, center_b, extent_b)
+                };
+                let gap = core.0.outside(&larger.inverse_transform_point(&smaller.into()).coords) - core.1 - extent;
                 if gap > most.max(0.0) + SLACK { None } else { between(poses, core_a, core_b, most) }
             }
         }
@@ -145,12 +147,7 @@ impl Mechanics {
     pub fn gaps<'a>(&'a mut self, model: &'a Model) -> Gaps<'a> {
         let mut balls = std::mem::take(&mut self.balls);
         balls.clear();
-        balls.extend(model.shapes.iter().map(|shape| {
-            let center = self.world_point(shape.body, &shape.body_from_shape.translation.vector);
-            let radius =
-                if matches!(shape.geometry, Geometry::HalfSpace) { f64::INFINITY } else { shape.geometry.radius() };
-            (center, radius)
-        }));
+        balls.extend((0..model.shapes.len()).map(|shape| self.ball(model, ShapeId(shape))));
         self.balls = balls;
         Gaps { mechanics: self, model }
     }
@@ -169,16 +166,18 @@ impl Gaps<'_> {
     /// # Panics
     /// If the model has no such shape.
     pub fn nearest(&self, a: ShapeId, b: ShapeId, most: f64) -> Option<Nearest> {
-        let [(center_a, radius_a), (center_b, radius_b)] = [a, b].map(|shape| self.mechanics.balls[shape.0]);
-        let gap = (center_b - center_a).norm() - radius_a - radius_b;
-        if gap <= most { self.mechanics.nearest(self.model, a, b, most) } else { None }
+        self.mechanics.nearest_of(self.model, [a, b], [a, b].map(|shape| self.mechanics.balls[shape.0]), most)
     }
 
-    /// True if the gap of one of some pairs of shapes is at most so wide, m; 0 or more.
+    /// True if the gap of one of some pairs of shapes is at most so wide, m; below 0, if they overlap by so much.
     ///
     /// # Panics
     /// If the model does not have one of the shapes.
     pub fn any_within(&self, pairs: &[(ShapeId, ShapeId)], most: f64) -> bool {
+        if most < 0.0 {
+            // Deep overlaps are found only among those that are looked for from 0 on.
+            return self.nearest_pair(pairs, 0.0).is_some_and(|(_, nearest)| nearest.distance <= most);
+        }
         pairs.iter().any(|&(a, b)| self.nearest(a, b, most).is_some_and(|nearest| nearest.distance <= most))
     }
 

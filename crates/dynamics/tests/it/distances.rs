@@ -87,7 +87,7 @@ fn a_floor_has_distances_and_the_nearest_of_several_pairs_is_found() {
     assert_eq!(mechanics.gaps(&model).nearest_pair(&pairs[..1], 0.5), None);
 }
 
-/// The bound of a search changes nothing within it, beside long shapes, too.
+/// The bound of a search changes nothing within it, for long shapes as well.
 #[test]
 fn a_bound_leaves_out_what_is_wider_and_changes_nothing_else() {
     let mut counts = [0; 2];
@@ -108,6 +108,9 @@ fn a_bound_leaves_out_what_is_wider_and_changes_nothing_else() {
             let mut placed = placed(&model, [&random.pose(0.2), &random.pose(0.3)]);
             let [first, second] = SHAPES;
             let whole = placed.nearest(&model, first, second, f64::INFINITY).unwrap();
+            for most in [-0.02, -0.005] {
+                assert_eq!(placed.gaps(&model).any_within(&[(first, second)], most), whole.distance <= most);
+            }
             for most in [0.0, 0.005, 0.03, 0.1] {
                 let found = placed.nearest(&model, first, second, most).filter(|found| found.distance <= most);
                 let expected = Some(whole).filter(|whole| whole.distance <= most);

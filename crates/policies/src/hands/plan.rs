@@ -1,7 +1,7 @@
 //! Postures of an arm that reach a pose from a stance, and ways between postures that strike neither robot nor room.
 
 use fiatlux_client::PolicyError;
-use fiatlux_dynamics::Site;
+use fiatlux_dynamics::{Gaps, ShapeId, Site};
 use fiatlux_kinematics::Goal;
 use fiatlux_skills::{heading, towards};
 use fiatlux_wbc::{ARMS, BodyCommand, LEGS, MOVED};
@@ -118,23 +118,23 @@ impl Arm {
 
     /// Smallest gap between the arm with its hand and all else, m, at most [`WIDE`].
     pub async fn gap(&mut self, angles: &ArmAngles, apart: Apart) -> f64 {
+        let (gaps, pairs) = self.gaps(angles, apart).await;
+        gaps.nearest_pair(pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
+    }
+
+    /// Gaps with the arm in a posture, and the pairs that are kept apart.
+    async fn gaps(&mut self, angles: &ArmAngles, apart: Apart) -> (Gaps<'_>, &[(ShapeId, ShapeId)]) {
         self.set(angles);
         self.mechanics.update(&self.model, &self.state);
         let pairs = &self.pairs[apart as usize];
         self.work.spend(GAP_WORK + pairs.len()).await;
-        self.mechanics.gaps(&self.model).nearest_pair(pairs, WIDE).map_or(WIDE, |(_, nearest)| nearest.distance)
+        (self.mechanics.gaps(&self.model), pairs)
     }
 
     /// True if the gap between the arm with its hand and all else is wider than so much, m, which is below [`WIDE`].
     async fn is_apart(&mut self, angles: &ArmAngles, least: f64, apart: Apart) -> bool {
-        if least < 0.0 {
-            return self.gap(angles, apart).await > least;
-        }
-        self.set(angles);
-        self.mechanics.update(&self.model, &self.state);
-        let pairs = &self.pairs[apart as usize];
-        self.work.spend(GAP_WORK + pairs.len()).await;
-        least < WIDE && !self.mechanics.gaps(&self.model).any_within(pairs, least)
+        let (gaps, pairs) = self.gaps(angles, apart).await;
+        least < WIDE && !gaps.any_within(pairs, least)
     }
 
     /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
