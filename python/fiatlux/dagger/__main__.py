@@ -95,6 +95,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="share of a student's episodes that the teacher ends, from a drawn time on [default: 0]",
     )
     train.add_argument(
+        "--bags",
+        type=int,
+        default=1,
+        help="clean episodes of a round that are kept as thin bags, which the scorer verifies, at most so many for 32 worlds [default: 1]",
+    )
+    train.add_argument(
         "--batch", type=int, default=384, help="looks in a step of training, each with its decisions [default: 384]"
     )
     train.add_argument("--rate", type=float, default=5e-4, help="learning rate at its highest [default: 5e-4]")
@@ -243,15 +249,15 @@ def parts_of_lesson(
         shape=shape,
         student=student,
         takes_over=given.takes_over,
+        bags=given.bags,
         device=device,
     )
-    return [
-        Part(
-            given.out / f"lessons-{number}-{task}-{rooms[0]}",
-            partial(make, rooms=rooms, seed=given.seed + number + rooms[0]),
-        )
-        for rooms in rooms_of_parts(first, worlds)
-    ]
+    parts = []
+    for rooms in rooms_of_parts(first, worlds):
+        name = f"{number}-{task}-{rooms[0]}"
+        own = partial(make, rooms=rooms, seed=given.seed + number + rooms[0], into=given.out / f"bags-{name}")
+        parts.append(Part(given.out / f"lessons-{name}", own))
+    return parts
 
 
 def export_file(given: argparse.Namespace) -> None:

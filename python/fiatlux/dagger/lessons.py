@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from .. import poses
+from ..evaluation import evaluate
 from ..expert import Experts
 from ..hand import CONTROL_DT
 from ..kinematics import Kinematics
@@ -326,11 +327,72 @@ def lesson_worlds(
     )
 
 
+class Rollouts:
+    """Actions of clean episodes of a room's first start, which a recorded evaluation can play again. At most one a room is kept, and at most
+    so many of all."""
+
+    def __init__(self, rooms: Sequence[int], steps: int, joints: int, most: int) -> None:
+        self.rooms, self.most = np.asarray(rooms), most
+        self.actions = np.zeros((len(rooms), steps, joints))
+        self.kept: dict[int, Array] = {}
+
+    def step(self, count: Array, actions: Array) -> None:
+        """Takes down the actions of all worlds, each in the control step of its episode."""
+        self.actions[np.arange(len(count)), count] = actions
+
+    def end(self, episode: Array, count: Array, clean: Array) -> None:
+        """Ends the marked worlds' episodes, which began at these starts and were of so many steps."""
+        for world in np.flatnonzero(clean & (episode == 0)):
+            if len(self.kept) < self.most:
+                self.kept.setdefault(int(self.rooms[world]), self.actions[world, : count[world]].copy())
+
+    def record(self, task: str, robot: str, name: str, folder: Path) -> None:
+        """Plays them again into thin bags. What is there is kept.
+
+        Raises:
+            RuntimeError: An episode was another one.
+        """
+        played = evaluate(
+            Again(self.kept),
+            [task],
+            sorted(self.kept),
+            out=folder,
+            bags="thin",
+            name=name,
+            action_form="joint_target",
+            protocol="strict",
+            robot=cast(Any, robot),
+        )
+        for episode in played.episodes:
+            steps = len(self.kept[episode["seed"]])
+            if not episode["strict_success"] or episode["strict_steps"] != steps:
+                raise RuntimeError(
+                    f"{folder}: room {episode['seed']} succeeded after {steps} steps in the lesson, and its bag ends after "
+                    f"{episode['strict_steps']}; please report this"
+                )
+
+
+class Again:
+    """Plays kept actions, by room."""
+
+    def __init__(self, actions: dict[int, Array]) -> None:
+        self.actions = actions
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Begins an episode."""
+        self.left = iter(self.actions[info["seed"]])
+
+    def __call__(self, observation: Any) -> Array:
+        """The next action."""
+        return cast(Array, next(self.left))
+
+
 @dataclass
 class Played:
     """A lesson, and how its episodes ended."""
 
     lesson: Lesson
+    rollouts: Rollouts
     ended: int
     successes: int
     """By the strict judge."""
@@ -349,11 +411,12 @@ def play(
     seed: int,
     device: str,
     takes_over: float = 0.0,
+    bags: int = 0,
 ) -> Played:
     """Plays episodes in a world for each room, one after the other, for some control steps.
 
     Without a student the teacher drives, and is disturbed now and then. With one, the teacher ends a share of the episodes, from a time
-    on that is drawn from the whole; and of those with hands it begins some.
+    on that is drawn from the whole; and of those with hands it begins some. So many clean ones are kept for bags.
     """
     worlds, cameras, every = len(rooms), shape.cameras, shape.every
     env = lesson_worlds(task, rooms, shape, SENSORS, threads=threads, seed=seed)
@@ -369,6 +432,7 @@ def play(
     # An episode looks at its first step, too, and none ends while it settles.
     looks = steps // every + steps // SETTLES + 1
     notebook = Notebook(worlds, looks, steps if has_hands else looks, shape)
+    rollouts = Rollouts(rooms, steps, len(env.action_names), bags)
     robot = Kinematics(robot=shape.robot)
     lower, upper = robot.joint_limits[LEGS_AND_WAIST:].T
     rates = CONTROL_DT * np.repeat(RATES, (ARMS, arms.shape[1] - ARMS))
@@ -383,7 +447,7 @@ def play(
         return np.stack((begins.astype(np.int64), ends))
 
     seen, _ = env.reset(seed=seed)
-    drives = student_drives()
+    drives, starts = student_drives(), env.drawn()["episode"]
     for _ in range(steps):
         label = experts.label()
         pelvis = columns_of(seen, SENSED)
@@ -449,10 +513,14 @@ def play(
             wanted[led], posture[led] = disturbed[led], command[led, 3:] if has_hands else UPRIGHT
             others[led] = (taught + noise)[led]
         sensed = np.concatenate([pelvis, columns_of(seen, ("joint_position", "joint_velocity"))], axis=1)
-        seen, _, terminated, truncated, info = env.step(bodies.targets(sensed, wanted, count, others, posture))
+        targets = bodies.targets(sensed, wanted, count, others, posture)
+        rollouts.step(count, targets)
+        seen, _, terminated, truncated, info = env.step(targets)
         over = terminated | truncated
         count += 1
         if over.any():
+            rollouts.end(starts, count, over & info["success"])
+            starts = env.drawn()["episode"]
             ended[over] += 1
             successes += int(info["success"][over].sum())
             count[over], place[over], wanted[over] = 0, 0.0, 0.0
@@ -461,12 +529,16 @@ def play(
             phases.reset(over)
             drives[:, over] = student_drives()[:, over]
     env.close()
-    return Played(notebook.lesson(number), int(ended.sum()), successes, int((ended == 0).sum()))
+    return Played(notebook.lesson(number), rollouts, int(ended.sum()), successes, int((ended == 0).sum()))
 
 
-def part_of_lesson(task: str, *, student: Path | None, device: str, **settings: Any) -> tuple[Lesson, dict[str, int]]:
-    """A part of a lesson, and how its episodes ended; a student is that of a checkpoint."""
+def part_of_lesson(
+    task: str, *, student: Path | None, device: str, into: Path, **settings: Any
+) -> tuple[Lesson, dict[str, int]]:
+    """A part of a lesson, and how its episodes ended; a student is that of a checkpoint. Bags come into a folder."""
     played = play(task, student=None if student is None else load(student, device)[0], device=device, **settings)
+    if played.rollouts.kept:
+        played.rollouts.record(task, settings["shape"].robot, f"dagger by {student.stem if student else 'expert'}", into)
     ends = {"episodes": played.ended, "successes": played.successes, "without_end": played.without_end}
     return played.lesson, {**ends, "worlds": len(settings["rooms"]), "decisions": len(played.lesson.back)}
 

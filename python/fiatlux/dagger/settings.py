@@ -23,6 +23,8 @@ def keep(given: argparse.Namespace) -> None:
     """
     if given.rounds < 0 or min(*given.worlds, given.steps, given.batch, given.updates) < 1:
         raise ValueError("--worlds, --steps, --batch and --updates are above 0, and --rounds is not below")
+    if getattr(given, "bags", 0) < 0:
+        raise ValueError(f"--bags {given.bags}: give 0 for none")
     if given.steps <= SETTLES:
         raise ValueError(f"--steps {given.steps}: nothing is learned of the first {SETTLES} steps of an episode")
     if len(given.worlds) not in (1, len(given.tasks)):

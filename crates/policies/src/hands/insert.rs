@@ -47,18 +47,9 @@ const HAND_M: f64 = 0.25;
 #[serde(deny_unknown_fields)]
 struct Params {
     lean: Lean,
-    hold: Option<Holding>,
     align: Align,
     insert: Inserting,
     open: Opening,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Holding {
-    felt: f64,
-    torque: f64,
-    settle: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -99,6 +90,7 @@ struct Opening {
     relax: f64,
     time: f64,
     hold: f64,
+    torque: Option<f64>,
     back: Vec<[f64; 3]>,
     open: Angles,
     #[serde(default)]
@@ -149,8 +141,6 @@ pub(super) struct Insert {
     deepest: (f64, f64),
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
-    /// The grip is loosened, since at first it presses hard.
-    loosens: Option<bool>,
 }
 
 impl Insert {
@@ -170,7 +160,6 @@ impl Insert {
             deepest: (0.0, 0.0),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
             grip: Grip::new(&info.joints, &params.open.open, &params.open.grip),
-            loosens: None,
             params,
         })
     }
@@ -420,11 +409,8 @@ impl Expert for Insert {
         arm.write(targets);
         Arm::put_left_arm(targets, self.phases.now() != Phase::Done);
         let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Leave | Phase::Done);
-        let presses = |hold: &Holding| seen.touch.fingers.iter().any(|force| *force > hold.felt);
-        let loosens = *self.loosens.get_or_insert(params.hold.as_ref().is_some_and(presses));
-        if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
-            let torque = params.hold.as_ref().map(|hold| hold.torque);
-            self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
+        if is_opening {
+            self.fingers.iter_mut().for_each(|finger| finger.torque = open.torque);
             arm.write_fingers(&self.grip, &self.fingers, targets);
         }
         if self.phases.enter(next, seen.time) {

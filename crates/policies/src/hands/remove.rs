@@ -6,7 +6,7 @@
 
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::SessionInfo;
-use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
+use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip, Touch};
 use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -69,9 +69,27 @@ struct Close {
     torque: f64,
     hold: f64,
     lead: f64,
+    #[serde(default)]
+    bears: Option<Bears>,
     open: Angles,
     #[serde(default)]
     grip: Angles,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Bears {
+    fingers: Vec<String>,
+    force: f64,
+    tries: u32,
+}
+
+impl Bears {
+    /// Each of these fingers is felt: those of a hand that closed on the fixture are not.
+    fn is_felt(&self, touch: &Touch) -> bool {
+        let is_named = |finger: &str| self.fingers.iter().any(|name| name == finger);
+        FINGERS.iter().zip(touch.fingers).all(|(finger, force)| !is_named(finger) || force > self.force)
+    }
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -101,7 +119,8 @@ enum Phase {
     PreGrasp,
     /// Moves it around the glass. Ends where it is felt to be there; else it goes back.
     Approach,
-    /// Closes the thumb and the fingers, by time. A finger that feels the bulb presses no harder than it must.
+    /// Closes the thumb and the fingers, by time. A finger that feels the bulb presses no harder than it must. A grip that would not bear
+    /// the bulb is opened again.
     Close,
     /// Pulls along the axis. Ends where the bulb is out; where it stays behind, the hand opens.
     Pull,
@@ -131,6 +150,8 @@ pub(super) struct Remove {
     has_arrived: bool,
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
+    /// Number of grips that would not bear the bulb.
+    loose: u32,
 }
 
 impl Remove {
@@ -151,6 +172,7 @@ impl Remove {
             has_arrived: false,
             fingers: Default::default(),
             grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
+            loose: 0,
             params,
         })
     }
@@ -304,7 +326,14 @@ impl Expert for Remove {
                     finger.share += if elapsed > delay { closing } else { 0.0 };
                     finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
                 }
-                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then_some(Phase::Pull)
+                (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
+                    let is_loose = |bears: &Bears| self.loose < bears.tries && !bears.is_felt(&seen.touch);
+                    if close.bears.as_ref().is_some_and(is_loose) {
+                        self.loose += 1;
+                        return Phase::Open;
+                    }
+                    Phase::Pull
+                })
             }
             Phase::Pull => {
                 let step = Translation3::from(plug.axis * (pull.speed * CONTROL_DT));
@@ -337,14 +366,16 @@ impl Expert for Remove {
             }
             Phase::Done => None,
             Phase::Open => {
+                // Bounded, since those that closed less than they were to would press on at first.
                 self.fingers.iter_mut().for_each(|finger| {
-                    *finger = Finger { share: finger.share - closing, torque: None };
+                    *finger = Finger { share: finger.share - closing, torque: Some(close.torque) };
                 });
                 (elapsed > close.time).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
                 let left = arm.move_to(true, &beside, grasp.speed)?;
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
+                    self.fingers = Default::default();
                     self.taking.again();
                     Phase::Take
                 })

@@ -97,8 +97,9 @@ pub(super) struct Taking {
     before: BodyCommand,
     /// The robot leant already when this began.
     leans: bool,
-    /// Corners of the way that are left, the last first.
+    /// Corners of the way that are left, the last first; and those that are behind, the first first.
     way: Vec<ArmAngles>,
+    passed: Vec<ArmAngles>,
     /// Where the way to the first posture began.
     reaches_from: ArmAngles,
     leans_since: f64,
@@ -324,6 +325,7 @@ impl Taking {
             before: BodyCommand::default(),
             leans: false,
             way: Vec::new(),
+            passed: Vec::new(),
             reaches_from: REST,
             leans_since: 0.0,
             bent: 0.0,
@@ -462,6 +464,7 @@ impl Taking {
                     Some(mut way) => {
                         way.reverse();
                         (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, arm.angles());
+                        self.passed.clear();
                         self.retries.found_way();
                     }
                     None => {
@@ -477,10 +480,12 @@ impl Taking {
         Ok(None)
     }
 
-    /// Takes the arm back to where the way to the first posture began; it is looked for again there.
+    /// Takes the arm back as it came, to where the way to the first posture began; it is looked for again there. The short way may sweep
+    /// the bulb out of the socket.
     pub fn goes_back(&mut self) {
         self.before = self.command();
-        (self.stage, self.way, self.search) = (Stage::Clear, vec![self.reaches_from], None);
+        (self.stage, self.search) = (Stage::Clear, None);
+        self.way = std::iter::once(self.reaches_from).chain(self.passed.drain(..)).collect();
     }
 
     /// Moves the arm along the way; true at its end.
@@ -488,7 +493,7 @@ impl Taking {
         if let Some(corner) = self.way.last()
             && arm.go_to(corner, self.lean.rate, self.manner.waits)
         {
-            self.way.pop();
+            self.passed.extend(self.way.pop());
         }
         self.way.is_empty()
     }

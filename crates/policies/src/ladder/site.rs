@@ -13,8 +13,13 @@ const HEADINGS: u32 = 36;
 /// Room that the ladder's centre should have, and the places before its steps and behind its legs, y of its frame and m.
 const ROOM_M: f64 = 0.75;
 const PLACES: [(f64, f64); 2] = [(-1.0, 0.45), (1.0, 0.35)];
-/// Costs of a turn, a radian, and of missing room, a metre.
-const COSTS: (f64, f64) = (0.15, 3.0);
+/// Places beside the steps, in the ladder's frame, and their room, m: there a robot that goes up backwards holds out its right arm, with a
+/// bulb in its hand.
+const RIGHT_HAND: ([Point; 2], f64) = ([[-0.35, -0.55], [-0.35, -0.15]], 0.55);
+/// Places beside the best one that are compared before a wall, m.
+const ASIDE: [f64; 9] = [0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2];
+/// Costs of a turn, a radian, of missing room, a metre, and of a place aside, a metre.
+const COSTS: (f64, f64, f64) = (0.15, 3.0, 0.5);
 
 /// A point of the ladder's frame in the world.
 pub(super) fn outside((origin, yaw): Place, [x, y]: Point) -> Point {
@@ -23,7 +28,8 @@ pub(super) fn outside((origin, yaw): Place, [x, y]: Point) -> Point {
 }
 
 /// The place and heading of the ladder from which the fixture is reached as the benchmark's own layouts have it: behind the
-/// guard rail, steps away from it. Below the ceiling, the heading that takes the least turn and has the most room.
+/// guard rail, steps away from it. Below the ceiling, the heading that takes the least turn and has the most room; before a wall, a little
+/// aside where the robot's right hand would meet another one.
 pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place, below_ceiling: Option<f64>) -> Place {
     let at = [socket.position[0], socket.position[1]];
     let [w, i, j, k] = [0, 1, 2, 3].map(|index| socket.quaternion[index]);
@@ -34,13 +40,17 @@ pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place, below_ceiling
         // The steps are on -y.
         (place, wrapped(out + std::f64::consts::FRAC_PI_2))
     };
+    let missing = |place: Point, room: f64| (room - map.clearance(place)).max(0.0);
+    let at_hand = |site: Place| RIGHT_HAND.0.map(|place| missing(outside(site, place), RIGHT_HAND.1)).iter().sum::<f64>();
     if libm::hypot(axis[0], axis[1]) > 0.5 {
-        return site(libm::atan2(axis[1], axis[0]), STANDOFF.1);
+        let before = site(libm::atan2(axis[1], axis[0]), STANDOFF.1);
+        let sites = ASIDE.map(|aside| (aside.abs(), (outside(before, [aside, 0.0]), before.1)));
+        let cost = |(aside, site): &(f64, Place)| COSTS.1 * at_hand(*site) + COSTS.2 * aside;
+        return sites.into_iter().min_by(|one, other| cost(one).total_cmp(&cost(other))).map_or(before, |(_, site)| site);
     }
     let cost = |site: &Place| {
-        let missing = |place: Point, room: f64| (room - map.clearance(place)).max(0.0);
         let corners: f64 = rectangle(*site, HALF).into_iter().map(|corner| missing(corner, 0.2)).sum();
-        let places: f64 = PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum();
+        let places = PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum::<f64>() + at_hand(*site);
         COSTS.0 * wrapped(site.1 - ladder.1).abs() + COSTS.1 * (missing(site.0, ROOM_M) + corners + places)
     };
     let sites = (0..HEADINGS).map(|part| {
