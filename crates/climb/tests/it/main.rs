@@ -269,7 +269,7 @@ fn a_plan_is_raised_with_the_ladder() {
             assert_eq!((key.seconds, key.bears, key.ranges), (high.seconds, high.bears, high.ranges));
         }
     }
-    assert_eq!(raised(&body, &fiatlux_climb::ladder().unwrap(), 2.0), None);
+    assert_eq!(raised(&body, &fiatlux_climb::ladder().unwrap(), 3.0), None);
 }
 
 #[test]

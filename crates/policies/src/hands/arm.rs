@@ -136,7 +136,7 @@ impl Arm {
         let bodies: Vec<_> = ids.joints[joints.clone()].iter().map(|ids| ids.body).collect();
         let [all, carrying, apart, body_pairs] = pairs(
             &model,
-            [0, LEGS / 2].map(|joint| ids.joints[joint].body),
+            [2, LEGS / 2 + 2].map(|joint| ids.joints[joint].body),
             ids.joints[joints.start].body,
             ids.joints[joints.end - 1].body,
         );
