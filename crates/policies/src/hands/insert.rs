@@ -74,6 +74,7 @@ struct Inserting {
     ahead: f64,
     press: f64,
     askew: f64,
+    off: f64,
     lead: f64,
     stuck: f64,
     circle: f64,
@@ -331,15 +332,16 @@ impl Insert {
         if plug.gap < self.deepest.0 - 1e-3 {
             self.deepest = (plug.gap, seen.time);
         }
-        // Askew in the mouth it would turn in the hand: it comes out until it is straight.
-        if plug.turn.angle() > insert.askew && !seen.seated[1] {
+        let is_outside = plug.gap > MOUTH / 2.0;
+        // Askew in the mouth, or pressed on its rim, it would turn in the hand: it comes out until it is straight and before it.
+        let is_off = plug.turn.angle() > insert.askew || is_outside && plug.aside.norm() > insert.off;
+        if is_off && !seen.seated[1] {
             self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);
         } else if plug.gap - self.gap < insert.ahead {
             self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
         }
         let aside = self.search(seen, plug);
         arm.nudge(true, &plug.change(self.gap, &aside, align.gain), self.hand_from_plug, plug.axis, insert.lead)?;
-        let is_outside = plug.gap > MOUTH / 2.0;
         Ok(if self.has_held(seen.seated[1], seen, insert.seated) {
             arm.rest_where_it_is();
             Some(Phase::Relax)
