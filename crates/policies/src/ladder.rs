@@ -46,7 +46,7 @@ const TOP_Y: f64 = ladder::TOP_POINT[1];
 const REACH_M: f64 = 0.66;
 const FLAT: f64 = 0.02;
 /// So much nearer to the fixture than its place it does not stand well, m: a robot that turns on it meets the lamp.
-const NEARER_M: f64 = 0.05;
+const NEARER_M: f64 = 0.035;
 /// Distance from these places, m, and turn, rad, at which it is there.
 const ARRIVED: [(f64, f64); 2] = [(0.08, 0.15), (0.03, 0.08)];
 /// Where the pelvis may be when it stands low below the platform: x either way, and y, m.

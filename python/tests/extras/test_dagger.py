@@ -78,6 +78,7 @@ def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
         (["--first-room", "64"], "--first-room 64 is for judging"),
         (["--shown", "S07"], "--shown S07 is not among --tasks"),
         (["--threads", "0"], "--threads 0: at least one core plays"),
+        (["--bags", "-1"], "--bags -1: give 0 for none"),
     ],
 )
 def test_a_run_goes_on_by_its_own_settings_alone(run, capsys, other, message):
@@ -105,6 +106,22 @@ def test_lessons_repeat_to_the_bit_and_labels_are_the_teachers():
     np.testing.assert_array_equal(first.settles.astype(bool), first.back < SETTLES / 5)
     far = np.linalg.norm(first.goal, axis=1)
     assert ((far > 0.4) & (far < 9)).all()
+
+
+def test_clean_rollouts_are_kept_as_bags_of_the_same_episodes(tmp_path, monkeypatch):
+    # All episodes begin at the start that a recorded evaluation plays.
+    monkeypatch.setattr(lessons, "STARTS", 1)
+    shape = Shape(("S05",), cameras=("chest_camera",), picture=(16, 16))
+    given = dict(rooms=range(1000, 1002), steps=1000, shape=shape, seed=1, threads=2, device="cpu")
+    _, counts = lessons.part_of_lesson("S05", student=None, into=tmp_path / "one", bags=1, **given)
+    (bag,) = (tmp_path / "one").rglob("*.mcap")
+    assert counts["successes"] >= 1 and fiatlux.Bag(bag).result["strict"]["success"]
+    kept = play("S05", student=None, bags=2, **given).rollouts
+    assert all(len(actions) > 100 for actions in kept.kept.values())
+    room, actions = next(iter(kept.kept.items()))
+    kept.kept = {room: actions[1:]}
+    with pytest.raises(RuntimeError, match=f"room {room} succeeded after {len(actions) - 1} steps in the lesson, and its bag"):
+        kept.record("S05", shape.robot, "other", tmp_path / "other")
 
 
 def test_a_saved_lesson_is_the_same(tmp_path):

@@ -154,6 +154,7 @@ fn stance(body: &Body, key: &Keyframe) -> String {
 #[test]
 fn stances_of_the_way_up_hold() {
     stances_hold(&fiatlux_climb::ladder().unwrap());
+    stances_hold(&fiatlux_climb::ladder_arms_ahead().unwrap());
 }
 
 #[test]

@@ -279,7 +279,7 @@ impl Stance {
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);
-        self.room.min(MAX_ROOM) + 10.0 * self.gap.min(MAX_GAP) - 50.0 * short - 0.1 * lean
+        self.room.min(MAX_ROOM) + 10.0 * self.gap.min(MAX_GAP) + 40.0 * self.gap.min(0.0) - 50.0 * short - 0.1 * lean
     }
 
     /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.

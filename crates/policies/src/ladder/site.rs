@@ -41,16 +41,21 @@ pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place, below_ceiling
         (place, wrapped(out + std::f64::consts::FRAC_PI_2))
     };
     let missing = |place: Point, room: f64| (room - map.clearance(place)).max(0.0);
-    let at_hand = |site: Place| RIGHT_HAND.0.map(|place| missing(outside(site, place), RIGHT_HAND.1)).iter().sum::<f64>();
+    let at_hand =
+        |site: Place| RIGHT_HAND.0.map(|place| missing(outside(site, place), RIGHT_HAND.1)).iter().sum::<f64>();
     if libm::hypot(axis[0], axis[1]) > 0.5 {
         let before = site(libm::atan2(axis[1], axis[0]), STANDOFF.1);
         let sites = ASIDE.map(|aside| (aside.abs(), (outside(before, [aside, 0.0]), before.1)));
         let cost = |(aside, site): &(f64, Place)| COSTS.1 * at_hand(*site) + COSTS.2 * aside;
-        return sites.into_iter().min_by(|one, other| cost(one).total_cmp(&cost(other))).map_or(before, |(_, site)| site);
+        return sites
+            .into_iter()
+            .min_by(|one, other| cost(one).total_cmp(&cost(other)))
+            .map_or(before, |(_, site)| site);
     }
     let cost = |site: &Place| {
         let corners: f64 = rectangle(*site, HALF).into_iter().map(|corner| missing(corner, 0.2)).sum();
-        let places = PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum::<f64>() + at_hand(*site);
+        let places =
+            PLACES.iter().map(|(y, room)| missing(outside(*site, [0.0, *y]), *room)).sum::<f64>() + at_hand(*site);
         COSTS.0 * wrapped(site.1 - ladder.1).abs() + COSTS.1 * (missing(site.0, ROOM_M) + corners + places)
     };
     let sites = (0..HEADINGS).map(|part| {
