@@ -134,6 +134,8 @@ pub struct HandJoint {
     pub limits: [f64; 2],
     /// Of its drive, N m/rad, above 0.
     pub stiffness: f64,
+    /// Largest torque of its drive, N m.
+    pub effort: f64,
 }
 
 impl HandJoint {
@@ -142,7 +144,7 @@ impl HandJoint {
         let driven = joints.iter().enumerate().skip(BODY).filter(|(_, joint)| joint.follows.is_none());
         driven.map(|(index, joint)| {
             let (limits, stiffness) = ([joint.lower, joint.upper], joint.stiffness.max(1e-3));
-            (Self { index, limits, stiffness }, joint.name.as_str())
+            (Self { index, limits, stiffness, effort: joint.effort_limit }, joint.name.as_str())
         })
     }
 
@@ -197,6 +199,13 @@ impl Grip {
         sums.map(|(share, count)| if count > 0.0 { share / count } else { 0.0 })
     }
 
+    /// True where targets, rad, ask a joint at its sensed angle for all that its drive has.
+    pub fn is_at_limit(&self, sensed: &[f64], targets: &[f64]) -> bool {
+        self.joints.iter().any(|GripJoint { joint, .. }| {
+            joint.stiffness * (targets[joint.index] - sensed[joint.index]).abs() >= joint.effort
+        })
+    }
+
     /// Writes targets, rad, of fingers in the order of [`FINGERS`]. Those with a torque do not close harder than that against what
     /// keeps their joints at the sensed angles.
     pub fn write(&self, fingers: &[Finger; FINGERS.len()], sensed: Option<&[f64]>, targets: &mut [f64]) {
@@ -244,7 +253,7 @@ impl Hold {
         let joint = |(joint, _): (HandJoint, &str)| HeldJoint {
             joint,
             start: start.get(joint.index).copied().unwrap_or_default(),
-            most: carrying.presses * joints[joint.index].effort_limit,
+            most: carrying.presses * joint.effort,
             keeps: carrying.keeps,
             first: 0.0,
             now: 0.0,

@@ -276,6 +276,11 @@ impl Arm {
         self.sensed.as_deref().map(|sensed| grip.closure(sensed)).unwrap_or_default()
     }
 
+    /// A finger presses with all that its drive has.
+    pub fn is_at_limit(&self, grip: &Grip, targets: &[f64]) -> bool {
+        self.sensed.as_deref().is_some_and(|sensed| grip.is_at_limit(sensed, targets))
+    }
+
     fn sensed_angles(&self) -> [f64; ARMS / 2] {
         let mut angles = self.angles;
         if let Some(sensed) = &self.sensed {

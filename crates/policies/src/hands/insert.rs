@@ -47,9 +47,18 @@ const HAND_M: f64 = 0.25;
 #[serde(deny_unknown_fields)]
 struct Params {
     lean: Lean,
+    hold: Option<Holding>,
     align: Align,
     insert: Inserting,
     open: Opening,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Holding {
+    felt: f64,
+    torque: f64,
+    settle: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -91,7 +100,6 @@ struct Opening {
     relax: f64,
     time: f64,
     hold: f64,
-    torque: Option<f64>,
     back: Vec<[f64; 3]>,
     open: Angles,
     #[serde(default)]
@@ -142,6 +150,9 @@ pub(super) struct Insert {
     deepest: (f64, f64),
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
+    /// The grip is loosened, since at first it presses hard, by drives that give all that they have. A climb's grip has less, and once
+    /// loosened it would lose the bulb.
+    loosens: Option<bool>,
 }
 
 impl Insert {
@@ -161,6 +172,7 @@ impl Insert {
             deepest: (0.0, 0.0),
             fingers: [Finger { share: 1.0, torque: None }; FINGERS.len()],
             grip: Grip::new(&info.joints, &params.open.open, &params.open.grip),
+            loosens: None,
             params,
         })
     }
@@ -411,8 +423,12 @@ impl Expert for Insert {
         arm.write(targets);
         Arm::put_left_arm(targets, self.phases.now() != Phase::Done);
         let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Leave | Phase::Done);
-        if is_opening {
-            self.fingers.iter_mut().for_each(|finger| finger.torque = open.torque);
+        let felt = params.hold.as_ref().map_or(f64::INFINITY, |hold| hold.felt);
+        let presses = seen.touch.fingers.iter().any(|force| *force > felt) && arm.is_at_limit(&self.grip, targets);
+        let loosens = *self.loosens.get_or_insert(presses);
+        if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
+            let torque = params.hold.as_ref().map(|hold| hold.torque);
+            self.fingers.iter_mut().for_each(|finger| finger.torque = torque);
             arm.write_fingers(&self.grip, &self.fingers, targets);
         }
         if self.phases.enter(next, seen.time) {
