@@ -315,6 +315,9 @@ impl Expert for Remove {
                     Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
                 } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
+                } else if elapsed > grasp.patience && !is_near {
+                    self.taking.another();
+                    Some(Phase::Take)
                 } else {
                     (elapsed > grasp.patience).then_some(Phase::Retreat)
                 }
@@ -327,7 +330,8 @@ impl Expert for Remove {
                     finger.torque = finger.torque.or((force > close.touch).then_some(close.torque));
                 }
                 (elapsed > close.time + close.thumb_delay.max(close.finger_delay) + close.hold).then(|| {
-                    let is_loose = |bears: &Bears| self.loose < bears.tries && !bears.is_felt(&seen.touch);
+                    let is_loose =
+                        |bears: &Bears| seen.seated[0] && self.loose < bears.tries && !bears.is_felt(&seen.touch);
                     if close.bears.as_ref().is_some_and(is_loose) {
                         self.loose += 1;
                         return Phase::Open;

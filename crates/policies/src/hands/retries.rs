@@ -139,9 +139,14 @@ impl Retries {
         let gives_up = manner.gives_up && self.looks >= MAX_LOOKS;
         if gives_up {
             self.looks = 0;
-            self.refused.push(command);
+            self.refuse(command);
         }
         gives_up
+    }
+
+    /// The stance of a command is no use.
+    pub fn refuse(&mut self, command: BodyCommand) {
+        self.refused.push(command);
     }
 
     /// Something held up the arm on its way; true where another stance is to be found.

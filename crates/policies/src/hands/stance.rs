@@ -366,6 +366,15 @@ impl Taking {
         self.search = None;
     }
 
+    /// Looks for another stance, from where the robot is: in this one the arm does not get to the work.
+    pub fn another(&mut self) {
+        self.before = self.command();
+        if let Some(stance) = self.stance.take() {
+            self.retries.refuse(stance.command);
+        }
+        (self.stage, self.leans, self.search) = (Stage::Clear, true, None);
+    }
+
     pub fn stage(&self) -> String {
         format!("{:?}", self.stage)
     }
