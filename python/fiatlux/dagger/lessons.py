@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -373,18 +374,18 @@ class Rollouts:
 
 
 class Again:
-    """Plays kept actions, by room."""
+    """Plays kept actions, by room, and holds the last one."""
 
     def __init__(self, actions: dict[int, Array]) -> None:
         self.actions = actions
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begins an episode."""
-        self.left = iter(self.actions[info["seed"]])
+        self.left = chain(self.actions[info["seed"]], repeat(self.actions[info["seed"]][-1]))
 
     def __call__(self, observation: Any) -> Array:
         """The next action."""
-        return cast(Array, next(self.left))
+        return next(self.left)
 
 
 @dataclass
@@ -538,7 +539,9 @@ def part_of_lesson(
     """A part of a lesson, and how its episodes ended; a student is that of a checkpoint. Bags come into a folder."""
     played = play(task, student=None if student is None else load(student, device)[0], device=device, **settings)
     if played.rollouts.kept:
-        played.rollouts.record(task, settings["shape"].robot, f"dagger by {student.stem if student else 'expert'}", into)
+        played.rollouts.record(
+            task, settings["shape"].robot, f"dagger by {student.stem if student else 'expert'}", into
+        )
     ends = {"episodes": played.ended, "successes": played.successes, "without_end": played.without_end}
     return played.lesson, {**ends, "worlds": len(settings["rooms"]), "decisions": len(played.lesson.back)}
 

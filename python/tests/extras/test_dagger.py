@@ -120,7 +120,9 @@ def test_clean_rollouts_are_kept_as_bags_of_the_same_episodes(tmp_path, monkeypa
     assert all(len(actions) > 100 for actions in kept.kept.values())
     room, actions = next(iter(kept.kept.items()))
     kept.kept = {room: actions[1:]}
-    with pytest.raises(RuntimeError, match=f"room {room} succeeded after {len(actions) - 1} steps in the lesson, and its bag"):
+    with pytest.raises(
+        RuntimeError, match=f"room {room} succeeded after {len(actions) - 1} steps in the lesson, and its bag"
+    ):
         kept.record("S05", shape.robot, "other", tmp_path / "other")
 
 
