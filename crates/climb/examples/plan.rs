@@ -52,6 +52,7 @@ struct Way {
 
 const LADDER: Way =
     Way { face: -1.0, out: 1.5, before: 0.12, gaps: [0.001, 0.010, 0.010, 0.010], arms: None, on_platform: None };
+/// Straight ahead, where the hand with the bulb needs the least room beside the ladder.
 const AHEAD: Arm = Arm { pitch: -0.8, roll: 0.05, elbow: 0.6, ..Arm::ZERO };
 /// The wrist is turned as a bulb in the hand starts, upright.
 const LADDER_BULB: Way = Way { arms: Some([AHEAD, Arm { wrist_roll: -1.57, ..AHEAD }]), ..LADDER };

@@ -69,21 +69,6 @@ pub fn turn_with_bulb() -> Result<Plan, PlanError> {
     Ok(with_bulb(turn()?))
 }
 
-/// Rolls of the shoulders in a robot's joints, left first, with which the arms are held ahead of the body, rad.
-const SHOULDER_ROLLS: [(usize, f64); 2] = [(16, 0.05), (23, -0.05)];
-
-/// The same as [`ladder`], with the arms straight ahead, where they need less room beside the ladder. A network follows that plan alone.
-///
-/// # Errors
-/// None, unless the file that comes with this version is broken.
-pub fn ladder_arms_ahead() -> Result<Plan, PlanError> {
-    let mut plan = ladder()?;
-    for key in &mut plan.keyframes {
-        SHOULDER_ROLLS.iter().for_each(|(joint, roll)| key.angles[*joint] = *roll);
-    }
-    Ok(plan)
-}
-
 /// Roll of the right wrist in a robot's joints, and its angle with which a bulb in the hand starts, rad.
 const WRIST_ROLL: (usize, f64) = (26, 1.57);
 

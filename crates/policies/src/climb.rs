@@ -8,7 +8,7 @@ use std::sync::Arc;
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
     Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
-    ladder_arms_ahead, ladder_with_bulb, raised, stand, turn, turn_with_bulb,
+    ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
@@ -224,8 +224,7 @@ impl Policy for Climb {
         let unfit = |reason: String| PolicyError::Unfit { policy: "climb", reason };
         let task = info.task.as_ref().map(|task| task.task.as_str()).unwrap_or_default();
         let (plan, then, goes_down) = match task {
-            "S02" | "climb" if self.climber.is_some() => (ladder(), None, false),
-            "S02" | "climb" => (ladder_arms_ahead(), Some(turn()), false),
+            "S02" | "climb" => (ladder(), Some(turn()), false),
             "S04" | "S10" | "S12" if self.climber.is_some() => {
                 return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
             }
@@ -238,7 +237,7 @@ impl Policy for Climb {
             }
         };
         let mut plan = plan.map_err(PolicyError::of("climb"))?;
-        if let Some(then) = then {
+        if let Some(then) = then.filter(|_| self.climber.is_none()) {
             plan.extend(then.map_err(PolicyError::of("climb"))?.keyframes);
         }
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
