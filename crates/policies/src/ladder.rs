@@ -45,7 +45,8 @@ const STEPS_Y: f64 = -0.95;
 const TOP_Y: f64 = ladder::TOP_POINT[1];
 const REACH_M: f64 = 0.66;
 const FLAT: f64 = 0.02;
-/// So much nearer to the fixture than its place it does not stand well, m: a robot that turns on it meets the lamp.
+/// So much nearer to the fixture than its place it does not stand well, m: a robot that turns on it meets the lamp. It is lifted and put
+/// down again, which moves it by some centimetres.
 const NEARER_M: f64 = 0.035;
 /// Distance from these places, m, and turn, rad, at which it is there.
 const ARRIVED: [(f64, f64); 2] = [(0.08, 0.15), (0.03, 0.08)];

@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--bags",
         type=int,
         default=1,
-        help="clean episodes of a round that are kept as thin bags, which the scorer verifies, at most so many for 32 worlds [default: 1]",
+        help="clean episodes to keep as thin bags, at most so many for each 32 worlds of a task in a round [default: 1]",
     )
     train.add_argument(
         "--batch", type=int, default=384, help="looks in a step of training, each with its decisions [default: 384]"

@@ -1,5 +1,6 @@
 """Episodes in which a student or the teacher drives, and the teacher says in each state what it would do."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import chain, repeat
@@ -348,11 +349,12 @@ class Rollouts:
                 self.kept.setdefault(int(self.rooms[world]), self.actions[world, : count[world]].copy())
 
     def record(self, task: str, robot: str, name: str, folder: Path) -> None:
-        """Plays them again into thin bags. What is there is kept.
+        """Plays them again into thin bags, in place of what a lesson left that was stopped.
 
         Raises:
-            RuntimeError: An episode was another one.
+            RuntimeError: An episode was another one, or is missing.
         """
+        shutil.rmtree(folder, ignore_errors=True)
         played = evaluate(
             Again(self.kept),
             [task],
@@ -364,6 +366,8 @@ class Rollouts:
             protocol="strict",
             robot=cast(Any, robot),
         )
+        if played.lost:
+            raise RuntimeError(f"{folder}: {'; '.join(played.lost)}")
         for episode in played.episodes:
             steps = len(self.kept[episode["seed"]])
             if not episode["strict_success"] or episode["strict_steps"] != steps:

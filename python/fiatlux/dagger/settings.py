@@ -11,7 +11,7 @@ from .lessons import SETTLES
 FIRST_ROOM, END_OF_ROOMS = TRAINING_SEEDS
 """Rooms of lessons; all others are for judging."""
 FILE = "settings.json"
-FREE = ("out", "rounds", "updates", "threads", "hardware", "run")
+FREE = ("out", "rounds", "updates", "threads", "hardware", "run", "bags")
 """Settings that may differ between calls that go on with a run."""
 
 

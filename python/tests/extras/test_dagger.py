@@ -55,7 +55,8 @@ def lesson(student=None, seed=1):
 
 def test_a_run_goes_on_after_the_rounds_that_it_finished(run, capsys):
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file()}
-    assert main(["train", "--tasks", "S05", "S09", "--out", str(run), "--rounds", "1", *SMALL]) == 0
+    # Bags change neither lessons nor training.
+    assert main(["train", "--tasks", "S05", "S09", "--out", str(run), "--rounds", "1", "--bags", "3", *SMALL]) == 0
     assert capsys.readouterr().out == ""
     assert {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file()} == before
     _, record = load(run / "round-1.pt", "cpu")
@@ -113,17 +114,31 @@ def test_clean_rollouts_are_kept_as_bags_of_the_same_episodes(tmp_path, monkeypa
     monkeypatch.setattr(lessons, "STARTS", 1)
     shape = Shape(("S05",), cameras=("chest_camera",), picture=(16, 16))
     given = dict(rooms=range(1000, 1002), steps=1000, shape=shape, seed=1, threads=2, device="cpu")
+    # What a lesson left that was stopped is not in its way.
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "RUN.toml").write_text("of another run")
     _, counts = lessons.part_of_lesson("S05", student=None, into=tmp_path / "one", bags=1, **given)
     (bag,) = (tmp_path / "one").rglob("*.mcap")
-    assert counts["successes"] >= 1 and fiatlux.Bag(bag).result["strict"]["success"]
+    assert counts["successes"] == 2 and fiatlux.Bag(bag).result["strict"]["success"]
     kept = play("S05", student=None, bags=2, **given).rollouts
-    assert all(len(actions) > 100 for actions in kept.kept.values())
+    assert len(kept.kept) == 2 and all(len(actions) > 100 for actions in kept.kept.values())
     room, actions = next(iter(kept.kept.items()))
     kept.kept = {room: actions[1:]}
     with pytest.raises(
         RuntimeError, match=f"room {room} succeeded after {len(actions) - 1} steps in the lesson, and its bag"
     ):
         kept.record("S05", shape.robot, "other", tmp_path / "other")
+
+
+def test_rollouts_are_of_the_first_start_and_few():
+    rollouts = lessons.Rollouts([7, 8, 9], 5, 2, 2)
+    for step in range(3):
+        rollouts.step(np.full(3, step), np.full((3, 2), 10.0 * step))
+    count, ended = np.full(3, 3), np.ones(3, bool)
+    rollouts.end(np.array([1, 0, 0]), count, np.array([True, True, False]))
+    assert list(rollouts.kept) == [8] and rollouts.kept[8][:, 0].tolist() == [0, 10, 20]
+    rollouts.end(np.zeros(3), count - 1, ended)
+    assert list(rollouts.kept) == [8, 7] and len(rollouts.kept[8]) == 3 and len(rollouts.kept[7]) == 2
 
 
 def test_a_saved_lesson_is_the_same(tmp_path):

@@ -24,8 +24,13 @@ pub(super) fn is_below(model: &Model, mut body: BodyId, above: BodyId) -> bool {
 }
 
 /// Pairs of shapes of which one moves with the arm between two bodies, the last of which carries the hand, in the order of
-/// [`Apart`]; then those of the world and of neither this arm nor the legs.
-pub(super) fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: BodyId) -> [Vec<(ShapeId, ShapeId)>; 4] {
+/// [`Apart`]; then those of the world and of neither this arm nor the legs from the thighs down.
+pub(super) fn pairs(
+    model: &Model,
+    thighs: [BodyId; 2],
+    shoulder: BodyId,
+    hand: BodyId,
+) -> [Vec<(ShapeId, ShapeId)>; 4] {
     let is_below = |body: BodyId, above: BodyId| is_below(model, body, above);
     let body = |shape: ShapeId| model.shapes()[shape.0].body;
     let is_bulb = |shape: ShapeId| model.shapes()[shape.0].name.starts_with(BULB_NAME);
@@ -43,7 +48,7 @@ pub(super) fn pairs(model: &Model, legs: [BodyId; 2], shoulder: BodyId, hand: Bo
     let carrying: Vec<_> = all.iter().copied().filter(|pair| !meets(*pair, &is_hand)).collect();
     let working = carrying.iter().copied().filter(|pair| !meets(*pair, &is_socket)).collect();
     let is_body = |shape: ShapeId| {
-        body(shape) != BodyId::WORLD && !moves(shape) && legs.iter().all(|leg| !is_below(body(shape), *leg))
+        body(shape) != BodyId::WORLD && !moves(shape) && thighs.iter().all(|thigh| !is_below(body(shape), *thigh))
     };
     let of_body =
         |&(a, b): &(ShapeId, ShapeId)| body(a) == BodyId::WORLD && is_body(b) || body(b) == BodyId::WORLD && is_body(a);

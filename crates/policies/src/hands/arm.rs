@@ -24,6 +24,8 @@ const AVERAGE_GAIN: f64 = 0.15;
 /// for so long, s, it is blocked.
 const MAX_AHEAD: f64 = 0.25;
 const BLOCKED: f64 = 0.4;
+/// Joint of a leg, by its place in it, from which on what hangs on it is where the feet are; hips before it go with the pelvis.
+const THIGH: usize = 2;
 /// Turn of the hand that counts as long as a metre of its way, m/rad.
 pub(super) const TURN_M: f64 = 0.3;
 
@@ -77,7 +79,7 @@ pub(super) struct Arm {
     pub limits: Vec<[f64; 2]>,
     /// Shapes that are kept apart, in the order of [`Apart`].
     pub pairs: [Vec<(ShapeId, ShapeId)>; 3],
-    /// Pairs of trunk, head and other arm with what surrounds the robot.
+    /// Pairs of trunk, hips, head and other arm with what surrounds the robot.
     pub body_pairs: Vec<(ShapeId, ShapeId)>,
     /// Shapes of the hand and what it holds.
     of_hand: Vec<ShapeId>,
@@ -136,7 +138,7 @@ impl Arm {
         let bodies: Vec<_> = ids.joints[joints.clone()].iter().map(|ids| ids.body).collect();
         let [all, carrying, apart, body_pairs] = pairs(
             &model,
-            [2, LEGS / 2 + 2].map(|joint| ids.joints[joint].body),
+            [THIGH, LEGS / 2 + THIGH].map(|joint| ids.joints[joint].body),
             ids.joints[joints.start].body,
             ids.joints[joints.end - 1].body,
         );

@@ -331,7 +331,7 @@ impl Insert {
         })
     }
 
-    /// Moves it in, and out again where it is askew.
+    /// Moves it in, and out again where it is askew or beside the mouth.
     fn insert(
         &mut self,
         params: &Params,
@@ -345,7 +345,7 @@ impl Insert {
             self.deepest = (plug.gap, seen.time);
         }
         let is_outside = plug.gap > MOUTH / 2.0;
-        // Askew in the mouth, or pressed on its rim, it would turn in the hand: it comes out until it is straight and before it.
+        // Askew in the mouth, or pressed on its rim, it would turn in the hand: it comes out until it is straight and in front of the mouth.
         let is_off = plug.turn.angle() > insert.askew || is_outside && plug.aside.norm() > insert.off;
         if is_off && !seen.seated[1] {
             self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);

@@ -137,7 +137,7 @@ impl Arm {
         least < WIDE && !gaps.any_within(pairs, least)
     }
 
-    /// Smallest gap between trunk, head or other arm and what surrounds the robot, m, at most [`WIDE`].
+    /// Smallest gap between trunk, hips, head or other arm and what surrounds the robot, m, at most [`WIDE`].
     pub async fn body_gap(&mut self) -> f64 {
         self.mechanics.update(&self.model, &self.state);
         self.work.spend(GAP_WORK + self.body_pairs.len()).await;

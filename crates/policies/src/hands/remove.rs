@@ -115,7 +115,7 @@ struct Leaving {
 enum Phase {
     /// Leans and brings the open hand beside the glass.
     Take,
-    /// Waits until the hand is felt to be there.
+    /// Waits until the hand is felt to be there. Where it does not get there, another stance is looked for.
     PreGrasp,
     /// Moves it around the glass. Ends where it is felt to be there; else it goes back.
     Approach,
@@ -161,6 +161,11 @@ impl Remove {
             parameters(given, "remove", Side::Right, info, |params: &mut Params| vec![&mut params.close.grip])?;
         if params.grasp.tilts.is_empty() {
             let reason = "grasp.tilts is empty; name one at least".into();
+            return Err(PolicyError::Unfit { policy: "hands", reason });
+        }
+        let named = params.close.bears.iter().flat_map(|bears| &bears.fingers);
+        if let Some(unknown) = named.into_iter().find(|name| !FINGERS.contains(&name.as_str())) {
+            let reason = format!("close.bears: there is no finger {unknown}; name some of {}", FINGERS.join(", "));
             return Err(PolicyError::Unfit { policy: "hands", reason });
         }
         Ok(Self {
@@ -315,11 +320,13 @@ impl Expert for Remove {
                     Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
                 } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
-                } else if elapsed > grasp.patience && !is_near {
+                } else if elapsed > grasp.patience && is_near {
+                    Some(Phase::Retreat)
+                } else if elapsed > grasp.patience {
                     self.taking.another();
                     Some(Phase::Take)
                 } else {
-                    (elapsed > grasp.patience).then_some(Phase::Retreat)
+                    None
                 }
             }
             Phase::Close => {
@@ -450,5 +457,19 @@ impl Skill for Remove {
             (Phase::Leave, Some(leaving)) => format!("Leave{}", leaving.stage()),
             _ => self.phases.name(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_grip_is_loose_where_a_finger_that_bears_feels_nothing() {
+        let bears = Bears { fingers: ["thumb", "ring"].map(str::to_owned).into(), force: 0.7, tries: 3 };
+        let touch = |fingers: [f64; FINGERS.len()]| Touch { fingers, palm: 0.0 };
+        assert!(bears.is_felt(&touch([8.0, 0.0, 0.0, 2.0, 0.0])));
+        assert!(!bears.is_felt(&touch([8.0, 4.0, 5.0, 0.0, 0.0])), "as a thumb at the fixture leaves them");
+        assert!(!bears.is_felt(&touch([0.0, 4.0, 5.0, 2.0, 0.0])));
     }
 }

@@ -29,6 +29,8 @@ const SWEPT: f64 = 0.02;
 /// Room of the joints, rad, and gap, m, from which on more of it is not worth more.
 const MAX_ROOM: f64 = 0.35;
 const MAX_GAP: f64 = 0.02;
+/// Worth of a metre of a gap, and how much more one of an overlap costs, as room of the joints, rad.
+const GAP_WORTH: [f64; 2] = [10.0, 40.0];
 
 /// A stance, with the arm's postures from the one before the work to the one of the work.
 #[derive(Debug, Clone)]
@@ -279,7 +281,9 @@ impl Stance {
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);
-        self.room.min(MAX_ROOM) + 10.0 * self.gap.min(MAX_GAP) + 40.0 * self.gap.min(0.0) - 50.0 * short - 0.1 * lean
+        self.room.min(MAX_ROOM) + GAP_WORTH[0] * self.gap.min(MAX_GAP) + GAP_WORTH[1] * self.gap.min(0.0)
+            - 50.0 * short
+            - 0.1 * lean
     }
 
     /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.

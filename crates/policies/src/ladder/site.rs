@@ -63,3 +63,31 @@ pub(super) fn choose_site(socket: &Pose, map: &Map, ladder: Place, below_ceiling
     });
     sites.min_by(|one, other| cost(one).total_cmp(&cost(other))).unwrap_or((at, ladder.1))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Before a wall at y = 0 that looks to -y: the lamp is at its origin.
+    fn aside(walls: &[[f64; 4]]) -> f64 {
+        let quarter = std::f64::consts::FRAC_1_SQRT_2;
+        let socket = Pose { position: vec![0.0, 0.0, 2.2], quaternion: vec![quarter, quarter, 0.0, 0.0] };
+        let corners =
+            |&[left, right, low, high]: &[f64; 4]| vec![[left, low], [right, low], [right, high], [left, high]];
+        let walls = walls.iter().enumerate().map(|(index, wall)| (index.to_string(), corners(wall)));
+        let (place, yaw) = choose_site(&socket, &Map::new(walls, 1.2), ([0.0, -2.0], 0.0), None);
+        assert!((place[1] + STANDOFF.1).abs() < 1e-9 && yaw.abs() < 1e-9, "{place:?} {yaw}");
+        (place[0] * 1e6).round() / 1e6
+    }
+
+    /// The robot goes up with its back to the lamp, so that its right hand is on the ladder's left.
+    #[test]
+    fn before_a_wall_the_ladder_makes_room_for_the_right_hand() {
+        assert_eq!(aside(&[]), 0.0);
+        let wall = |x: f64| [x, x + 0.1, -3.0, 0.0];
+        assert_eq!(aside(&[wall(-1.5)]), 0.0);
+        assert!(aside(&[wall(-0.8)]) > 0.0);
+        assert_eq!(aside(&[wall(-0.6)]), 0.2);
+        assert_eq!(aside(&[wall(0.5)]), 0.0, "the left hand needs none");
+    }
+}

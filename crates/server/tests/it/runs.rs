@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-use crate::common::{ask_run, ask_run_as, channel_of, open_session, subscribe};
+use crate::common::{LONG, ask_run, ask_run_as, channel_of, open_session, subscribe};
 use fiatlux_access::run_identity;
 use fiatlux_bag::run::{EpisodeState, Ledger, LedgerError, Prefix, journal_of};
 use fiatlux_bag::{Bag, Completeness};
@@ -24,7 +24,6 @@ use zenoh::{Session, Wait};
 
 use player::Player;
 
-const LONG: Duration = Duration::from_secs(20);
 const KEY: &str = "0123456789abcdef0123456789abcdef";
 const JOINTS: usize = 53;
 

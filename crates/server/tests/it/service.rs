@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use crate::common::{Keys, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
+use crate::common::{Keys, LONG, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, RecorderKey, RowsKey};
 use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
@@ -27,8 +27,6 @@ use zenoh::{Session, Wait};
 /// The G1 with Inspire hands.
 const LAYOUT: RobotLayout = RobotLayout { joints: 53, hand_bodies_per_side: 17 };
 const JOINTS: usize = LAYOUT.joints;
-
-const LONG: Duration = Duration::from_secs(20);
 
 fn start(options: ServerOptions) -> (Session, Server) {
     let zenoh = fiatlux_link::Link::embedded().unwrap().session().clone();

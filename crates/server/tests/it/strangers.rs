@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::common::victim::{LONG, Victim, action, network, options, overhear, request};
+use crate::common::LONG;
+use crate::common::victim::{Victim, action, network, options, overhear, request};
 use crate::common::{open_session, replies};
 use fiatlux_access::{Grant, Greeting, Identity, Token, Tokens, proof};
 use fiatlux_proto::Message;

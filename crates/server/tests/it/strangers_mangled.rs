@@ -5,7 +5,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::common::victim::{Heard, LONG, Victim, action, network, options, overhear};
+use crate::common::LONG;
+use crate::common::victim::{Heard, Victim, action, network, options, overhear};
 use crate::common::{ask_run, replies};
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::run_episode::State;

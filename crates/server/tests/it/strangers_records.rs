@@ -7,7 +7,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use crate::common::victim::{Heard, LONG, Victim, network, options, overhear, request};
+use crate::common::LONG;
+use crate::common::victim::{Heard, Victim, network, options, overhear, request};
 use crate::common::{ask_run, replies};
 use fiatlux_access::{RecorderKey, RowsKey};
 use fiatlux_bag::{Bag, Completeness};

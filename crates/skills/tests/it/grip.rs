@@ -67,6 +67,27 @@ fn a_torque_bounds_what_closes_and_not_what_opens() {
     }
 }
 
+/// A grip is at its limit where a target asks one of its own joints for all that its drive has, either way; a hold at its start is not.
+#[test]
+fn a_grip_knows_when_its_drives_give_all_that_they_have() {
+    let robot = Robot::by_name("g1_inspire").unwrap();
+    let (all, closed) = (joints(&robot), grasp_of(&robot, 1));
+    let grip = Grip::new(&all, &closed, &closed);
+    let [own, other] =
+        ["R_index_proximal_joint", "L_index_proximal_joint"].map(|name| robot.joint_index(name).unwrap());
+    let sensed = vec![0.3; all.len()];
+    let asks = |joint: usize, torque: f64| {
+        let mut targets = sensed.clone();
+        targets[joint] += torque / STIFFNESS;
+        grip.is_at_limit(&sensed, &targets)
+    };
+    assert!(asks(own, 0.51) && asks(own, -0.51));
+    assert!(!asks(own, 0.49) && !asks(other, 2.0) && !asks(0, 2.0));
+    let mut targets = vec![0.0; all.len()];
+    Hold::new(&all, Carrying::FRESH, &vec![9.0; all.len()]).write(&sensed, &mut targets);
+    assert!(!grip.is_at_limit(&sensed, &targets));
+}
+
 const CARRYING: Carrying = Carrying { presses: 0.8, keeps: 0.6 };
 
 #[test]

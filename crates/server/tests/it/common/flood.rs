@@ -14,7 +14,8 @@ use fiatlux_proto::v3::{EpisodeEnd, EpisodeHeader, EpisodeResult, OpenRequest, S
 use fiatlux_server::{BagEnd, BagReport, Naming, Recorder, RecorderOptions, RecordsFrom};
 use zenoh::{Session, Wait};
 
-use super::victim::{LONG, Victim, request};
+use super::LONG;
+use super::victim::{Victim, request};
 
 /// Rows of a bag that fills a folder, and bytes of each that do not shrink.
 const ROWS: u64 = 1000;

@@ -5,6 +5,7 @@ pub mod victim;
 
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use fiatlux_access::{
     Channel, Greeting, Identity, Label, RowsKey, Secrets, Side, SignedReply, registration, run_identity,
@@ -12,13 +13,18 @@ use fiatlux_access::{
 use fiatlux_proto::keys::ServerKeys;
 use fiatlux_proto::v3::run_request::Ask;
 use fiatlux_proto::v3::{
-    OpenReply, OpenRequest, Refusal, RunReply, RunRequest, RunStatus, SessionInfo, Welcome, open_reply, run_reply,
+    Observation, OpenReply, OpenRequest, Refusal, RunReply, RunRequest, RunStatus, SessionInfo, Welcome, open_reply,
+    run_reply,
 };
 use fiatlux_proto::{Message, PROTOCOL};
 use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
+
+/// For so long something is waited for, and after so long an action is sent again.
+pub const LONG: Duration = Duration::from_secs(20);
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// The keys of a session.
 pub type Keys = Arc<Mutex<Channel>>;
@@ -53,6 +59,21 @@ pub fn subscribe_sealed<M: Message + Default + 'static>(zenoh: &Session, key: St
     };
     zenoh.declare_subscriber(key).callback(callback).background().wait().unwrap();
     receive
+}
+
+/// The observation after a step. Its action is sent again as the protocol asks for: observations are lost until Zenoh knows who hears them.
+pub fn answer(observations: &Receiver<Observation>, step: u64, act: impl Fn()) -> Observation {
+    let began = Instant::now();
+    loop {
+        match observations.recv_timeout(AGAIN) {
+            Ok(observation) if observation.step > step => return observation,
+            Ok(_) => {}
+            Err(error) => {
+                assert!(began.elapsed() < LONG, "{error} after step {step}");
+                act();
+            }
+        }
+    }
 }
 
 /// Payload and attachment of a reply, or the refusal that an error reply has.

@@ -1,7 +1,6 @@
 //! A client of raw messages that plays an episode of a run.
 
 use std::sync::mpsc::Receiver;
-use std::time::{Duration, Instant};
 
 use fiatlux_access::Label;
 use fiatlux_proto::Message;
@@ -14,11 +13,8 @@ use fiatlux_proto::v3::{
 use zenoh::liveliness::LivelinessToken;
 use zenoh::{Session, Wait};
 
-use super::{JOINTS, KEY, LONG};
-use crate::common::{Keys, ask_run, ask_sealed, channel_of, subscribe_sealed};
-
-/// Time after which an action is sent again.
-const AGAIN: Duration = Duration::from_secs(1);
+use super::{JOINTS, KEY};
+use crate::common::{Keys, answer, ask_run, ask_sealed, channel_of, subscribe_sealed};
 
 /// Two ways through an episode; both fall.
 fn action(way: u64, step: u64) -> Vec<f64> {
@@ -75,28 +71,13 @@ impl Player {
         self.reset(0).unwrap();
         for step in 0..steps {
             self.act(way, step);
-            let observation = self.answer(way, step);
+            let observation = answer(&self.observations, step, || self.act(way, step));
             assert_eq!(observation.step, step + 1);
             if observation.end.is_some() {
                 return observation.end;
             }
         }
         None
-    }
-
-    /// The observation after an action, which is sent again as the protocol asks for: observations are lost until Zenoh knows who hears them.
-    fn answer(&self, way: u64, step: u64) -> Observation {
-        let began = Instant::now();
-        loop {
-            match self.observations.recv_timeout(AGAIN) {
-                Ok(observation) if observation.step > step => return observation,
-                Ok(_) => {}
-                Err(error) => {
-                    assert!(began.elapsed() < LONG, "{error} after step {step}");
-                    self.act(way, step);
-                }
-            }
-        }
     }
 
     pub fn close(self) {
