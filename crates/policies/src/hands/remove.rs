@@ -29,6 +29,9 @@ const CHECKED: f64 = 0.015;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
+/// So often the hand does not get beside the glass before another stance is looked for.
+const MAX_MISSED: u32 = 3;
+
 /// Distances of the glass from its place in the hand up to which the hand is around it, and up to which it is so near that it must not be
 /// moved in another way, m; and closure of a hand that closes.
 const AROUND_M: f64 = 0.02;
@@ -115,7 +118,7 @@ struct Leaving {
 enum Phase {
     /// Leans and brings the open hand beside the glass.
     Take,
-    /// Waits until the hand is felt to be there. Where it does not get there, another stance is looked for.
+    /// Waits until the hand is felt to be there. Where it does not get there, it goes back, and the third time another stance is looked for.
     PreGrasp,
     /// Moves it around the glass. Ends where it is felt to be there; else it goes back.
     Approach,
@@ -150,8 +153,9 @@ pub(super) struct Remove {
     has_arrived: bool,
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
-    /// Number of grips that would not bear the bulb.
+    /// Number of grips that would not bear the bulb, and of times that the hand did not get beside the glass.
     loose: u32,
+    missed: u32,
 }
 
 impl Remove {
@@ -178,6 +182,7 @@ impl Remove {
             fingers: Default::default(),
             grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
             loose: 0,
+            missed: 0,
             params,
         })
     }
@@ -320,11 +325,13 @@ impl Expert for Remove {
                     Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
                 } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
                     Some(next)
-                } else if elapsed > grasp.patience && is_near {
-                    Some(Phase::Retreat)
                 } else if elapsed > grasp.patience {
-                    self.taking.another();
-                    Some(Phase::Take)
+                    self.missed += u32::from(!is_near);
+                    let gives_up = !is_near && self.missed.is_multiple_of(MAX_MISSED);
+                    if gives_up {
+                        self.taking.another();
+                    }
+                    Some(if gives_up { Phase::Take } else { Phase::Retreat })
                 } else {
                     None
                 }
