@@ -6,6 +6,7 @@ mod apart;
 mod arm;
 mod grab;
 mod insert;
+mod judge;
 mod lean;
 mod parameters;
 mod place;

@@ -15,6 +15,7 @@ use serde::Deserialize;
 
 use super::apart::Apart;
 use super::arm::{Arm, MakesArm, ToolGoal};
+use super::judge::{Judge, Stance, Standing};
 use super::lean::{Lean, leans};
 use super::parameters::parameters;
 use super::plan::{ArmAngles, SLICE};
@@ -23,7 +24,7 @@ use super::room;
 use super::side::Side;
 use super::skill::{CAP, Expert, Seen};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Standing, Taking};
+use super::stance::{REST, Taking};
 
 /// Heights above the seat: of the stop for the plug, and of the mouth, m.
 const STOP: f64 = fixture::STOP_HEIGHT;

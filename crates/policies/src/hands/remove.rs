@@ -14,6 +14,7 @@ use serde::Deserialize;
 
 use super::apart::Apart;
 use super::arm::{Arm, MakesArm, ToolGoal};
+use super::judge::{Judge, Stance, Standing};
 use super::lean::{Lean, leans};
 use super::parameters::parameters;
 use super::plan::ArmAngles;
@@ -22,7 +23,7 @@ use super::room;
 use super::side::Side;
 use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
-use super::stance::{Judge, REST, Stance, Standing, Taking};
+use super::stance::{REST, Taking};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
@@ -197,6 +198,45 @@ impl Remove {
         }
         Ok(is_there)
     }
+
+    /// Where the hand is beside the glass.
+    fn beside(&self, seen: &Seen) -> Isometry3<f64> {
+        glass(seen) * self.glass_from_hand * Translation3::from(self.params.grasp.back)
+    }
+
+    /// Brings the open hand beside the glass, and around it.
+    fn approach(&mut self, params: &Params, seen: &Seen, arm: &mut Arm) -> Result<Option<Phase>, PolicyError> {
+        let (grasp, elapsed) = (&params.grasp, self.phases.elapsed(seen.time));
+        let is_near = self.phases.now() == Phase::Approach;
+        let (goal, next) = match is_near {
+            true => (glass(seen) * self.glass_from_hand, Phase::Close),
+            false => (self.beside(seen), Phase::Approach),
+        };
+        if self.has_arrived {
+            let off = goal * arm.sensed_hand().inverse();
+            arm.nudge(true, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
+        } else {
+            self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
+        }
+        Ok(if !is_near && seen.is_touched() {
+            self.taking.goes_back();
+            Some(Phase::Take)
+        } else if is_near && seen.touch.palm > TOUCHED && self.has_arrived {
+            // The glass is at the palm.
+            Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
+        } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
+            Some(next)
+        } else if elapsed > grasp.patience {
+            self.missed += u32::from(!is_near);
+            let gives_up = !is_near && self.missed.is_multiple_of(MAX_MISSED);
+            if gives_up {
+                self.taking.another();
+            }
+            Some(if gives_up { Phase::Take } else { Phase::Retreat })
+        } else {
+            None
+        })
+    }
 }
 
 /// A share of a change of poses in the world, about the world's origin.
@@ -303,39 +343,10 @@ impl Expert for Remove {
         let elapsed = self.phases.elapsed(seen.time);
         let closing = CONTROL_DT / close.time;
         let plug = Plug::measure(&seen.socket, &seen.old_bulb);
-        let around = glass(seen) * self.glass_from_hand;
         let hand_from_glass = self.glass_from_hand.inverse();
-        let beside = around * Translation3::from(grasp.back);
         let next = match self.phases.now() {
             Phase::Take => self.take(seen, arm)?.then_some(Phase::PreGrasp),
-            Phase::PreGrasp | Phase::Approach => {
-                let is_near = self.phases.now() == Phase::Approach;
-                let (goal, next) = if is_near { (around, Phase::Close) } else { (beside, Phase::Approach) };
-                if self.has_arrived {
-                    let off = goal * arm.sensed_hand().inverse();
-                    arm.nudge(true, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
-                } else {
-                    self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
-                }
-                if !is_near && seen.is_touched() {
-                    self.taking.goes_back();
-                    Some(Phase::Take)
-                } else if is_near && seen.touch.palm > TOUCHED && self.has_arrived {
-                    // The glass is at the palm.
-                    Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
-                } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
-                    Some(next)
-                } else if elapsed > grasp.patience {
-                    self.missed += u32::from(!is_near);
-                    let gives_up = !is_near && self.missed.is_multiple_of(MAX_MISSED);
-                    if gives_up {
-                        self.taking.another();
-                    }
-                    Some(if gives_up { Phase::Take } else { Phase::Retreat })
-                } else {
-                    None
-                }
-            }
+            Phase::PreGrasp | Phase::Approach => self.approach(&params, seen, arm)?,
             Phase::Close => {
                 arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
                 for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.touch.fingers).enumerate() {
@@ -391,7 +402,7 @@ impl Expert for Remove {
                 (elapsed > close.time).then_some(Phase::Retreat)
             }
             Phase::Retreat => {
-                let left = arm.move_to(true, &beside, grasp.speed)?;
+                let left = arm.move_to(true, &self.beside(seen), grasp.speed)?;
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
                     self.fingers = Default::default();
                     self.taking.again();
