@@ -119,7 +119,7 @@ def test_clean_rollouts_are_kept_as_bags_of_the_same_episodes(tmp_path, monkeypa
     (tmp_path / "one" / "RUN.toml").write_text("of another run")
     _, counts = lessons.part_of_lesson("S05", student=None, into=tmp_path / "one", bags=1, **given)
     (bag,) = (tmp_path / "one").rglob("*.mcap")
-    assert counts["successes"] == 2 and fiatlux.Bag(bag).result["strict"]["success"]
+    assert counts["successes"] > 1 and fiatlux.Bag(bag).result["strict"]["success"]
     kept = play("S05", student=None, bags=2, **given).rollouts
     assert len(kept.kept) == 2 and all(len(actions) > 100 for actions in kept.kept.values())
     room, actions = next(iter(kept.kept.items()))
