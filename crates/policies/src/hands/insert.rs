@@ -424,9 +424,10 @@ impl Expert for Insert {
         arm.write(targets);
         Arm::put_left_arm(targets, self.phases.now() != Phase::Done);
         let is_opening = matches!(self.phases.now(), Phase::Open | Phase::Retreat | Phase::Leave | Phase::Done);
-        let felt = params.hold.as_ref().map_or(f64::INFINITY, |hold| hold.felt);
-        let presses = seen.touch.fingers.iter().any(|force| *force > felt) && arm.is_at_limit(&self.grip, targets);
-        let loosens = *self.loosens.get_or_insert(presses);
+        let loosens = *self.loosens.get_or_insert_with(|| {
+            let felt = params.hold.as_ref().map_or(f64::INFINITY, |hold| hold.felt);
+            seen.touch.fingers.iter().any(|force| *force > felt) && arm.is_at_limit(&self.grip, targets)
+        });
         if is_opening || loosens && params.hold.as_ref().is_some_and(|hold| seen.time < hold.settle) {
             let torque = params.hold.as_ref().map(|hold| hold.torque);
             self.fingers.iter_mut().for_each(|finger| finger.torque = torque);

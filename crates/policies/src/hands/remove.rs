@@ -73,7 +73,6 @@ struct Close {
     torque: f64,
     hold: f64,
     lead: f64,
-    #[serde(default)]
     bears: Option<Bears>,
     open: Angles,
     #[serde(default)]

@@ -23,6 +23,7 @@ const MARGINS: [f64; 3] = [1.0, 0.3, 0.0];
 const IMPROVES: usize = 2;
 /// Gap that the arm keeps while the robot leans otherwise, m.
 const SWEPT: f64 = 0.02;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
     /// Brings the arm to where nothing is in its way while the robot leans.
@@ -44,11 +45,9 @@ pub(super) struct Taking {
     before: BodyCommand,
     /// The robot leant already when this began.
     leans: bool,
-    /// Corners of the way that are left, the last first; and those that are behind, the first first.
+    /// Corners of the way that are left, the last first; and those that are behind, from where it began.
     way: Vec<ArmAngles>,
     passed: Vec<ArmAngles>,
-    /// Where the way to the first posture began.
-    reaches_from: ArmAngles,
     leans_since: f64,
     /// Part of the way that the robot has gone from `before` to the stance: 0 to 1.
     bent: f64,
@@ -238,7 +237,6 @@ impl Taking {
             leans: false,
             way: Vec::new(),
             passed: Vec::new(),
-            reaches_from: REST,
             leans_since: 0.0,
             bent: 0.0,
             retries: Retries::default(),
@@ -280,11 +278,11 @@ impl Taking {
 
     /// Looks for another stance, from where the robot is: in this one the arm does not get to the work.
     pub fn another(&mut self) {
-        self.before = self.command();
+        self.stays(self.command());
         if let Some(stance) = self.stance.take() {
             self.retries.refuse(stance.command);
         }
-        (self.stage, self.leans, self.search) = (Stage::Clear, true, None);
+        (self.stage, self.search) = (Stage::Clear, None);
     }
 
     pub fn stage(&self) -> String {
@@ -384,8 +382,7 @@ impl Taking {
                 match way {
                     Some(mut way) => {
                         way.reverse();
-                        (self.way, self.stage, self.reaches_from) = (way, Stage::Reach, arm.angles());
-                        self.passed.clear();
+                        (self.way, self.stage, self.passed) = (way, Stage::Reach, vec![arm.angles()]);
                         self.retries.found_way();
                     }
                     None => {
@@ -406,7 +403,7 @@ impl Taking {
     pub fn goes_back(&mut self) {
         self.before = self.command();
         (self.stage, self.search) = (Stage::Clear, None);
-        self.way = std::iter::once(self.reaches_from).chain(self.passed.drain(..)).collect();
+        self.way = std::mem::take(&mut self.passed);
     }
 
     /// Moves the arm along the way; true at its end.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use crate::common::{Keys, LONG, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
+use crate::common::{Keys, LONG, answer, ask_sealed, channel_of, open_session, rows_key, subscribe, subscribe_sealed};
 use fiatlux_access::{Label, RecorderKey, RowsKey};
 use fiatlux_link::{CarrierArgs, Role};
 use fiatlux_proto::keys::{ServerKeys, SessionKeys};
@@ -105,6 +105,11 @@ impl Client {
         self.send(Action { episode, step, action: action(step).to_vec(), ..Action::default() }.encode_to_vec());
     }
 
+    fn step(&self, episode: u64, step: u64) -> Observation {
+        self.act(episode, step);
+        answer(&self.observations, step, || self.act(episode, step))
+    }
+
     fn next(&self) -> Observation {
         self.observations.recv_timeout(LONG).unwrap()
     }
@@ -183,8 +188,7 @@ fn an_episode_survives_a_bad_client() {
             _ => {}
         }
         refused += u64::from((1..8).contains(&(step % 10)));
-        client.act(4, step);
-        let observation = client.next();
+        let observation = client.step(4, step);
         step += 1;
         assert_eq!((observation.episode, observation.step), (4, step));
         if step == 100 || observation.end.is_some() {
@@ -240,8 +244,7 @@ fn an_episode_that_ends_says_how() {
     let mut truths = Vec::new();
     let mut step = 0;
     let last = loop {
-        client.act(0, step);
-        let observation = client.next();
+        let observation = client.step(0, step);
         assert!(observation.proprioception.is_none() && observation.hand_contact_force.is_empty());
         step += 1;
         if observation.end.is_some() {
@@ -370,8 +373,7 @@ fn an_episode_over_tcp() {
     client.rows = Some(rows_key(&key, &client.info));
     client.reset(0).unwrap();
     for step in 0..40 {
-        client.act(0, step);
-        assert_eq!(client.next().step, step + 1);
+        assert_eq!(client.step(0, step).step, step + 1);
     }
     let (rows, _) = alone(Task::S05, 1, 0, 40);
     let truth = client.truths(40, 1).remove(0);

@@ -8,7 +8,7 @@ use std::time::Duration;
 use fiatlux_access::RecorderKey;
 use fiatlux_server::{RecordsTo, ServerOptions};
 
-use crate::common::flood::{fill, garbage, is_whole, play, recorded, recorder};
+use crate::common::flood::{fill, garbage, is_whole, recorded, recorder};
 use crate::common::open_session;
 use crate::common::victim::{network, options, overhear, request};
 
@@ -34,7 +34,7 @@ fn sessions_without_a_record_cost_a_recorder_nothing() {
         let _ = open_session(&stranger, "test", &request());
     }
     let victim = recorded(&link);
-    let end = play(&victim);
+    let end = victim.play(|_| ());
     assert!(is_whole(&bags, &end));
     victim.close();
     std::thread::sleep(Duration::from_secs(6));
@@ -55,7 +55,7 @@ fn garbage_cuts_no_bag() {
         let victim = recorded(&link);
         let stop = Arc::new(AtomicBool::new(false));
         let flood = garbage(&stranger, &victim.keys, &stop);
-        let end = play(&victim);
+        let end = victim.play(|_| ());
         assert!(is_whole(&bags, &end));
         victim.close();
         stop.store(true, Ordering::Relaxed);

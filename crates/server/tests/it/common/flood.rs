@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 use fiatlux_access::RecorderKey;
 use fiatlux_bag::{Bag, BagWriter, Completeness};
@@ -83,25 +82,6 @@ pub fn garbage(link: &Session, keys: &SessionKeys, stop: &Arc<AtomicBool>) -> Jo
         }
         sent
     })
-}
-
-/// Plays a recorded session to its end and closes it. Actions are sent again until they are answered.
-pub fn play(victim: &Victim) -> EpisodeEnd {
-    victim.reset();
-    for step in 0.. {
-        let began = Instant::now();
-        let observation = loop {
-            victim.act(step);
-            match victim.observations.recv_timeout(Duration::from_millis(200)) {
-                Ok(observation) if observation.step > step => break observation,
-                _ => assert!(began.elapsed() < LONG, "no observation {}", step + 1),
-            }
-        };
-        if let Some(end) = observation.end {
-            return end;
-        }
-    }
-    unreachable!()
 }
 
 /// A session that asks to be recorded.
