@@ -22,6 +22,7 @@ from fiatlux.dagger.__main__ import load, main  # noqa: E402
 from fiatlux.dagger.finds import IN_ROOM, ON_LADDER, Looks  # noqa: E402
 from fiatlux.dagger.lessons import RANGES, SETTLES, SLEW, Bodies, Lesson, Memory, Phases, play  # noqa: E402
 from fiatlux.dagger.network import WALKS, Network, Shape, export, grown  # noqa: E402
+from fiatlux.dagger.rollouts import Rollouts  # noqa: E402
 from fiatlux.whole_body import DEAD_ZONE  # noqa: E402
 
 SMALL = [
@@ -131,7 +132,7 @@ def test_clean_rollouts_are_kept_as_bags_of_the_same_episodes(tmp_path, monkeypa
 
 
 def test_rollouts_are_of_the_first_start_and_few():
-    rollouts = lessons.Rollouts([7, 8, 9], 5, 2, 2)
+    rollouts = Rollouts([7, 8, 9], 5, 2, 2)
     for step in range(3):
         rollouts.step(np.full(3, step), np.full((3, 2), 10.0 * step))
     count, ended = np.full(3, 3), np.ones(3, bool)
