@@ -365,10 +365,12 @@ impl Expert for Grab {
                 (left < ARRIVED && elapsed > close.verify && next != self.phases.now()).then_some(next)
             }
             Phase::Open => {
-                for finger in &mut self.fingers {
-                    *finger = Finger { share: finger.share - closing, torque: None };
-                }
-                self.fingers.iter().all(|finger| finger.share <= 0.0).then_some(Phase::Retreat)
+                // Their torques stay bounded until they are open, or they would press on at first.
+                self.fingers.iter_mut().for_each(|finger| finger.share -= closing);
+                self.fingers.iter().all(|finger| finger.share <= 0.0).then(|| {
+                    self.fingers = Default::default();
+                    Phase::Retreat
+                })
             }
             Phase::Retreat => {
                 let goal = if lies { above(&self.goal, motion.lift) } else { self.goal * back_off };
