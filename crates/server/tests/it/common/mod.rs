@@ -24,7 +24,7 @@ use zenoh::{Session, Wait};
 
 /// For so long something is waited for, and after so long an action is sent again.
 pub const LONG: Duration = Duration::from_secs(20);
-const AGAIN: Duration = Duration::from_millis(200);
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// The keys of a session.
 pub type Keys = Arc<Mutex<Channel>>;
