@@ -2,29 +2,38 @@
 # Makes a leaderboard with real entries from nothing: plays the built-in policies, submits their bags, has every episode simulated again, and
 # serves the pages until Ctrl-C.
 #
-#   deploy/leaderboard/make.sh [--out DIR] [--seeds LIST] [--policies LIST] [--act CHECKPOINT] [--ppo TASK=FILE] [--http HOST:PORT] [--exit]
+#   deploy/leaderboard/make.sh [--out DIR] [--seeds LIST] [--policies LIST] [--hosted LIST] [--rooms N] [--act CHECKPOINT]
+#                              [--ppo TASK=FILE] [--http HOST:PORT] [--exit]
 #
 #   --out DIR         folder for runs and board [default: results/leaderboard]; what is there is kept, and played no second time
 #   --seeds LIST      rooms, as of `fiatlux evaluate` [default: 0..3]; one room is enough for a try
 #   --policies LIST   [default: zero,random,stand,expert]; a board refuses walk next to expert, which plays S05, S07 and
 #                     S09 by it: equal rows have one policy
+#   --hosted LIST     also plays these policies, such as see,carry, in rooms that the server draws, and signs their bags
+#   --rooms N         rooms for each task of --hosted [default: 4]; fewer are not ranked
 #   --act CHECKPOINT  also plays a checkpoint of python -m fiatlux.train_lerobot, in S06
 #   --ppo TASK=FILE   also plays the exported file of a run of `python -m fiatlux.train ppo` or `hand`, in its task
 #   --http HOST:PORT  address of the pages [default: 127.0.0.1:8080]; port 0 takes a free one
-#   --exit            end when every entry is verified, and print the table
+#   --exit            end when every entry is verified, and print a line for each, with its badge
 #
-# FIATLUX, SIM_SERVER, SCORER and, for --act, POLICY_CLIENT name the programs [default: those in target/release, which are built if they
-# are missing]. PYTHON names the Python with the wheel [default: python3]: --ppo needs it, and --act needs its extra lerobot.
+# FIATLUX, SIM_SERVER, SCORER and POLICY_CLIENT name the programs [default: those in target/release, which are built if they are
+# missing]. PYTHON names the Python with the wheel [default: python3]: --ppo needs it, and --act needs its extra lerobot.
 set -euo pipefail
 root="$(cd "$(dirname "$0")/../.." && pwd)"
-out=results/leaderboard seeds=0..3 policies=zero,random,stand,expert http=127.0.0.1:8080 exits= act= ppo=
-usage() { sed -n '2,18s/^# \{0,1\}//p' "$0"; }
+out=results/leaderboard seeds=0..3 policies=zero,random,stand,expert http=127.0.0.1:8080
+exits='' act='' ppo='' hosted='' rooms=4
+usage() { sed -n '2,20s/^# \{0,1\}//p' "$0"; }
 while [ $# -gt 0 ]; do
     case "$1" in
         --exit) exits=1 && shift && continue ;;
         --help | -h) usage && exit 0 ;;
-        --out | --seeds | --policies | --act | --ppo | --http) [ $# -ge 2 ] || { echo "make.sh: $1 needs a value" >&2 && exit 2; } ;;
-        *) echo "make.sh: unknown option '$1'; known ones are --out, --seeds, --policies, --act, --ppo, --http, --exit" >&2 && exit 2 ;;
+        --out | --seeds | --policies | --hosted | --rooms | --act | --ppo | --http)
+            [ $# -ge 2 ] || { echo "make.sh: $1 needs a value" >&2 && exit 2; }
+            ;;
+        *)
+            echo "make.sh: unknown option '$1'; known ones are --out, --seeds, --policies, --hosted, --rooms, --act, --ppo, --http, --exit" >&2
+            exit 2
+            ;;
     esac
     printf -v "${1#--}" %s "$2"
     shift 2
@@ -32,18 +41,26 @@ done
 [ -z "$act" ] || [ -f "$act/config.json" ] || { echo "make.sh: --act: no checkpoint at '$act'" >&2 && exit 2; }
 case "$ppo" in "" | S[01][0-9]=?*) ;; *) echo "make.sh: --ppo is '$ppo'; give TASK=FILE, such as S02=s02.safetensors" >&2 && exit 2 ;; esac
 [ -z "$ppo" ] || [ -f "${ppo#*=}" ] || { echo "make.sh: --ppo: no file '${ppo#*=}'" >&2 && exit 2; }
-if [ -z "${FIATLUX:-}" ] || [ -z "${SIM_SERVER:-}" ] || [ -z "${SCORER:-}" ]; then
-    (cd "$root" && cargo build --release --locked -p fiatlux -p sim-server -p scorer --bins)
-fi
-if [ -n "$act" ] && [ -z "${POLICY_CLIENT:-}" ]; then
-    (cd "$root" && cargo build --release --locked -p policy-client --bins)
+case "$rooms" in "" | 0* | *[!0-9]*) echo "make.sh: --rooms is '$rooms'; give a number of rooms, such as 4" >&2 && exit 2 ;; esac
+for name in ${hosted//,/ }; do
+    # A board counts the first hosted run of a policy.
+    run="$out/hosted-$name.toml"
+    [ ! -s "$run" ] || grep -qx "hosted_seeds = $rooms" "$run" || {
+        echo "make.sh: $run is a run of $name in another number of rooms; give the same --rooms, or another --out" >&2 && exit 2
+    }
+done
+if [ -z "${FIATLUX:-}" ] || [ -z "${SIM_SERVER:-}" ] || [ -z "${SCORER:-}" ] || [ -z "${POLICY_CLIENT:-}" ]; then
+    (cd "$root" && cargo build --release --locked -p fiatlux -p sim-server -p scorer -p policy-client --bins)
 fi
 programs="${CARGO_TARGET_DIR:-$root/target}/release"
 fiatlux="${FIATLUX:-$programs/fiatlux}" sim="${SIM_SERVER:-$programs/sim-server}" scorer="${SCORER:-$programs/scorer}"
 client="${POLICY_CLIENT:-$programs/policy-client}" python="${PYTHON:-python3}"
+for program in "$fiatlux" "$sim" "$scorer" "$client"; do
+    command -v "$program" >/dev/null || { echo "make.sh: no program '$program'" >&2 && exit 1; }
+done
 mkdir -p "$out"
 
-servers=() player=
+servers=() player=''
 finish() {
     [ ${#servers[@]} -eq 0 ] || kill "${servers[@]}" 2>/dev/null || true
     wait
@@ -63,7 +80,7 @@ play() {
     player=$!
     local ended=0
     wait "$player" || ended=$?
-    player=
+    player=''
     return "$ended"
 }
 
@@ -82,25 +99,43 @@ if [ ! -s "$out/token" ]; then
     "$scorer" admin --folder "$out/board" account fiatlux >/dev/null
     (umask 077 && "$scorer" admin --folder "$out/board" token fiatlux >"$out/token")
 fi
-port=$((20000 + RANDOM % 20000))
-"$sim" -l "tcp/127.0.0.1:$port" >"$out/sim-server.log" 2>&1 &
+[ -s "$out/keys/known_servers" ] || "$fiatlux" keys --out "$out/keys" >/dev/null
+: >"$out/server"
+"$sim" -l tcp/127.0.0.1:0 --identity "$out/keys/server_identity" --record "$out/hosted" --bags thin >"$out/server" 2>"$out/sim-server.log" &
 newest=$!
 servers+=("$newest")
+speaks 30 "$out/server" "$out/sim-server.log" "the server did not start"
+endpoint="$(grep -oE 'tcp/[^ ]+' "$out/server")"
 : >"$out/address"
-"$scorer" serve --folder "$out/board" -e "tcp/127.0.0.1:$port" --http "$http" >"$out/address" 2>"$out/scorer.log" &
+"$scorer" serve --folder "$out/board" -e "$endpoint" --signers "$out/keys/known_servers" --runs "$out/hosted" --http "$http" \
+    >"$out/address" 2>"$out/scorer.log" &
 newest=$!
 servers+=("$newest")
 board=$newest
 speaks 30 "$out/address" "$out/scorer.log" "the leaderboard did not start"
 address="$(grep -oE 'http://[^ ]+' "$out/address" | head -n 1)"
 
-# `walk` plays three tasks, and is ranked in those; the others are ranked in the table.
-IFS=, read -ra names <<<"$policies"
-for name in "${names[@]}"; do
-    tasks=all
-    [ "$name" != walk ] || tasks=S05,S07,S09
+# Those of the twelve tasks that a policy plays, by its name in the list; who plays fewer than all is ranked in those.
+tasks_of() {
+    local tasks
+    tasks="$("$client" list --policies --json | tr -d ' \n' | grep -oE "\"policy\":\"${1%%:*}[\":[][^}]*" | grep -oE '"S[0-9]+"' | tr -d '"' | paste -sd, -)" ||
+        { echo "make.sh: $client lists no tasks of a policy '$1'" >&2 && return 1; }
+    echo "$tasks"
+}
+folders=()
+for name in ${policies//,/ }; do
+    tasks="$(tasks_of "$name")"
     echo "== $name plays $tasks in rooms $seeds" >&2
     play "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
+    folders+=("$out/runs/$name")
+done
+
+for name in ${hosted//,/ }; do
+    tasks="$(tasks_of "$name")"
+    run="$out/hosted-$name.toml"
+    echo "== $name plays $tasks in hosted rooms, $rooms each" >&2
+    play "$client" evaluate --policy "$name" --tasks "$tasks" --hosted "$rooms" --run-file "$run" -e "$endpoint" >"$out/hosted-$name.txt"
+    folders+=("$out/hosted/$(sed -n 's/^run = "\(.*\)"$/\1/p' "$run")")
 done
 
 if [ -n "$ppo" ]; then
@@ -118,7 +153,7 @@ for part in seeds.split(","):
 print(fiatlux.evaluate(fiatlux.load_policy(file), tasks=[task], seeds=rooms, out=out))
 END
     play "$python" "$out/ppo.py" "$ppo" "$seeds" "$out/runs/ppo" >"$out/ppo.txt"
-    names+=(ppo)
+    folders+=("$out/runs/ppo")
 fi
 if [ -n "$act" ]; then
     echo "== act plays S06 in rooms $seeds" >&2
@@ -126,21 +161,25 @@ if [ -n "$act" ]; then
     newest=$!
     servers+=("$newest")
     speaks 120 "$out/model" "$out/model.log" "the checkpoint is not served"
-    endpoint="tcp/127.0.0.1:$((20000 + RANDOM % 20000))"
-    "$sim" -l "$endpoint" --record "$out/runs/act" >"$out/act.log" 2>&1 &
+    : >"$out/act.server"
+    "$sim" -l tcp/127.0.0.1:0 --record "$out/runs/act" >"$out/act.server" 2>"$out/act.log" &
     newest=$!
     servers+=("$newest")
+    speaks 30 "$out/act.server" "$out/act.log" "the server of the checkpoint's run did not start"
     [ -e "$out/act.done" ] || play "$client" evaluate --policy vla --dialect gr00t --model "$(grep -oE 'tcp://[^ ]+' "$out/model")" \
-        --map lerobot_g1_hand --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$endpoint" >"$out/act.txt"
+        --map lerobot_g1_hand --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$(grep -oE 'tcp/[^ ]+' "$out/act.server")" \
+        >"$out/act.txt"
     touch "$out/act.done"
-    names+=(act)
+    folders+=("$(dirname "$(find "$out/runs/act" -name '*.run.jsonl' | head -n 1)")")
 fi
-for name in "${names[@]}"; do
-    echo "== $name is submitted and verified" >&2
-    folder="$out/runs/$name"
-    [ "$name" != act ] || folder="$(dirname "$(find "$folder" -name '*.run.jsonl' | head -n 1)")"
+for folder in ${folders[@]+"${folders[@]}"}; do
+    echo "== $folder is submitted and verified" >&2
     play "$scorer" submit "$folder" --to "$address" --token "$out/token" --author Fiatlux --wait
 done
 echo "$address shows them"
 trap 'exit 0' INT TERM
-[ -n "$exits" ] || wait "$board"
+if [ -n "$exits" ]; then
+    "$scorer" admin --folder "$out/board" submissions
+else
+    wait "$board"
+fi

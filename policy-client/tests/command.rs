@@ -222,3 +222,18 @@ fn results_that_cannot_be_written_are_a_failure() {
         assert!(output.status.code() == Some(1) && err.contains("cannot be written to stdout: No space"), "{err}");
     }
 }
+
+/// Guards what scripts ask for: the tasks of each policy, and none where its file decides.
+#[test]
+fn policies_are_listed_with_their_tasks() {
+    let output = policy_client(&["list", "--policies", "--json"]).output().expect("runs");
+    let listed: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let tasks = |name: &str| {
+        let found = listed.as_array().expect("a list").iter().find(|policy| policy["policy"] == name);
+        found.unwrap_or_else(|| panic!("{name}: {listed}"))["tasks"].clone()
+    };
+    assert_eq!(tasks("carry[:FILE]"), json!(["S01"]));
+    assert_eq!(tasks("walk[:FILE]"), json!(["S05", "S07", "S09"]));
+    assert_eq!(tasks("see[:FILE]").as_array().map(Vec::len), Some(11));
+    assert!(tasks("replay:BAG").is_null() && tasks("vla").is_null());
+}

@@ -176,11 +176,9 @@ class Bag(Mapping[str, dict[str, Any]]):
             except ImportError as error:
                 raise missing("the picture of /camera, which Pillow reads,", "assets", error) from error
 
-            seconds = np.asarray(camera["timestamp.seconds"]) + np.asarray(camera["timestamp.nanos"]) / 1e9
-            rows = np.rint(seconds * ROWS_PER_SECOND).astype(int)
             found["camera"] = {
-                int(row): np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
-                for row, data in zip(rows, camera["data"])
+                row: np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+                for row, data in zip(_rows(camera), camera["data"])
             }
         observation = self["/observation"]
         for name in _PICTURES[1:]:
@@ -209,6 +207,10 @@ class Bag(Mapping[str, dict[str, Any]]):
                 for row, one in zip(rows, data)
             }
         return found
+
+    def scans(self) -> dict[int, NDArray[np.float32]]:
+        """Recorded hits of the LiDAR by row, points x 3, in the LiDAR's frame (x ahead, z up), m."""
+        return scans_of(self)
 
     def render(self, row: int, *, size: tuple[int, int] = (640, 480), camera: str | None = None) -> Picture:
         """A picture of a row, height x width x 3, which notebooks show; below 0 it counts from the end.
@@ -264,6 +266,21 @@ class Bag(Mapping[str, dict[str, Any]]):
 
     def __len__(self) -> int:
         return len(self._bag.topics())
+
+
+def _rows(messages: Mapping[str, Any]) -> list[int]:
+    """Rows of messages with a time stamp."""
+    seconds = np.asarray(messages["timestamp.seconds"]) + np.asarray(messages["timestamp.nanos"]) / 1e9
+    return [int(row) for row in np.rint(seconds * ROWS_PER_SECOND)]
+
+
+def scans_of(bag: Mapping[str, Mapping[str, Any]]) -> dict[int, NDArray[np.float32]]:
+    """As :meth:`Bag.scans`, of topics as a bag has them."""
+    clouds = bag["/lidar"]
+    if not clouds:
+        return {}
+    data = (np.frombuffer(points, "<f4").reshape(-1, 3) for points in clouds["data"])
+    return dict(zip(_rows(clouds), data))
 
 
 def commands_of(bag: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32] | None:

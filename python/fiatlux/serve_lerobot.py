@@ -1,8 +1,9 @@
 """A model server for a policy that LeRobot trained: ``python -m fiatlux.serve_lerobot CHECKPOINT``.
 
 It speaks the protocol of Isaac GR00T's servers (MessagePack over ZeroMQ), so that the policy ``vla`` with ``--dialect gr00t``
-can use it. The contract that it announces follows from the policy's features: ``observation.images.NAME`` is the camera NAME,
-``observation.state`` the state ``state``, ``action`` the action ``action``, and a chunk has the policy's ``chunk_size`` rows.
+can use it. The contract that it announces follows from the policy's features: ``observation.images.NAME`` is the camera NAME, or
+views side by side, as :mod:`fiatlux.train_lerobot` names them: ``camera@-10+camera`` is the head camera ten rows ago and now.
+``observation.state`` is the state ``state``, ``action`` the action ``action``, and a chunk has the policy's ``chunk_size`` rows.
 The mapping ``lerobot_g1`` fits data sets of :func:`fiatlux.export_lerobot` with ``action="command"``. The reply to a bad request
 says what is wrong. No pickle is read or written.
 
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._extras import check, missing
+from ._inputs import views
 
 LONGEST_REQUEST = 16 << 20
 """Longest request, bytes; ZeroMQ closes connections that send more."""
@@ -63,13 +65,13 @@ class Model:
         config.device = device
         if config.n_obs_steps != 1:
             raise ValueError(f"the policy needs {config.n_obs_steps} observation steps; train one with n_obs_steps=1")
-        self.images = {
-            key.removeprefix(_IMAGES): tuple(feature.shape) for key, feature in config.image_features.items()
-        }
-        """Channels, height and width of each camera's pictures."""
+        shapes = {key: tuple(feature.shape) for key, feature in config.image_features.items()}
+        self._views = {key: views(key.removeprefix(_IMAGES)) for key in shapes}
+        self.images, self.deltas = _cameras(self._views, shapes)
+        """Channels, height and width of each camera's pictures; and of which rows they are, the oldest first, 0 for now."""
         self.rows = len(config.action_delta_indices)
         """Number of rows in a chunk."""
-        unknown = sorted(set(config.input_features) - {_IMAGES + name for name in self.images} - {_STATE})
+        unknown = sorted(set(config.input_features) - set(shapes) - {_STATE})
         if unknown or _STATE not in config.input_features:
             raise ValueError(
                 f"the policy's inputs are {sorted(config.input_features)}; serve one of {_STATE} and {_IMAGES}NAME"
@@ -90,7 +92,7 @@ class Model:
 
         absolute = {"rep": "ABSOLUTE", "type": "NON_EEF", "format": "DEFAULT", "state_key": None}
         return {
-            "video": config([0], list(self.images)),
+            "video": config(self.deltas, list(self.images)),
             "state": config([0], ["state"]),
             "action": config(range(self.rows), ["action"], action_configs=[absolute]),
             "language": config([0], [_LANGUAGE]),
@@ -107,15 +109,42 @@ class Model:
         if not np.isfinite(state).all():
             raise Refused("state 'state' is not finite")
         batch: dict[str, Any] = {_STATE: torch.from_numpy(state[:, 0].copy())}
-        for name, (channels, height, width) in self.images.items():
-            image = _array(observation, "video", name, np.uint8, (1, 1, height, width, channels))
-            batch[_IMAGES + name] = torch.from_numpy(image[:, 0].copy()).permute(0, 3, 1, 2).float() / 255.0
+        frames = {
+            name: _array(observation, "video", name, np.uint8, (1, len(self.deltas), height, width, channels))
+            for name, (channels, height, width) in self.images.items()
+        }
+        for key, seen in self._views.items():
+            image = np.concatenate([frames[name][:, self.deltas.index(delta)] for name, delta in seen], axis=2)
+            batch[key] = torch.from_numpy(image).permute(0, 3, 1, 2).float() / 255.0
         batch["task"] = [_words(observation)]
         with torch.inference_mode():
             chunk = self._policy.predict_action_chunk(self._before(batch))
             # The postprocessor expects one row at a time.
             actions = torch.cat([self._after(row[None]) for row in chunk[0]])
         return actions.to(torch.float32).cpu().numpy()
+
+
+def _cameras(
+    pictures: Mapping[str, list[tuple[str, int]]], shapes: Mapping[str, tuple[int, ...]]
+) -> tuple[dict[str, tuple[int, ...]], list[int]]:
+    """Shape of each camera's pictures, and the rows that all of them need, of a policy's pictures and their shapes."""
+    cameras: dict[str, tuple[int, ...]] = {}
+    rows: dict[str, list[int]] = {}
+    for key, seen in pictures.items():
+        channels, height, width = shapes[key]
+        for name, delta in seen:
+            shape = (channels, height, width // len(seen))
+            if width % len(seen) or cameras.setdefault(name, shape) != shape or delta in rows.setdefault(name, []):
+                raise ValueError(
+                    f"the policy's input {key} of {list(shapes[key])} does not divide into its {len(seen)} views"
+                )
+            rows[name].append(delta)
+    deltas = sorted({delta for of in rows.values() for delta in of}) or [0]
+    if any(sorted(of) != deltas for of in rows.values()):
+        raise ValueError(
+            f"the policy's pictures are of other times for each camera ({rows}); GR00T's contract has one list"
+        )
+    return cameras, deltas
 
 
 def _array(observation: Any, group: str, key: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:

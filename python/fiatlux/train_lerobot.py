@@ -4,8 +4,10 @@
     python -m fiatlux.train_lerobot demos/bags --out runs/act --minutes 1.5
     python -m fiatlux.serve_lerobot runs/act --device cuda
 
-The mapping `lerobot_g1_hand` plays what it writes, a checkpoint of LeRobot. Ten rows a second: head camera, proprioception without
-velocities of joints, and as actions the commands to the whole-body controller, then targets of both arms and the right hand, rad.
+It writes a checkpoint of LeRobot and beside it ``mapping.toml``, with which the bridge plays it; by default it says the same as the
+mapping `lerobot_g1_hand`. Ten rows a second: head camera, proprioception without velocities of joints, and as actions the commands to
+the whole-body controller, then targets of both arms and the right hand, rad. ``--cameras``, ``--contacts``, ``--lidar`` and
+``--history`` add inputs, which the demonstrations must have recorded, and ``--hands both`` the fingers of the left hand.
 All pictures are kept in the memory of the device, and nothing waits for a decoder. It needs the extra ``lerobot``.
 
 Most frames stand still, and a network that sees one picture does not know for how long it has stood. So half of each batch are frames
@@ -15,9 +17,11 @@ checkpoint has them frozen, as LeRobot does.
 
 import argparse
 import math
+import shlex
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +29,11 @@ import numpy as np
 
 from . import dataset
 from ._extras import check
+from ._inputs import ARMS, DEFAULT, HORIZON, STRIDE, Inputs, picture_name, rows_back, sees_room
 from .bag import Bag, files_below
 
-STATE = ("base_angular_velocity", "projected_gravity", "base_linear_velocity", "base_height", "joint_position")
-STRIDE = 5
-"""Control steps in a row of a chunk."""
-BODY = 29
-"""Joints of legs, waist and arms, the first ones; fingers follow."""
-ARMS = slice(15, BODY)
-MIN_STD = {"state": 0.02, "command": 0.02, "target": 0.05}
-"""Smaller deviations are noise, and are not blown up: m/s, m and rad."""
+MIN_STD = {"command": 0.02, "target": 0.05}
+"""Smaller deviations of an action are noise, and are not blown up: m/s, m and rad."""
 VELOCITY = slice(0, 3)
 """Part of a command."""
 MOVES = 0.02
@@ -45,6 +44,8 @@ WALKING = 5
 """Rows of a chunk; a frame walks if any of the first ones has a velocity."""
 LAST_QUARTER = 0.75
 """Of the time, from which norms are frozen, as they will be in the checkpoint."""
+MAPPING = "mapping.toml"
+"""File of the mapping, beside the checkpoint."""
 
 
 def shortened(actions: Any) -> Any:
@@ -56,54 +57,62 @@ def shortened(actions: Any) -> Any:
     return np.flatnonzero((rows - last_move <= MAX_PAUSE) | (rows == rows[-1]))
 
 
-def episode(path: Path) -> tuple[Any, Any, Any, Any]:
+def episode(path: Path, inputs: Inputs = DEFAULT) -> tuple[Any, Any, Any, Any]:
     """Pictures and states of a bag, the number of the action that each has, and all actions, in pauses that are not long."""
     bag = Bag(path)
-    commands, sensed = dataset._commands(bag), bag["/observation"]
+    commands = dataset._commands(bag)
     if commands is None:
         raise SystemExit(
             str(dataset.no_command(bag, path, "train on a task that is done by hand, such as S06", "hands"))
         )
-    images = dataset._images(bag).get("camera", {})
-    steps = [step for step in sorted(images) if step % STRIDE == 0 and step < len(commands)]
-    if not steps:
-        raise SystemExit(f"{path} has no pictures of the head camera; record with --record camera@10")
-    names = bag.header["joint_names"]
-    fingers = [index for index, name in enumerate(names) if index >= BODY and name.startswith(("R_", "right_"))]
+    try:
+        steps, images = inputs.pictures(dataset._images(bag), len(commands))
+        state = inputs.state(bag, steps)
+    except ValueError as error:
+        raise SystemExit(f"{path} {error}") from error
+    fingers = inputs.fingers(bag.header["joint_names"])
     targets = bag["/state"]["joint_target"][1:]
-    state = np.concatenate(
-        [np.reshape(sensed[f"proprioception.{name}"], (len(commands) + 1, -1)) for name in STATE], axis=1
-    )
     actions = np.concatenate([commands, targets[:, ARMS], targets[:, fingers]], axis=1).astype(np.float32)
     kept = shortened(actions)
-    return (
-        np.stack([images[step] for step in steps]),
-        state[steps].astype(np.float32),
-        np.searchsorted(kept, steps),
-        actions[kept],
-    )
+    return images, state, np.searchsorted(kept, steps), actions[kept]
 
 
-def read(bags: Sequence[Path], workers: int) -> dict[str, Any]:
-    """All episodes as arrays; ``at`` and ``last`` are the action of each picture, and the last one of its episode."""
+def read(bags: Sequence[Path], workers: int, inputs: Inputs = DEFAULT) -> dict[str, Any]:
+    """All episodes as arrays; ``at`` and ``last`` are the action of each picture, and the last one of its episode.
+
+    ``images`` are frames x height x width x 3 for each camera. With a history ``past`` has, for each frame, the frames that are so far
+    back, frames x times, the oldest first; before the start the first frame of the episode stands in.
+    """
     with ProcessPoolExecutor(workers) as pool:
-        episodes = list(pool.map(episode, bags))
+        episodes = list(pool.map(partial(episode, inputs=inputs), bags))
+    for path, one in zip(bags, episodes):
+        for what, part in (("pictures", 0), ("states", 1), ("actions", 3)):
+            found, first = (list(of[part].shape[1:]) for of in (one, episodes[0]))
+            if found != first:
+                raise SystemExit(
+                    f"{path} has {what} of shape {found}, and {bags[0]} of {first}; train on bags of one --image and --robot"
+                )
+    counts = [len(images) for images, *_ in episodes]
     starts = np.cumsum([0] + [len(actions) for *_, actions in episodes])
-    return {
+    data = {
         "images": np.concatenate([images for images, *_ in episodes]),
         "state": np.concatenate([state for _, state, *_ in episodes]),
         "action": np.concatenate([actions for *_, actions in episodes]),
         "at": np.concatenate([start + at for start, (_, _, at, _) in zip(starts, episodes)]),
         "last": np.concatenate([np.full(len(e[2]), start + len(e[3]) - 1) for start, e in zip(starts, episodes)]),
     }
+    if inputs.history:
+        began = np.repeat(np.cumsum([0, *counts[:-1]]), counts)
+        data["past"] = np.maximum(np.arange(len(began))[:, None] - inputs.history, began[:, None])
+    return data
 
 
 def varied(torch: Any, images: Any, generator: Any) -> Any:
-    """Pictures from 0 to 1, with another contrast, brightness and tint each."""
+    """Pictures from 0 to 1, frames x times x 3 x height x width, with another contrast, brightness and tint for each frame."""
     count, device = len(images), images.device
 
     def drawn(most: float, *shape: int) -> Any:
-        return most * (2 * torch.rand(count, *shape, 1, 1, device=device, generator=generator) - 1)
+        return most * (2 * torch.rand(count, 1, *shape, 1, 1, device=device, generator=generator) - 1)
 
     changed = (images - 0.5) * (1 + drawn(0.2, 1)) + 0.5 + drawn(0.1, 1) + drawn(0.05, 3)
     return changed.clamp_(0, 1)
@@ -127,99 +136,85 @@ def exchanged(module: Any, norm: Any) -> list[Any]:
     return norms
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bags", type=Path, help="folder of bags")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the checkpoint")
-    parser.add_argument("--minutes", type=float, default=10.0, help="time for training [default: 10]")
-    parser.add_argument("--batch", type=int, default=256, help="frames in a step [default: 256]")
-    parser.add_argument("--chunk", type=int, default=20, help="rows of a chunk [default: 20]")
-    parser.add_argument("--rate", type=float, default=3e-4, help="learning rate at its highest [default: 3e-4]")
-    parser.add_argument("--start", type=Path, help="checkpoint to go on from")
-    parser.add_argument("--workers", type=int, default=2, help="processes that read bags [default: 2]")
-    given = parser.parse_args(arguments)
-    try:
-        Bag.below(given.bags, training=True)
-    except (FileNotFoundError, ValueError) as error:
-        parser.error(str(error))
-    bags = files_below(given.bags)
-    if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
-        parser.error("--minutes, --batch, --chunk and --workers are above 0")
+class Frames:
+    """The frames of all episodes on a device, as the network reads them."""
 
-    try:
-        check("train_lerobot", "lerobot", "torch", "torchvision", "lerobot")
-    except ImportError as error:
-        parser.error(str(error))
-    import torch
-    from lerobot.configs.types import FeatureType, PolicyFeature
-    from lerobot.policies.act.configuration_act import ACTConfig
-    from lerobot.policies.act.modeling_act import ACTPolicy
-    from lerobot.policies.factory import make_pre_post_processors
-    from torchvision.ops.misc import FrozenBatchNorm2d
+    def __init__(self, torch: Any, data: dict[str, Any], inputs: Inputs, bodies: int, device: str) -> None:
+        """``data`` is of :func:`read`; the robot's hands have ``bodies`` that feel."""
+        self.torch, self.inputs, self.device = torch, inputs, device
+        self.data = {name: torch.from_numpy(array).to(device) for name, array in data.items()}
+        self.images = self.data["images"].permute(0, 3, 1, 2)
+        self.state, self.action = self.data["state"], self.data["action"]
+        self.picture = f"observation.images.{picture_name(inputs.cameras, inputs.rows)}"
+        floor = torch.full((self.action.shape[1],), MIN_STD["target"], device=device)
+        floor[: len(dataset.COMMAND)] = MIN_STD["command"]
+        least = torch.from_numpy(inputs.least_std(self.state.shape[1], bodies)).to(device)
+        pixels = self.images[::7].unflatten(1, (-1, 3)).float().div(255)
+        self.norms = {
+            self.picture: (pixels.mean((0, 1, 3, 4))[:, None, None], pixels.std((0, 1, 3, 4))[:, None, None]),
+            "observation.state": (self.state.mean(0), torch.maximum(self.state.std(0), least)),
+            "action": (self.action.mean(0), torch.maximum(self.action.std(0), floor)),
+        }
 
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    data = {name: torch.from_numpy(array).to(device) for name, array in read(bags, given.workers).items()}
-    images, state, action = data["images"].permute(0, 3, 1, 2), data["state"], data["action"]
-    config = ACTConfig(
-        input_features={
-            "observation.images.camera": PolicyFeature(FeatureType.VISUAL, tuple(images.shape[1:])),
-            "observation.state": PolicyFeature(FeatureType.STATE, (state.shape[1],)),
-        },
-        output_features={"action": PolicyFeature(FeatureType.ACTION, (action.shape[1],))},
-        chunk_size=given.chunk,
-        n_action_steps=given.chunk,
-        dim_model=256,
-        dim_feedforward=1024,
-        use_vae=False,
-        dropout=0.0,
-        pretrained_backbone_weights=None,
-        device=device,
-        push_to_hub=False,
-    )
-    floor = torch.full((action.shape[1],), MIN_STD["target"], device=device)
-    floor[: len(dataset.COMMAND)] = MIN_STD["command"]
-    pixels = images[::7].float().div(255)
-    norms = {
-        "observation.images.camera": (pixels.mean((0, 2, 3))[:, None, None], pixels.std((0, 2, 3))[:, None, None]),
-        "observation.state": (state.mean(0), state.std(0).clamp(min=MIN_STD["state"])),
-        "action": (action.mean(0), torch.maximum(action.std(0), floor)),
-    }
-    stats = {name: {"mean": mean.cpu(), "std": std.cpu()} for name, (mean, std) in norms.items()}
-    before, after = make_pre_post_processors(config, dataset_stats=stats)
-    torch.manual_seed(1)
-    generator = torch.Generator(device).manual_seed(1)
-    policy = ACTPolicy(config) if given.start is None else ACTPolicy.from_pretrained(given.start, config=config)
-    policy.to(device, memory_format=torch.channels_last).train()
-    trained_norms = exchanged(policy, torch.nn.BatchNorm2d)
-    optimizer = torch.optim.AdamW(policy.parameters(), lr=given.rate, weight_decay=1e-4)
-
-    def normalized(name: str, values: Any) -> Any:
-        mean, std = norms[name]
+    def normalized(self, name: str, values: Any) -> Any:
+        mean, std = self.norms[name]
         return (values - mean) / std
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Channels, height and width of the picture in which all views stand side by side."""
+        _, height, width, _ = self.data["images"].shape
+        return 3, height, width * len(self.inputs.cameras) * len(self.inputs.rows)
+
+    def pictures(self, frames: Any, generator: Any) -> Any:
+        """Pictures of some frames, with other colours each, frames x 3 x height x width."""
+        torch, times = self.torch, [frames]
+        if self.inputs.history:
+            times = [*self.data["past"][frames].T, frames]
+        seen = []
+        for camera in range(len(self.inputs.cameras)):
+            of = torch.stack([self.images[time, 3 * camera : 3 * camera + 3] for time in times], 1)
+            seen += list(varied(torch, of.float() / 255, generator).unbind(1))
+        return self.normalized(self.picture, torch.cat(seen, -1) if len(seen) > 1 else seen[0])
+
+    def chunks(self, frames: Any, rows: Any) -> tuple[Any, Any]:
+        """Chunks of actions from some frames on, and where they are before the end of their episodes."""
+        wanted, last = self.data["at"][frames, None] + rows, self.data["last"][frames, None]
+        return self.normalized("action", self.action[self.torch.minimum(wanted, last)]), wanted <= last
+
+    def walking(self, rows: Any) -> Any:
+        """Numbers of the frames that have a velocity in one of the next rows."""
+        ahead = self.torch.minimum(self.data["at"][:, None] + rows[:WALKING], self.data["last"][:, None])
+        return self.action[ahead][..., VELOCITY].abs().amax((1, 2)).nonzero()[:, 0]
+
+
+def trained(policy: Any, frames: Frames, given: argparse.Namespace, bags: int) -> int:
+    """Trains the network for ``given.minutes``, and returns the number of steps."""
+    torch, device = frames.torch, frames.device
+    generator = torch.Generator(device).manual_seed(1)
+    norms = exchanged(policy, torch.nn.BatchNorm2d)
+    optimizer = torch.optim.AdamW(policy.parameters(), lr=given.rate, weight_decay=1e-4)
     rows = STRIDE * torch.arange(given.chunk, device=device)
-    ahead = torch.minimum(data["at"][:, None] + rows[:WALKING], data["last"][:, None])
-    walking = action[ahead][..., VELOCITY].abs().amax((1, 2)).nonzero()[:, 0]
+    count, walking = len(frames.images), frames.walking(rows)
     began, step, total, counted = time.monotonic(), 0, torch.zeros((), device=device), 0
-    print(f"{len(bags)} episodes, {len(images)} frames, {len(walking)} of them walk, {device}", flush=True)
+    print(f"{bags} episodes, {count} frames, {len(walking)} of them walk, {device}", flush=True)
     while (part := (time.monotonic() - began) / (60 * given.minutes)) < 1:
         rate = given.rate * min(1, (step + 1) / 300) * (0.02 + 0.49 * (1 + math.cos(math.pi * part)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        for norm in trained_norms:
+        for norm in norms:
             norm.train(part < LAST_QUARTER)
-        frames = torch.randint(len(images), (given.batch,), device=device, generator=generator)
+        chosen = torch.randint(count, (given.batch,), device=device, generator=generator)
         if len(walking):
             drawn = torch.randint(len(walking), (given.batch // 2,), device=device, generator=generator)
-            frames[: given.batch // 2] = walking[drawn]
-        seen = normalized("observation.images.camera", varied(torch, images[frames].float() / 255, generator))
-        sensed = normalized("observation.state", state[frames])
+            chosen[: given.batch // 2] = walking[drawn]
+        seen = frames.pictures(chosen, generator)
+        sensed = frames.normalized("observation.state", frames.state[chosen])
         sensed = sensed + 0.05 * torch.randn(sensed.shape, device=device, generator=generator)
-        wanted, last = data["at"][frames, None] + rows, data["last"][frames, None]
-        target = normalized("action", action[torch.minimum(wanted, last)])
+        target, counts = frames.chunks(chosen, rows)
         with torch.autocast(device, torch.bfloat16, enabled=device == "cuda"):
             chunk, _ = policy.model({"observation.images": [seen], "observation.state": sensed})
-        loss = ((chunk.float() - target).abs() * (wanted <= last)[..., None]).mean()
+        loss = ((chunk.float() - target).abs() * counts[..., None]).mean()
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
@@ -231,10 +226,123 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 flush=True,
             )
             total, counted = torch.zeros((), device=device), 0
+    return step
+
+
+def _fixed(config: Any) -> dict[str, Any]:
+    """What training cannot go on with if it differs: names of pictures, widths of state and action."""
+    both = {**config.input_features, **config.output_features}
+    return {name: "pictures" if name.startswith("observation.images") else of.shape[0] for name, of in both.items()}
+
+
+def save(frames: Frames, given: argparse.Namespace, mapping: str) -> None:
+    """Trains the network, and writes checkpoint and mapping into ``given.out``.
+
+    Raises:
+        ValueError: ``given.start`` has other inputs or actions.
+    """
+    from lerobot.configs.policies import PreTrainedConfig
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+    from torchvision.ops.misc import FrozenBatchNorm2d
+
+    torch = frames.torch
+    config = ACTConfig(
+        input_features={
+            frames.picture: PolicyFeature(FeatureType.VISUAL, frames.shape),
+            "observation.state": PolicyFeature(FeatureType.STATE, (frames.state.shape[1],)),
+        },
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (frames.action.shape[1],))},
+        chunk_size=given.chunk,
+        n_action_steps=given.chunk,
+        dim_model=256,
+        dim_feedforward=1024,
+        use_vae=False,
+        dropout=0.0,
+        pretrained_backbone_weights=None,
+        device=frames.device,
+        push_to_hub=False,
+    )
+    if given.start is not None:
+        asked, begun = _fixed(config), _fixed(PreTrainedConfig.from_pretrained(given.start))
+        if asked != begun:
+            raise ValueError(
+                f"--start has {begun}, these bags and options {asked}; give those that it was trained with"
+            )
+    stats = {name: {"mean": mean.cpu(), "std": std.cpu()} for name, (mean, std) in frames.norms.items()}
+    before, after = make_pre_post_processors(config, dataset_stats=stats)
+    torch.manual_seed(1)
+    policy = ACTPolicy(config) if given.start is None else ACTPolicy.from_pretrained(given.start, config=config)
+    policy.to(frames.device, memory_format=torch.channels_last).train()
+    steps = trained(policy, frames, given, given.count)
     exchanged(policy, FrozenBatchNorm2d)
     for part_of in (policy, before, after):
         part_of.save_pretrained(given.out)
-    print(f"{step} steps, {sum(parameter.numel() for parameter in policy.parameters())} parameters: {given.out}")
+    (given.out / MAPPING).write_text(mapping)
+    print(f"{steps} steps, {sum(parameter.numel() for parameter in policy.parameters())} parameters: {given.out}")
+
+
+def parsed(arguments: Sequence[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", type=Path, help="folder of bags")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the checkpoint")
+    parser.add_argument("--minutes", type=float, default=10.0, help="time for training [default: 10]")
+    parser.add_argument("--batch", type=int, default=256, help="frames in a step [default: 256]")
+    parser.add_argument("--chunk", type=int, default=HORIZON, help=f"rows of a chunk [default: {HORIZON}]")
+    parser.add_argument("--rate", type=float, default=3e-4, help="learning rate at its highest [default: 3e-4]")
+    parser.add_argument("--start", type=Path, help="checkpoint to go on from")
+    parser.add_argument("--workers", type=int, default=2, help="processes that read bags [default: 2]")
+    parser.add_argument(
+        "--cameras", nargs="+", default=["camera"], metavar="NAME", help="camera (head, the default), chest_camera"
+    )
+    parser.add_argument("--contacts", action="store_true", help="the state has the forces on both hands, too")
+    parser.add_argument(
+        "--lidar", type=int, default=0, metavar="N", help="the state has the LiDAR's nearest ranges in N sectors, too"
+    )
+    parser.add_argument(
+        "--history", nargs="+", type=float, default=[], metavar="SECONDS", help="pictures of so long ago, too"
+    )
+    parser.add_argument(
+        "--hands", choices=["right", "both"], default="right", help="whose fingers are actions [default: right]"
+    )
+    return parser, parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser, given = parsed(arguments)
+    if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
+        parser.error("--minutes, --batch, --chunk and --workers are above 0")
+    try:
+        history = rows_back(given.history)
+        inputs = Inputs(tuple(given.cameras), given.contacts, given.lidar, history, given.hands)
+        found = Bag.below(given.bags, training=True)
+        sight = sees_room(found) if given.lidar else False
+    except (FileNotFoundError, ValueError) as error:
+        parser.error(str(error))
+    bags = files_below(given.bags)
+    try:
+        check("train_lerobot", "lerobot", "torch", "torchvision", "lerobot")
+    except ImportError as error:
+        parser.error(str(error))
+    import torch
+
+    given.count = len(bags)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    data = read(bags, given.workers, inputs)
+    frames = Frames(torch, data, inputs, len(found[0].header["hand_bodies"]), device)
+    _, height, width, _ = data["images"].shape
+    try:
+        save(frames, given, inputs.mapping((width, height), given.chunk, sees_room=sight))
+    except ValueError as error:
+        parser.error(str(error))
+    tasks = ",".join(sorted({bag.header["task"] for bag in found}))
+    print(
+        f"serve it:  python -m fiatlux.serve_lerobot {shlex.quote(str(given.out))}\n"
+        f"play it:   policy-client evaluate --policy vla --dialect gr00t --model tcp://127.0.0.1:5555 "
+        f"--map {shlex.quote(str(given.out / MAPPING))} --robot {found[0].header['robot']} --tasks {tasks}"
+    )
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ use crate::painter::Painter;
 use values::{dictionary, object};
 
 /// Names of the topics that can be read as columns.
-const TOPICS: [&str; 6] = ["/state", "/action", "/observation", "/reward", "/event", "/camera"];
+const TOPICS: [&str; 7] = ["/state", "/action", "/observation", "/reward", "/event", "/camera", "/lidar"];
 
 /// Fields, and numbers of all observations.
 type Observed<'py> = (Vec<(String, Vec<usize>, f32, f32, bool)>, Bound<'py, PyArray1<f32>>);
@@ -153,6 +153,7 @@ impl Bag {
             "/reward" => self.read(self.file.rewards()).map(Some),
             "/event" => self.read(self.file.events()).map(Some),
             "/camera" => self.read(self.file.images()).map(Some),
+            "/lidar" => self.read(self.file.point_clouds()).map(Some),
             _ => Ok(None),
         };
         let table = py.detach(|| guarded(read))?.map_err(|error| failed(&error))?;

@@ -84,6 +84,7 @@ pub fn run(args: &SubmitArgs) -> Result<ExitCode> {
             SubmitProgress::Sending(done, whole) => {
                 format!("sent {} of {} MiB, {} left", mib(done), mib(whole), line.left(done, whole))
             }
+            SubmitProgress::Grading => "the service is grading the episodes".into(),
             SubmitProgress::Verifying(done, whole) => format!("verified {done} of {whole} episodes"),
         });
     };

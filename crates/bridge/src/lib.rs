@@ -12,6 +12,7 @@ mod dialect;
 mod error;
 mod hands;
 mod image;
+mod lidar;
 mod mapping;
 mod mismatch;
 mod net;
@@ -31,6 +32,7 @@ pub use dialect::{ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk
 pub use error::BridgeError;
 pub use hands::{Hands, Side};
 pub use image::{Picture, Resize};
+pub use lidar::{LIDAR_RANGE, SCAN};
 pub use mapping::{Body, Camera, Key, KeyPart, Mapping, WAIST, default_mapping, shipped_names};
 pub use mismatch::{Mismatch, MismatchKind};
 pub use net::{MAX_REPLY, Timeouts};

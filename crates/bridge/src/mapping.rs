@@ -36,7 +36,7 @@ pub enum KeyPart {
     Grip { side: Side, open: f64, closed: f64 },
     /// Pose of a wrist in the pelvis frame: x, y, z in m, and the first two rows of its rotation.
     Wrist(Side),
-    /// Direction of gravity in the pelvis frame: 3 numbers. This part and the next four occur only in the state.
+    /// Direction of gravity in the pelvis frame: 3 numbers. This part and the next six occur only in the state.
     Gravity,
     /// Angular velocity of the pelvis in its frame, rad/s: 3 numbers.
     AngularVelocity,
@@ -46,6 +46,11 @@ pub enum KeyPart {
     Turned(usize),
     /// Velocities of all joints, rad/s; with the number of joints.
     Velocities(usize),
+    /// Forces on the bodies of both hands as the sensor `hand_contact` has them, right hand first, world axes, N; each number
+    /// is clamped to plus and minus `limit`. With the number of values.
+    Contact { width: usize, limit: f32 },
+    /// Nearest range of the LiDAR in each of these sectors, m, from behind by the right.
+    Lidar { sectors: usize },
     /// Velocity forwards and to the left, m/s, and turning velocity, rad/s: 3 numbers.
     Navigate,
     /// Height of the pelvis, m: 1 number.
@@ -67,6 +72,7 @@ impl KeyPart {
             Self::Wrist(_) => 9,
             Self::Gravity | Self::AngularVelocity | Self::LinearVelocity | Self::Navigate | Self::Torso => 3,
             Self::Grip { .. } | Self::Height => 1,
+            Self::Contact { width, .. } | Self::Lidar { sectors: width } => *width,
             Self::Turned(width) | Self::Velocities(width) | Self::Token(width) | Self::Skip(width) => *width,
         }
     }
@@ -114,6 +120,8 @@ pub struct Mapping {
     /// Number of rows to play before the next chunk.
     pub prefix: usize,
     pub rate_hz: f64,
+    /// The LiDAR also sees bench, crate and walls.
+    pub lidar_sees_room: bool,
     /// Key of the instruction; empty if the model gets none.
     pub language: String,
     /// Kind of actions in RoboArena's words; empty to accept any.

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use fiatlux_robot::Robot;
 
 use crate::image::{Picture, stacked};
+use crate::lidar::{SCAN, sectors};
 use crate::mapping::{Camera, KeyPart, Mapping};
 use crate::reach::{nine, wrist};
 use crate::{BridgeError, ModelObservation};
@@ -24,10 +25,15 @@ pub struct Sensed<'a> {
     pub projected_gravity: [f64; 3],
     /// Height of the pelvis, m.
     pub base_height: f64,
+    /// Forces on the bodies of both hands, right hand first, world axes, N: 3 each. May be empty if no part of the mapping
+    /// needs them.
+    pub hand_contact_force: &'a [f32],
+    /// The newest scan of the LiDAR, m: [`SCAN`] ranges. May be empty if no part of the mapping needs it.
+    pub lidar: &'a [f32],
 }
 
 impl<'a> Sensed<'a> {
-    /// A robot that stands upright and at rest. `zeros` holds a zero for each joint.
+    /// A robot that stands upright and at rest, without forces and scan. `zeros` holds a zero for each joint.
     pub fn still(joint_position: &'a [f64], zeros: &'a [f64], base_height: f64) -> Self {
         Self {
             joint_position,
@@ -36,6 +42,8 @@ impl<'a> Sensed<'a> {
             base_linear_velocity: [0.0; 3],
             projected_gravity: [0.0, 0.0, -1.0],
             base_height,
+            hand_contact_force: &[],
+            lidar: &[],
         }
     }
 }
@@ -82,6 +90,20 @@ impl Mapping {
         sensors.sort_unstable();
         sensors.dedup();
         sensors
+    }
+
+    /// True if the state needs the LiDAR.
+    pub fn has_lidar(&self) -> bool {
+        self.has(|part| matches!(part, KeyPart::Lidar { .. }))
+    }
+
+    /// True if the state needs the forces on the hands.
+    pub fn has_contact(&self) -> bool {
+        self.has(|part| matches!(part, KeyPart::Contact { .. }))
+    }
+
+    fn has(&self, is_meant: impl Fn(&KeyPart) -> bool) -> bool {
+        self.states.iter().flat_map(|key| &key.parts).any(is_meant)
     }
 
     /// Number of control steps before a request at which pictures are needed: 0 for the current one, and those of past
@@ -151,7 +173,22 @@ impl Mapping {
             return Err(BridgeError::Sensed { what, remedy: "use the robot that the mapping was read for" });
         }
         let mut add = |values: &[f64]| numbers.extend(values.iter().map(|value| *value as f32));
+        let expect = |name: &str, found: usize, wanted: usize, remedy| match found == wanted {
+            true => Ok(()),
+            false => Err(BridgeError::Sensed { what: format!("{name} of {wanted} numbers (it has {found})"), remedy }),
+        };
         match (part, &self.hands) {
+            (KeyPart::Contact { width, limit }, _) => {
+                let forces = sensed.hand_contact_force;
+                let remedy = "leave --sensors out, or name hand_contact there";
+                expect("forces on the hands", forces.len(), *width, remedy)?;
+                numbers.extend(forces.iter().map(|force| force.clamp(-limit, *limit)));
+            }
+            (KeyPart::Lidar { sectors: count }, _) => {
+                let remedy = "leave --sensors out, or name lidar there";
+                expect("a scan of the LiDAR", sensed.lidar.len(), SCAN, remedy)?;
+                numbers.extend(sectors(sensed.lidar, *count));
+            }
             (KeyPart::Joints(joints), _) => joints.iter().for_each(|joint| add(&[q[*joint]])),
             (KeyPart::Hand(side), Some(hands)) => add(&hands.theirs(*side, q)),
             (KeyPart::Grip { side, open, closed }, Some(hands)) => {

@@ -128,7 +128,8 @@ impl SessionArgs {
         for record in &self.record {
             let found = request.sensors.iter().position(|sensor| sensor.name == record.name);
             let index = found.unwrap_or_else(|| {
-                request.sensors.push(Sensor { bag_only: true, ..Sensor::from(record.name.as_str()) });
+                let see_room = record.see_room;
+                request.sensors.push(Sensor { bag_only: true, see_room, ..Sensor::from(record.name.as_str()) });
                 request.sensors.len() - 1
             });
             (request.sensors[index].recorded, request.sensors[index].record_hz) = (true, record.rate_hz);
@@ -301,6 +302,15 @@ mod tests {
         let ranges: Vec<_> = request.ranges.iter().map(|(name, range)| (&**name, range.least, range.most)).collect();
         assert_eq!(ranges, [("friction.floor", 0.5, 0.5), ("gravity", 9.6, 10.0), ("noise", 0.5, 2.0)]);
         assert_eq!((request.gains.as_str(), request.reward.as_str()), ("sonic", "training"));
+    }
+
+    /// Demonstrations see the room, although the policy that gives them has no LiDAR.
+    #[test]
+    fn what_is_recorded_alone_sees_the_room_if_asked() {
+        let request = applied("--record lidar+room@10,chest_camera", OpenRequest::default());
+        let [lidar, camera] = request.sensors.as_slice() else { panic!("{:?}", request.sensors) };
+        assert_eq!((lidar.bag_only, lidar.see_room, lidar.record_hz), (true, true, 10.0));
+        assert_eq!((camera.bag_only, camera.see_room), (true, false));
     }
 
     /// A preset stands for its ranges; what is given after it overrides them.

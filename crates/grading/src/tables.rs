@@ -90,7 +90,7 @@ pub(crate) fn missing(results: &Results) -> Vec<String> {
         return Vec::new();
     }
     if results.run.is_some() {
-        return vec![format!("Not registered (0 in the score): {}", results.missing.join(", "))];
+        return vec![format!("Not registered, so 0 in S: {}", results.missing.join(", "))];
     }
     let rows = &results.score.per_seed;
     let lacks = |task: &String| -> Vec<u64> {

@@ -40,7 +40,7 @@ pub(crate) struct Facts {
     pub assets: Vec<String>,
     /// Why its conditions are those of no ranking; may be empty.
     pub deviation: String,
-    /// Why its senses are those of no ranking; may be empty. Only a hosted run proves its senses, so it matters there alone.
+    /// Deviations of its senses; may be empty. Only a hosted run proves its senses, so they matter there alone.
     pub odd_senses: String,
     /// Its bags say that a person drove.
     pub person: bool,
@@ -106,8 +106,7 @@ fn deviations(conditions: &Conditions) -> (String, String) {
     // Another robot is a division of its own, not a deviation, and so are other objects.
     let is_division = |deviation: &&String| deviation.starts_with("the robot is '") || deviation.starts_with(OBJECTS);
     let all = conditions.deviations.iter().filter(|deviation| !is_division(deviation));
-    let (mut senses, mut others): (Vec<String>, Vec<String>) =
-        all.cloned().partition(|deviation| is_of_senses(deviation));
+    let (senses, mut others): (Vec<String>, Vec<String>) = all.cloned().partition(|deviation| is_of_senses(deviation));
     if conditions.protocol != "strict" {
         others.push("the episodes were not played by protocol strict".into());
     }
@@ -116,9 +115,6 @@ fn deviations(conditions: &Conditions) -> (String, String) {
     }
     if !["lockstep", "real time"].contains(&conditions.time.as_str()) {
         others.push(format!("its time is '{}'", conditions.time));
-    }
-    if senses.is_empty() && !["standard", "privileged"].contains(&conditions.observations.as_str()) {
-        senses.push(format!("observations are '{}'", conditions.observations));
     }
     (senses.join("; "), others.join("; "))
 }
@@ -255,8 +251,12 @@ fn obstacle(
                 _ => format!("servers refuse to play {refused} of {episodes} episodes"),
             });
         }
-        Badge::Hosted if !facts.odd_senses.is_empty() => return Some(facts.odd_senses.clone()),
-        Badge::Hosted | Badge::Replayed => {}
+        Badge::Hosted => {
+            if let Some(odd) = odd_senses(facts) {
+                return Some(odd);
+            }
+        }
+        Badge::Replayed => {}
     }
     if facts.tasks.is_empty() {
         return Some(facts.odd_rooms.clone());
@@ -264,19 +264,41 @@ fn obstacle(
     tries.filter(|_| facts.hosted).and_then(Tries::obstacle)
 }
 
+/// Why the senses of a hosted run are those of no ranking.
+fn odd_senses(facts: &Facts) -> Option<String> {
+    let unranked = format!("observations are '{}'", facts.observations);
+    match (facts.odd_senses.as_str(), observations(facts)) {
+        ("", None) => Some(unranked),
+        ("", Some(_)) => None,
+        // Noted by a service that did not rank these observations.
+        (odd, Some(_)) if odd == unranked => None,
+        (odd, _) => Some(odd.to_owned()),
+    }
+}
+
+/// The observations that hosted runs are ranked by; `None` for others.
+fn observations(facts: &Facts) -> Option<Observations> {
+    match facts.observations.as_str() {
+        "standard" => Some(Observations::Standard),
+        "goal" => Some(Observations::Goal),
+        "privileged" => Some(Observations::Privileged),
+        _ => None,
+    }
+}
+
 fn division(facts: &Facts) -> Option<Division> {
     let time = if facts.time == "real time" { Time::RealTime } else { Time::Lockstep };
-    let observations = match facts.observations.as_str() {
-        "standard" => Observations::Standard,
-        "privileged" => Observations::Privileged,
-        _ if facts.hosted => return None,
-        _ => Observations::Standard,
-    };
     let (robot, assets) = (facts.robot.clone(), facts.assets.clone());
-    Some(match facts.hosted {
-        true => Division { table: Kind::Hosted, time: Some(time), observations: Some(observations), robot, assets },
-        false => Division { table: Kind::Replayed, time: None, observations: None, robot, assets },
-    })
+    match facts.hosted {
+        true => observations(facts).map(|observations| Division {
+            table: Kind::Hosted,
+            time: Some(time),
+            observations: Some(observations),
+            robot,
+            assets,
+        }),
+        false => Some(Division { table: Kind::Replayed, time: None, observations: None, robot, assets }),
+    }
 }
 
 /// Meaning of a verdict on one episode for its submission.

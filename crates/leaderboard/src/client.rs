@@ -155,6 +155,8 @@ pub enum SubmitProgress {
     Reading(u64, u64),
     /// Files are being sent: bytes done, bytes in total.
     Sending(u64, u64),
+    /// The service is grading what it has received.
+    Grading,
     /// The service is verifying: episodes done, episodes in total.
     Verifying(u64, u64),
 }
@@ -178,6 +180,16 @@ pub struct Submitted {
     pub episodes_to_verify: u64,
     #[serde(default)]
     files: Vec<FileStatus>,
+}
+
+impl Submitted {
+    /// How far the service is. The number of episodes to verify is known once they are graded.
+    fn progress(&self) -> SubmitProgress {
+        match self.state {
+            Stage::Uploading | Stage::Received => SubmitProgress::Grading,
+            _ => SubmitProgress::Verifying(self.episodes_verified, self.episodes_to_verify),
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -238,8 +250,7 @@ impl<'a> Submit<'a> {
             if matches!(submitted.state, Stage::Verified | Stage::Refused) {
                 return Ok(submitted);
             }
-            let Submitted { episodes_verified, episodes_to_verify, .. } = submitted;
-            (self.progress)(SubmitProgress::Verifying(episodes_verified, episodes_to_verify));
+            (self.progress)(submitted.progress());
             self.pause(POLL)?;
         }
     }
@@ -362,5 +373,24 @@ impl FailedTries {
 impl std::fmt::Debug for Submit<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Submit").field("http", &self.http).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Guards "verified 0 of 0 episodes", which looks like a submission without any.
+    #[test]
+    fn what_is_graded_is_not_said_to_be_verified() {
+        let progress = |state: &str, whole: u64| {
+            let answer = json!({
+                "id": "0123456789abcdef", "state": state, "reason": "", "badge": "self_reported", "episodes_verified": 0,
+                "episodes_to_verify": whole,
+            });
+            serde_json::from_value::<Submitted>(answer).expect("an answer").progress()
+        };
+        assert_eq!(progress("received", 0), SubmitProgress::Grading);
+        assert_eq!(progress("graded", 48), SubmitProgress::Verifying(0, 48));
     }
 }

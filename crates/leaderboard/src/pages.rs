@@ -9,6 +9,7 @@ mod compare;
 mod episode;
 mod heavy;
 mod key;
+mod partial;
 mod run;
 mod show;
 mod state;

@@ -421,14 +421,15 @@ pub(crate) mod tests {
         let (replayed, hosted) = (results(4), hosted(4));
         let real_time = |r: &mut Results| r.conditions.time = "real time".into();
         let privileged = |r: &mut Results| r.conditions.observations = "privileged".into();
+        let goal = |r: &mut Results| r.conditions.observations = "goal".into();
         let count = |results: &Results| {
-            [&real_time as &dyn Fn(&mut Results), &privileged].map(|label| {
+            [&real_time as &dyn Fn(&mut Results), &privileged, &goal].map(|label| {
                 let other = change(results, label);
                 tables(vec![placed(1, results), placed(2, &other)]).len()
             })
         };
-        assert_eq!(count(&replayed), [1, 1]);
-        assert_eq!(count(&hosted), [2, 2]);
+        assert_eq!(count(&replayed), [1, 1, 1]);
+        assert_eq!(count(&hosted), [2, 2, 2]);
         let object = change(&replayed, &|r| {
             r.conditions.assets = vec!["crate abc".into()];
             r.conditions.deviations = vec![format!("{}crate abc", fiatlux_grading::OBJECTS)];

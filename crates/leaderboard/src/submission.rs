@@ -138,6 +138,8 @@ pub enum Time {
 #[serde(rename_all = "snake_case")]
 pub enum Observations {
     Standard,
+    /// Also the place of the lamp or of the ladder's top, as a map would give it.
+    Goal,
     /// Also the exact state of the world, or the judge's verdict.
     Privileged,
 }

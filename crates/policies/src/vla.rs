@@ -37,8 +37,8 @@ pub(crate) const ENTRY: Entry = Entry {
     },
 };
 
-/// Rate of the cameras in a real-time session's observations, Hz; a look would come too late there.
-const REAL_TIME_CAMERA_HZ: f64 = 10.0;
+/// Rate of cameras and LiDAR in a real-time session's observations, Hz; a look would come too late there.
+const REAL_TIME_HZ: f64 = 10.0;
 
 /// A model server with its mapping, checked against each other once; makes a policy for each episode.
 #[derive(Debug, Clone)]
@@ -79,6 +79,23 @@ impl Shared {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Refuses a session without the forces or the scan that the state needs, or with a LiDAR of another sight.
+    fn check_senses(&self, info: &SessionInfo) -> Result<(), PolicyError> {
+        let held = |name: &str| info.sensors.iter().find(|sensor| sensor.name == name);
+        if self.mapping.has_contact() && held("hand_contact").is_none() {
+            return Err(PolicyError::Sensor { policy: "vla", sensor: "hand_contact" });
+        }
+        if self.mapping.has_lidar() {
+            let lidar = held("lidar").ok_or(PolicyError::Sensor { policy: "vla", sensor: "lidar" })?;
+            if lidar.see_room != self.mapping.lidar_sees_room {
+                let sight = if self.mapping.lidar_sees_room { "lidar+room" } else { "lidar" };
+                let reason = format!("the mapping needs {sight}; leave --sensors out, or name {sight} there");
+                return Err(PolicyError::Unfit { policy: "vla", reason });
+            }
+        }
+        Ok(())
     }
 
     /// A body as the mapping wants it.
@@ -137,6 +154,8 @@ struct Episode {
     client: ModelClient,
     player: Player,
     frames: Frames,
+    /// The newest scan of the LiDAR, m; empty before the first.
+    lidar: Vec<f32>,
     q0: Vec<f64>,
     instruction: String,
     session: String,
@@ -181,11 +200,13 @@ impl Policy for Vla {
 
     fn sensors(&self) -> Vec<Sensor> {
         let own = ["proprioception", "hand_contact", "last_action"].map(Sensor::from);
-        let camera = |name: &str| match self.shared.is_real_time {
-            true => Sensor { rate_hz: REAL_TIME_CAMERA_HZ, ..Sensor::from(name) },
+        let mapping = &self.shared.mapping;
+        let large = |name: &str| match self.shared.is_real_time {
+            true => Sensor { rate_hz: REAL_TIME_HZ, ..Sensor::from(name) },
             false => Sensor { on_request: true, ..Sensor::from(name) },
         };
-        own.into_iter().chain(self.shared.mapping.sensors().into_iter().map(camera)).collect()
+        let lidar = mapping.has_lidar().then(|| Sensor { see_room: mapping.lidar_sees_room, ..large("lidar") });
+        own.into_iter().chain(mapping.sensors().into_iter().map(large)).chain(lidar).collect()
     }
 
     fn image_size(&self) -> Option<[u32; 2]> {
@@ -193,15 +214,14 @@ impl Policy for Vla {
     }
 
     fn look(&mut self, observation: &Observation) -> Vec<&'static str> {
-        let Some(episode) = &self.episode else { return Vec::new() };
-        if episode.is_real_time
-            || episode.end.is_some()
-            || !episode.needs_picture(&self.shared.mapping, observation.step)
-        {
+        let (Some(episode), mapping) = (&self.episode, &self.shared.mapping) else { return Vec::new() };
+        if episode.is_real_time || episode.end.is_some() {
             return Vec::new();
         }
-        let has = |name: &&str| self.shared.mapping.sensors().contains(name);
-        ["camera", "chest_camera"].into_iter().filter(has).collect()
+        let is_seen = episode.needs_picture(mapping, observation.step);
+        let scan = (mapping.has_lidar() && episode.player.wants(observation.step)).then_some("lidar");
+        let has = |name: &&str| is_seen && mapping.sensors().contains(name);
+        ["camera", "chest_camera"].into_iter().filter(has).chain(scan).collect()
     }
 
     fn reset(&mut self, info: &SessionInfo, first: &Observation) -> Result<(), PolicyError> {
@@ -220,6 +240,7 @@ impl Policy for Vla {
                 return Err(PolicyError::Sensor { policy: "vla", sensor });
             }
         }
+        shared.check_senses(info)?;
         shared.check_decoder().map_err(PolicyError::of("vla"))?;
         let robot = match &shared.carrier {
             None => Driven::Joints(body::staged("vla", info, first)?),
@@ -237,6 +258,7 @@ impl Policy for Vla {
             client,
             player: Player::new(shared.play),
             frames: Frames::default(),
+            lidar: Vec::new(),
             robot,
             q0: info.joints.iter().map(|joint| joint.q0).collect(),
             instruction: info.task.as_ref().map(|task| task.instruction.clone()).unwrap_or_default(),
@@ -286,8 +308,11 @@ impl Episode {
         mapping.lookbacks().iter().any(|back| self.player.asks_after(step, *back))
     }
 
-    /// Keeps the pictures of an observation.
+    /// Keeps the pictures and the scan of an observation.
     fn see(&mut self, mapping: &Mapping, observation: &Observation) -> Result<(), BridgeError> {
+        if mapping.has_lidar() && !observation.lidar.is_empty() {
+            self.lidar.clone_from(&observation.lidar);
+        }
         let images = [("camera", &observation.camera), ("chest_camera", &observation.chest_camera)];
         for (sensor, image) in images {
             if let Some(Image { width, height, rgb }) = image {
@@ -313,6 +338,8 @@ impl Episode {
             base_linear_velocity: vector(&body.base_linear_velocity)?,
             projected_gravity: vector(&body.projected_gravity)?,
             base_height: f64::from(body.base_height),
+            hand_contact_force: &seen.hand_contact_force,
+            lidar: &self.lidar,
         };
         let (instruction, session) = (&self.instruction, &self.session);
         let observation =

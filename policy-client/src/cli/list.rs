@@ -56,10 +56,20 @@ pub fn list(args: &ListArgs) -> Result<bool, Failure> {
 
 fn list_policies(json: bool) -> std::io::Result<()> {
     if json {
-        let policy = |Entry { name, does, .. }: &Entry| json!({ "policy": name, "does": does });
-        return print(format!("{:#}\n", Value::Array(Policies::default().entries().iter().map(policy).collect())));
+        return print(format!("{:#}\n", Value::Array(policies_as_json(&Policies::default()))));
     }
     Policies::default().entries().iter().try_for_each(|Entry { name, does, .. }| print(format!("{name:<16}{does}\n")))
+}
+
+/// Each policy with its tasks, which are `null` where a file or a server decides.
+fn policies_as_json(policies: &Policies) -> Vec<Value> {
+    let policy = |Entry { name, does, .. }: &Entry| {
+        let word = name.split([':', '[']).next().unwrap_or(name);
+        let made = policies.make(word).ok();
+        let tasks = made.map(|made| made.tasks().iter().map(|task| task.short_id()).collect::<Vec<_>>());
+        json!({ "policy": name, "does": does, "tasks": tasks })
+    };
+    policies.entries().iter().map(policy).collect()
 }
 
 fn as_json(server: &ServerInfo) -> Value {

@@ -437,6 +437,46 @@ def test_act_is_trained_on_bags(commands, tmp_path):
         main([str(tmp_path), "--out", str(tmp_path / "none")])
 
 
+def test_act_is_trained_on_all_senses(tmp_path):
+    """Both cameras now and a second ago, forces, LiDAR and both hands, in bags and in what the server asks for."""
+    from fiatlux.serve_lerobot import Model
+    from fiatlux.train_lerobot import Inputs, main, read
+
+    program = os.environ.get("FIATLUX_TEST_PROGRAM")
+    if program is None:
+        pytest.skip("FIATLUX_TEST_PROGRAM names no program fiatlux")
+    command = [program, "evaluate", "--policy", "walk", "--tasks", "S05", "--seeds", "1001", "--out", tmp_path / "walk"]
+    record = ["--record", "camera@10,chest_camera@10,lidar@10", "--image", "64x48"]
+    subprocess.run([*command, *record], check=True, capture_output=True)
+    options = "--cameras camera chest_camera --contacts --lidar 12 --history 1.0 --hands both".split()
+    small = ["--minutes", "0.01", "--batch", "2", "--workers", "1"]
+    main([str(tmp_path / "walk"), "--out", str(tmp_path / "act"), *small, *options])
+    inputs = Inputs(("camera", "chest_camera"), True, 12, (10,), "both")
+    assert (tmp_path / "act/mapping.toml").read_text() == inputs.mapping((64, 48), 20)
+    model = Model(tmp_path / "act")
+    assert model.images == {"camera": (3, 48, 64), "chest_camera": (3, 48, 64)} and model.width == 63 + 102 + 12
+    contract = {group: config["as_dict"] for group, config in model.contract().items()}
+    assert contract["video"] == {"delta_indices": [-10, 0], "modality_keys": ["camera", "chest_camera"]}
+    data = read(list((tmp_path / "walk").rglob("*.mcap")), 1, inputs)
+    seen = data["images"][[data["past"][30, 0], 30]]
+    observation = {
+        "video": {"camera": seen[None, ..., :3], "chest_camera": seen[None, ..., 3:]},
+        "state": {"state": data["state"][None, 30:31]},
+        "language": {"task": [["carry the bulb"]]},
+    }
+    chunk = model.act(observation)
+    assert chunk.shape == (20, 45)
+    # Each view has a place of its own, so that the order of the pictures counts.
+    for turned in (
+        {"camera": seen[None, ::-1, ..., :3]},
+        {"camera": seen[None, ..., 3:], "chest_camera": seen[None, ..., :3]},
+    ):
+        other = {**observation, "video": {**observation["video"], **turned}}
+        assert not np.allclose(model.act(other), chunk, atol=1e-6)
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "walk"), "--out", str(tmp_path / "more"), "--start", str(tmp_path / "act"), *small])
+
+
 def test_bad_use_is_refused_by_name(run, tmp_path):
     with pytest.raises(ValueError, match="fps is 30"):
         fiatlux.export_lerobot(run, tmp_path / "a", fps=30)

@@ -7,11 +7,14 @@ use serde::Deserialize;
 use super::{Body, Camera, Key, KeyPart, Mapping, Representation, WAIST};
 use crate::hands::{Hands, Side};
 use crate::image::Resize;
+use crate::lidar::COLUMNS;
 use crate::{BridgeError, Dialect};
 
 const MAX_ROWS: usize = 400;
 const MAX_VALUES: usize = 512;
 const MAX_FRAMES: usize = 8;
+/// Largest limit of a contact force, N.
+const MAX_FORCE: f32 = 1000.0;
 /// Allowed width and height of a picture, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=640;
 
@@ -28,6 +31,8 @@ struct File {
     bend_low: bool,
     #[serde(default = "picture")]
     picture: [u32; 2],
+    #[serde(default)]
+    lidar_sees_room: bool,
     hands: Option<String>,
     horizon: usize,
     prefix: usize,
@@ -76,6 +81,8 @@ struct FilePart {
     range: Option<[f64; 2]>,
     wrist: Option<String>,
     term: Option<String>,
+    contact: Option<f32>,
+    lidar: Option<usize>,
     token: Option<usize>,
     skip: Option<usize>,
 }
@@ -142,6 +149,10 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
     let states: Vec<Key> = file.state.into_iter().map(|key| reader.key("state", key)).collect::<Result<_, _>>()?;
     let actions: Vec<Key> = file.action.into_iter().map(|key| reader.key("action", key)).collect::<Result<_, _>>()?;
     reader.uses(&actions, body)?;
+    let mut parts = states.iter().flat_map(|key| &key.parts);
+    if file.lidar_sees_room && !parts.any(|part| matches!(part, KeyPart::Lidar { .. })) {
+        return Err(reader.wrong("lidar_sees_room", "no state has a part lidar; leave it out".into()));
+    }
     let mapping = Mapping {
         name: file.name,
         dialects,
@@ -149,6 +160,7 @@ pub(super) fn read(name: &str, text: &str, robot: &Robot) -> Result<Mapping, Bri
         hold_arms: file.hold_arms,
         bend_low: file.bend_low,
         picture: file.picture,
+        lidar_sees_room: file.lidar_sees_room,
         horizon: file.horizon,
         prefix: file.prefix,
         rate_hz: file.rate_hz,
@@ -235,7 +247,9 @@ impl Reader<'_> {
                 | KeyPart::AngularVelocity
                 | KeyPart::LinearVelocity
                 | KeyPart::Turned(_)
-                | KeyPart::Velocities(_) => is_state,
+                | KeyPart::Velocities(_)
+                | KeyPart::Contact { .. }
+                | KeyPart::Lidar { .. } => is_state,
                 KeyPart::Token(_) | KeyPart::Navigate | KeyPart::Torso => !is_state,
                 _ => true,
             };
@@ -305,6 +319,20 @@ impl Reader<'_> {
                 Ok(KeyPart::Grip { side: side(name)?, open, closed })
             }
             FilePart { wrist: Some(name), .. } if part.count() == 1 => Ok(KeyPart::Wrist(side(name)?)),
+            FilePart { contact: Some(limit), .. } if part.count() == 1 => {
+                if !(*limit > 0.0 && *limit <= MAX_FORCE) {
+                    return Err(wrong(format!(
+                        "contact is {limit}; give a limit of forces above 0, at most {MAX_FORCE} N"
+                    )));
+                }
+                Ok(KeyPart::Contact { width: 3 * self.robot.hand_links().len(), limit: *limit })
+            }
+            FilePart { lidar: Some(sectors), .. } if part.count() == 1 => {
+                if *sectors == 0 || !COLUMNS.is_multiple_of(*sectors) {
+                    return Err(wrong(format!("lidar is {sectors}; give a number of sectors that divides {COLUMNS}")));
+                }
+                Ok(KeyPart::Lidar { sectors: *sectors })
+            }
             FilePart { token: Some(width), .. } if part.count() == 1 => Ok(KeyPart::Token(*width)),
             FilePart { skip: Some(width), .. } if part.count() == 1 => Ok(KeyPart::Skip(*width)),
             FilePart { term: Some(term), .. } if part.count() == 1 => match term.as_str() {
@@ -322,7 +350,10 @@ impl Reader<'_> {
                     Err(wrong(format!("term '{other}' is not known; use {known}")))
                 }
             },
-            _ => Err(wrong("a part needs exactly one of joints, group, hand, grip, wrist, term, token or skip".into())),
+            _ => Err(wrong(
+                "a part needs exactly one of joints, group, hand, grip, wrist, term, contact, lidar, token or skip"
+                    .into(),
+            )),
         }
     }
 
@@ -377,9 +408,10 @@ impl Reader<'_> {
 
 impl FilePart {
     fn count(&self) -> usize {
-        let Self { joints, group, hand, grip, wrist, term, token, skip, range: _ } = self;
+        let Self { joints, group, hand, grip, wrist, term, contact, lidar, token, skip, range: _ } = self;
         let texts = [group, hand, grip, wrist, term].iter().filter(|text| text.is_some()).count();
-        texts + usize::from(joints.is_some()) + usize::from(token.is_some()) + usize::from(skip.is_some())
+        let numbers = [lidar, token, skip].iter().filter(|number| number.is_some()).count();
+        texts + numbers + usize::from(joints.is_some()) + usize::from(contact.is_some())
     }
 }
 

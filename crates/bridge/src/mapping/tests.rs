@@ -71,6 +71,7 @@ fn wrong_files_are_refused() {
         ("declared = \"relative\"", "declared = \"odd\"", "representation 'odd' is not known"),
         ("key = \"left_leg\"", "key = \"right_leg\"", "the key 'right_leg' appears twice"),
         ("name = \"unitree_g1\"", "name = \"a b\"", "letters, digits"),
+        ("horizon = 30", "horizon = 30\nlidar_sees_room = true", "lidar_sees_room: no state has a part lidar"),
         ("{ skip = 9 }", "", ""),
     ] {
         if to.is_empty() {
@@ -140,6 +141,61 @@ fn a_state_has_the_terms_of_proprioception() {
     assert_eq!(numbers[63..], [-0.5; 53]);
     let short = Sensed { joint_velocity: &velocity[1..], ..sensed };
     assert!(mapping.observe(&robot, &short, &Frames::default(), 0, "go", "it").is_err());
+}
+
+/// A mapping that `python -m fiatlux.train_lerobot` wrote; `python/tests/test_train_lerobot.py` compares the file with what it writes.
+const WRITTEN: &str = include_str!("../../tests/written_mapping.toml");
+
+/// Forces within their limit and the nearest ranges follow the body in the state; what the session lacks is named.
+#[test]
+fn a_written_mapping_has_forces_and_sectors() {
+    let robot = robot();
+    let mapping = Mapping::from_toml("test", WRITTEN, &robot).unwrap();
+    assert!(mapping.lidar_sees_room && mapping.has_lidar() && mapping.has_contact());
+    assert_eq!((mapping.sensors(), mapping.lookbacks()), (vec!["camera", "chest_camera"], vec![0, 15, 50]));
+    assert_eq!(mapping.width(&mapping.actions[0]), 45);
+    let (q, zeros) = (robot.q0().to_vec(), vec![0.0; robot.q0().len()]);
+    let bodies = robot.hand_links().len();
+    let forces: Vec<f32> = (0..3 * bodies).map(|at| [25.0, -7.5, -30.0][at % 3]).collect();
+    let mut scan = vec![crate::LIDAR_RANGE; crate::SCAN];
+    (scan[180 + 90], scan[31 * 180 + 179]) = (2.5, 0.75);
+    let sensed = Sensed { hand_contact_force: &forces, lidar: &scan, ..Sensed::still(&q, &zeros, 0.75) };
+    let mut frames = Frames::default();
+    for sensor in mapping.sensors() {
+        frames.push(&mapping, 0, sensor, crate::Picture::new(64, 48, vec![9; 3 * 64 * 48]).unwrap());
+    }
+    let see = |sensed: &Sensed<'_>| mapping.observe(&robot, sensed, &frames, 0, "go", "it");
+    let seen = see(&sensed).unwrap();
+    assert_eq!(seen.images[1].1.shape(), [3, 48, 64, 3]);
+    let state = &seen.states[0].1;
+    let (felt, near) = state[63..].split_at(3 * bodies);
+    assert!(felt.chunks(3).all(|force| *force == [20.0, -7.5, -20.0]), "{felt:?}");
+    assert_eq!(near, [10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 2.5, 10.0, 10.0, 10.0, 10.0, 0.75]);
+    for (lacking, says) in [
+        (Sensed { hand_contact_force: &forces[3..], ..sensed }, "name hand_contact there"),
+        (Sensed { lidar: &[], ..sensed }, "a scan of the LiDAR of 5760 numbers (it has 0)"),
+    ] {
+        let error = see(&lacking).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    let (contract, _) = fitting(&mapping);
+    check_contract(&mapping, &contract).unwrap();
+    let error = check_contract(&shipped("lerobot_g1_hand"), &contract).unwrap_err().to_string();
+    assert!(error.contains("frames 'camera': the server has [-10, -3, 0], the mapping has [0]"), "{error}");
+    for (from, to, says) in [
+        ("lidar = 12", "lidar = 7", "state 'state': lidar is 7; give a number of sectors that divides 180"),
+        ("lidar = 12", "lidar = 0", "lidar is 0"),
+        ("lidar = 12", "lidar = 360", "lidar is 360"),
+        ("contact = 20.0", "contact = -1", "state 'state': contact is -1; give a limit"),
+        ("contact = 20.0", "contact = nan", "contact is NaN"),
+        ("contact = 20.0", "contact = 20, lidar = 4", "exactly one of"),
+        ("{ group = \"left_hand\" }", "{ contact = 20 }", "does not belong in the action"),
+        ("{ group = \"left_hand\" }", "{ lidar = 4 }", "does not belong in the action"),
+    ] {
+        assert!(WRITTEN.contains(from));
+        let error = Mapping::from_toml("test", &WRITTEN.replacen(from, to, 1), &robot).unwrap_err().to_string();
+        assert!(error.contains(says), "{from} -> {to}: {error}");
+    }
 }
 
 fn fitting(mapping: &Mapping) -> (Contract, ModelChunk) {

@@ -7,7 +7,7 @@ use fiatlux_proto::count;
 use super::markup::{escape, share};
 use super::{overview, sections};
 use crate::tables::{coverage, missing, run_line};
-use crate::{Fault, RateRow, Results, Score};
+use crate::{Fault, RateRow, Results, Score, TaskResult};
 
 /// Writes the progress of a run, and the remarks from its journals.
 pub(super) fn run_lines(out: &mut String, results: &Results) {
@@ -23,24 +23,39 @@ pub(super) fn summary(out: &mut String, results: &Results) {
     warnings(out, results);
     out.push_str("<div class=\"cards\">\n");
     let overall = &results.overall;
+    let only = only_task(results);
     if overall.episodes > 0 {
         if let (Some(score), Some(success)) = (&results.score_strict, &overall.strict_success) {
-            score_card(out, "Score S, strict", score, "big");
+            match only {
+                Some(task) => {
+                    task_card(out, "strict", task, task.strict_score_mean.zip(Some(task.strict_score_std)), "big");
+                }
+                None => score_card(out, "Score S, strict", score, "big"),
+            }
             rate_card(out, "Success, strict", success, overall.episodes, "big");
         }
-        score_card(out, "Score S, published", &results.score, "mid");
+        match only {
+            Some(task) => task_card(out, "published", task, Some((task.score_mean, task.score_std)), "mid"),
+            None => score_card(out, "Score S, published", &results.score, "mid"),
+        }
         rate_card(out, "Clean, published", &overall.clean_success, overall.episodes, "mid");
         violations_card(out, results);
     }
     out.push_str("</div>\n");
     if overall.episodes > 0 {
+        let score = match only {
+            Some(_) => "<b>s</b> is half the success rate and half the mean gate progress.",
+            None => {
+                "<b>S</b> is the mean of the subtasks' scores s, weighted by difficulty; s is half the success rate and half \
+                 the mean gate progress."
+            }
+        };
         let _ = writeln!(
             out,
             "<p class=\"soft small\"><b>Published</b> is the paper's rulebook; <b>strict</b> also asks that a gate holds for \
              a second, that the robot stands upright on what carries it, and that a bulb is in the grip of one hand: \
              stunts pass the first and not the second. Rankings go by strict. <b>Clean</b> is a success with no bulb broken \
-             (a hand body above {} N at any step) and none dropped; a strict success always is. <b>S</b> is the mean of the \
-             subtasks' scores s, weighted by difficulty; s is half the success rate and half the mean gate progress. At 0 \
+             (a hand body above {} N at any step) and none dropped; a strict success always is. {score} At 0 \
              nothing was reached that the start did not give; an episode whose gate never fires adds at most half of its \
              weight; at 1 every gate fired. The spread is the sample standard deviation over layout seeds: scores under \
              different seeds do not compare, for the layout sets the difficulty.</p>",
@@ -59,8 +74,10 @@ fn warnings(out: &mut String, results: &Results) {
         warn("Not ranked: this run was played under other conditions than the benchmark's.", &text);
     }
     let lacking = missing(results);
-    if !lacking.is_empty() {
-        let lines: Vec<String> = std::iter::once(format!("S is {}", coverage(results))).chain(lacking).collect();
+    // One task has no S, so nothing is missing in it.
+    if !lacking.is_empty() && only_task(results).is_none() {
+        let covers = results.run.is_none().then(|| format!("S is {}", coverage(results)));
+        let lines: Vec<String> = covers.into_iter().chain(lacking).collect();
         warn("Missing subtasks.", &format!("{}.", lines.join(". ")));
     }
     if let Some(lost) = results.lost_journal() {
@@ -85,10 +102,32 @@ fn rate_card(out: &mut String, name: &str, rate: &RateRow, episodes: u64, size: 
     );
 }
 
+/// The subtask of results that have no other: their cards show its score, and not what is left of it in S.
+fn only_task(results: &Results) -> Option<&TaskResult> {
+    match results.subtasks.as_slice() {
+        [only] => Some(only),
+        _ => None,
+    }
+}
+
+fn task_card(out: &mut String, judge: &str, task: &TaskResult, score: Option<(f64, Option<f64>)>, size: &str) {
+    let Some((mean, std)) = score else { return };
+    let _ = writeln!(
+        out,
+        "<div class=\"panel\"><div class=\"card-name\">Score s, {judge}</div><div class=\"{size}\">{mean:.3}{}</div>\
+         <div class=\"card-note\">{} {}<br>of 1, mean \u{b1} std over seeds</div></div>",
+        spread(std),
+        escape(&task.id),
+        escape(&task.name)
+    );
+}
+
+fn spread(std: Option<f64>) -> String {
+    std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"))
+}
+
 fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     let Some(mean) = score.mean else { return };
-    let spread =
-        score.std.map_or(String::new(), |std| format!(" <span class=\"mid soft\">\u{b1}\u{202f}{std:.3}</span>"));
     let seeds: Vec<_> = score.per_seed.iter().map(|seed| format!("{}:\u{a0}{:.3}", seed.seed, seed.score)).collect();
     // A server's random numbers mean nothing to a reader.
     let is_drawn = score.per_seed.iter().any(|seed| seed.seed > 99_999);
@@ -98,8 +137,9 @@ fn score_card(out: &mut String, name: &str, score: &Score, size: &str) {
     };
     let _ = writeln!(
         out,
-        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{spread}</div>\
+        "<div class=\"panel\"><div class=\"card-name\">{name}</div><div class=\"{size}\">{mean:.3}{}</div>\
          <div class=\"card-note\">over {} of 12 subtasks<br>of 1, mean \u{b1} std<br>{shown}</div></div>",
+        spread(score.std),
         score.subtasks
     );
 }

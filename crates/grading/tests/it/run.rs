@@ -202,11 +202,28 @@ fn a_success_and_an_abort_are_half() {
         (&loose, 1, "over 1 of 12 subtasks: not comparable"),
     ] {
         assert_eq!(results.score.subtasks, subtasks);
-        for form in [words(results), tables::latex(results), report::html(results)] {
+        for form in [words(results), tables::latex(results)] {
             assert!(form.contains(says), "{form}");
         }
-        assert!(report::html(results).contains(&format!("over {subtasks} of 12 subtasks<br>")));
+        // The cards of a single task have its own score.
+        let html = report::html(results);
+        assert!(html.contains("Score s, published") && html.contains("S03 Remove Old Bulb<br>of 1"), "{html}");
+        assert!(!html.contains("Score S") && !html.contains("Missing subtasks"), "{html}");
     }
+}
+
+/// Guards that the page says once, and by name, which subtasks a run left out, next to the number of subtasks in S.
+#[test]
+fn subtasks_that_were_not_registered_are_named_once() {
+    let folder = Folder::new("left-out");
+    let mut run = RunFolder::new(&folder, "lab", &[planned(Task::S03, 0), planned(Task::S05, 0)]);
+    run.whole(0, WINS);
+    run.whole(1, FALLS);
+    run.finish();
+    let html = report::html(&graded(&folder));
+    let says = "<b>Missing subtasks.</b> Not registered, so 0 in S: S01, S02, S04,";
+    assert!(html.contains(says) && html.matches("ot registered").count() == 1, "{html}");
+    assert!(html.contains("Score S, published") && html.contains("over 12 of 12 subtasks<br>"), "{html}");
 }
 
 /// Guards that bags of a run without its journal are reported. Bags that were recorded in no run need none.

@@ -6,6 +6,7 @@
 use std::collections::BTreeSet;
 
 use fiatlux_grading::Results;
+use fiatlux_proto::count as counted;
 use fiatlux_rules::{SeedOwner, Task};
 
 /// Smallest number of rooms of a ranked entry.
@@ -33,7 +34,7 @@ pub(super) fn check_rooms(results: &Results, task: Task, hosted: bool) -> Result
     let count = rooms.len();
     if hosted {
         return match count < MIN_ROOMS {
-            true => Err(format!("{count} hosted rooms; a ranking takes at least {MIN_ROOMS}")),
+            true => Err(format!("{}; a ranking takes at least {MIN_ROOMS}", counted(count, "hosted room"))),
             false => Ok(()),
         };
     }
@@ -51,10 +52,14 @@ pub(super) fn check_rooms(results: &Results, task: Task, hosted: bool) -> Result
 
 /// Checks that all twelve subtasks have the same rooms, and that these were not chosen.
 pub(super) fn same_rooms(results: &Results, hosted: bool) -> Result<(), String> {
-    let lacking: Vec<_> =
-        Task::SUBTASKS.into_iter().filter(|task| rooms_of(results, *task).is_empty()).map(Task::short_id).collect();
+    let (lacking, played): (Vec<Task>, Vec<Task>) =
+        Task::SUBTASKS.into_iter().partition(|task| rooms_of(results, *task).is_empty());
     if !lacking.is_empty() {
-        return Err(format!("no episode of {}", lacking.join(", ")));
+        let ids = |tasks: &[Task]| tasks.iter().map(|task| task.short_id()).collect::<Vec<_>>().join(", ");
+        return Err(match played.is_empty() || lacking.len() <= played.len() {
+            true => format!("no episode of {}", ids(&lacking)),
+            false => format!("it played only {}", ids(&played)),
+        });
     }
     let first = Task::SUBTASKS[0];
     let expected = rooms_of(results, first);

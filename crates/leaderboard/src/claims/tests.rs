@@ -33,6 +33,10 @@ fn what_an_entry_proves() {
         ("exact sensors", exact, false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
         ("exact sensors, hosted", exact, true, Verified, ALL, Hosted, "ppc", None, "sensors are exact"),
         ("other sensors, hosted", |r| r.conditions.observations = "other".into(), true, Verified, ALL, Hosted, "ppc", None, "observations are 'other'"),
+        ("goal, hosted", |r| r.conditions.observations = "goal".into(), true, Verified, ALL, Hosted, "ppc", Some(Kind::Hosted), ""),
+        ("goal, exact, hosted", exact_goal, true, Verified, ALL, Hosted, "ppc", None, "sensors are exact"),
+        ("goal", |r| r.conditions.observations = "goal".into(), false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
+        ("one hosted room", |r| keep(r, |_, room| room == 1 << 40), true, Verified, ALL, Hosted, "ppc", None, "1 hosted room; a ranking"),
         ("person", |r| r.conditions.source = "person".into(), false, Verified, ALL, Replayed, "prc", None, "a person"),
         ("person, hosted", |r| r.conditions.source = "person".into(), true, Verified, ALL, Hosted, "prc", None, "a person"),
         ("take", |r| r.conditions.takes = true, false, Verified, ALL, Replayed, "prc", None, "a person"),
@@ -43,7 +47,8 @@ fn what_an_entry_proves() {
         ("time", |r| r.conditions.time = "no time".into(), false, Verified, ALL, Replayed, "pcc", None, "no time"),
         ("objects", objects, false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), ""),
         ("no journal", |r| r.without_journal = vec!["run".into()], false, Verified, ALL, Replayed, "pcc", None, "journal is missing"),
-        ("one subtask", |r| keep(r, |task, _| task == "S06"), false, Verified, [4, 4, 0], Replayed, "pcc", Some(Kind::Replayed), "no episode of S01"),
+        ("one subtask", |r| keep(r, |task, _| task == "S06"), false, Verified, [4, 4, 0], Replayed, "pcc", Some(Kind::Replayed), "it played only S06"),
+        ("eleven subtasks", |r| keep(r, |task, _| task != "S01"), false, Verified, [44, 44, 0], Replayed, "pcc", Some(Kind::Replayed), "no episode of S01"),
         ("one room less in S09", |r| keep(r, |task, room| (task, room) != ("S09", 3)), false, Verified, ALL, Replayed, "pcc", Some(Kind::Replayed), "S01 and S09"),
         ("three rooms", |r| keep(r, |_, room| room < 3), false, Verified, ALL, Replayed, "pcc", None, "at least 4"),
         ("three hosted rooms", |r| keep(r, |_, room| room != 1 << 40), true, Verified, ALL, Hosted, "ppc", None, "3 hosted rooms"),
@@ -72,6 +77,11 @@ fn exact(results: &mut Results) {
     results.conditions.deviations.push("sensors are exact".into());
 }
 
+fn exact_goal(results: &mut Results) {
+    exact(results);
+    results.conditions.observations = "goal".into();
+}
+
 fn objects(results: &mut Results) {
     results.conditions.assets = vec!["crate abc".into()];
     results.conditions.deviations.push(format!("{OBJECTS}crate abc"));
@@ -85,6 +95,20 @@ fn move_rooms(results: &mut Results, to: fn(u64) -> u64) {
     results.episodes.iter_mut().for_each(|row| row.seed = to(row.seed));
 }
 
+/// Guards entries that a service noted before it ranked `goal`: their stored sentence bars them no longer, and that of others does.
+#[test]
+fn facts_of_before_the_goal_division_are_ranked() {
+    let noted = |observations: &str| {
+        let mut results = hosted(4);
+        results.conditions.observations = observations.into();
+        let odd_senses = format!("observations are '{observations}'");
+        let facts = Facts { odd_senses, ..Facts::of(&results, true) };
+        decide(&facts, Stage::Verified, "", Progress::default(), None)
+    };
+    assert_eq!(noted("goal").division.and_then(|division| division.observations), Some(Observations::Goal));
+    assert_eq!((noted("other").division, &*noted("other").obstacle), (None, "observations are 'other'"));
+}
+
 /// Guards that a relabelled entry has the division of the honest one, so that no label gains a place.
 #[test]
 fn labels_gain_nothing() {
@@ -96,9 +120,10 @@ fn labels_gain_nothing() {
     };
     let honest = place(|r| r.conditions.observations = "privileged".into());
     assert!(honest.is_some());
-    let labels: [fn(&mut Results); 4] = [
+    let labels: [fn(&mut Results); 5] = [
         |r| r.policy = "nova-vla".into(),
         |r| r.conditions.observations = "standard".into(),
+        |r| r.conditions.observations = "goal".into(),
         |r| r.conditions.time = "real time".into(),
         exact,
     ];

@@ -10,6 +10,7 @@ use axum::response::Response;
 use fiatlux_rules::Task;
 
 use super::answer::{Problem, page, site_of};
+use super::partial::{PartialRow, partial_rows};
 use super::show;
 use super::state::{Board, Pages, Pair};
 use super::tasks::{Card, cards};
@@ -20,6 +21,7 @@ use crate::{Entry, Kind};
 
 const ROWS: usize = 50;
 const UNRANKED: usize = 50;
+const PARTIAL: usize = 50;
 
 struct DivisionChoice {
     slug: String,
@@ -63,7 +65,11 @@ struct BoardPage<'a> {
     cards: Vec<Card<'a>>,
     /// Subtasks without a success.
     open: Vec<Task>,
-    unranked: &'a [Arc<Entry>],
+    /// Entries that are ranked in some subtasks.
+    partial: Vec<PartialRow<'a>>,
+    more_partial: usize,
+    /// Entries that are ranked nowhere, latest first.
+    unranked: Vec<&'a Entry>,
     more_unranked: usize,
     min_rooms: usize,
     fixed_rooms: &'static str,
@@ -76,8 +82,8 @@ impl BoardPage<'_> {
     }
 }
 
-/// The rankings: the hosted table and the replayed one with the best first row, or the one that `?division=` chooses; `cells=clean`
-/// shows clean success rates instead of scores.
+/// The rankings: the hosted table and the replayed one, each with the best first row of its kind, or the one that `?division=`
+/// chooses; `cells=clean` shows clean success rates instead of scores.
 pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQuery) -> Result<Response, Problem> {
     let board = pages.board().await?;
     let query = query.as_deref();
@@ -92,23 +98,42 @@ pub(super) async fn board(State(pages): State<Arc<Pages>>, RawQuery(query): RawQ
     let pairs: Vec<Pair> = tables.iter().flat_map(|table| shown_pairs(table, query)).collect();
     let tested = pages.tested(&pairs).await?;
     let sections: Vec<Section<'_>> = tables.into_iter().map(|table| section(&board, table, &tested, query)).collect();
-    let (cards, open) = best_and_open(&board);
-    Ok(page(&BoardPage {
-        choices: choices(&board, &sections),
-        sections,
-        by_score: show::asked(query, "cells").next() != Some("clean"),
-        chosen: asked.map(|asked| format!("division={asked}&")).unwrap_or_default(),
-        paper: &PAPER,
-        cards,
-        open,
-        unranked: &board.unranked[..board.unranked.len().min(UNRANKED)],
-        more_unranked: board.unranked.len().saturating_sub(UNRANKED),
-        min_rooms: MIN_ROOMS,
-        fixed_rooms: FIXED_ROOMS,
-    }))
+    let by_score = show::asked(query, "cells").next() != Some("clean");
+    let chosen = asked.map(|asked| format!("division={asked}&")).unwrap_or_default();
+    Ok(page(&BoardPage::of(&board, sections, by_score, chosen)))
 }
 
-/// Of each kind the table with the best first row in the latest version of the benchmark; the better of the two first.
+impl<'a> BoardPage<'a> {
+    fn of(board: &'a Board, sections: Vec<Section<'a>>, by_score: bool, chosen: String) -> Self {
+        let (cards, open) = best_and_open(board);
+        let mut partial = partial_rows(board);
+        let has_row = |entry: &&Entry| partial.iter().any(|row| row.entry.id == entry.id);
+        let mut unranked: Vec<&Entry> =
+            board.unranked.iter().map(|entry| &**entry).filter(|entry| !has_row(entry)).collect();
+        let [more_partial, more_unranked] =
+            [(partial.len(), PARTIAL), (unranked.len(), UNRANKED)].map(|(all, shown)| all.saturating_sub(shown));
+        partial.truncate(PARTIAL);
+        unranked.truncate(UNRANKED);
+        Self {
+            choices: choices(board, &sections),
+            sections,
+            by_score,
+            chosen,
+            paper: &PAPER,
+            cards,
+            open,
+            partial,
+            more_partial,
+            unranked,
+            more_unranked,
+            min_rooms: MIN_ROOMS,
+            fixed_rooms: FIXED_ROOMS,
+        }
+    }
+}
+
+/// Of each kind the table with the best first row in the latest version of the benchmark; the better of the two first, and of equals
+/// the hosted one.
 fn first_tables(board: &Board) -> Vec<&Table> {
     let Some(latest) = board.tables.first().map(|table| table.version) else { return Vec::new() };
     let of_kind = |kind: Kind| {
@@ -212,44 +237,41 @@ pub(super) async fn about(asked: HeaderMap) -> Response {
 
 #[cfg(test)]
 mod tests {
+    use fiatlux_grading::Results;
+
     use super::*;
     use crate::standings::tests::{entry, hosted, results};
     use crate::standings::{Standing, SubtaskResults, by_task, tables};
 
     /// The page of some policies, each with the number of subtasks it passes.
     fn shown(policies: &[(&str, usize)]) -> String {
-        let results = policies.iter().map(|(_, passed)| results(*passed));
-        let runs: Vec<_> = results
-            .zip(policies.iter().zip(1..))
-            .map(|(results, ((name, _), id))| (Arc::new(entry(id, name, &results)), results))
-            .collect();
-        let rows = runs.iter().map(|(entry, results)| (Arc::clone(entry), Standing::of(results).expect("a row")));
+        rendered(&policies.iter().map(|(name, passed)| (*name, results(*passed))).collect::<Vec<_>>())
+    }
+
+    /// The page of some policies with these results.
+    fn rendered(all: &[(&str, Results)]) -> String {
+        let runs: Vec<_> =
+            all.iter().zip(1..).map(|((name, results), id)| (Arc::new(entry(id, name, results)), results)).collect();
+        let (whole, unranked): (Vec<_>, Vec<_>) = runs.iter().partition(|(entry, _)| entry.obstacle.is_empty());
+        let rows = whole.iter().map(|(entry, results)| (Arc::clone(entry), Standing::of(results).expect("a row")));
         let tried: Vec<_> = runs.iter().map(|(_, results)| SubtaskResults::of(results)).collect();
         let tried: Vec<_> = runs.iter().zip(&tried).map(|((entry, _), tried)| (entry, tried)).collect();
-        let board = Board { tables: tables(rows.collect()), tasks: by_task(&tried), ..Board::default() };
-        let (cards, open) = best_and_open(&board);
-        let sections: Vec<_> =
-            first_tables(&board).into_iter().map(|table| section(&board, table, &BTreeMap::new(), None)).collect();
-        let page = BoardPage {
-            choices: choices(&board, &sections),
-            sections,
-            by_score: true,
-            chosen: String::new(),
-            paper: &PAPER,
-            cards,
-            open,
-            unranked: &[],
-            more_unranked: 0,
-            min_rooms: MIN_ROOMS,
-            fixed_rooms: FIXED_ROOMS,
+        let board = Board {
+            tables: tables(rows.collect()),
+            tasks: by_task(&tried),
+            unranked: unranked.iter().map(|(entry, _)| Arc::clone(entry)).collect(),
+            ..Board::default()
         };
-        page.render().expect("rendered")
+        let board = &board;
+        let tables = first_tables(board).into_iter();
+        let sections = tables.map(|table| section(board, table, &BTreeMap::new(), None)).collect();
+        BoardPage::of(board, sections, true, String::new()).render().expect("rendered")
     }
 
     /// Guards what a visitor sees first: the table whose leader is best, and not one of zeros, whatever its kind or place in the order.
     #[test]
     fn the_page_opens_on_the_best_table() {
-        let opened = |all: [(u64, fiatlux_grading::Results); 3]| {
+        let opened = |all: [(u64, Results); 3]| {
             let rows = all.iter().map(|(id, of)| (entry(*id, "p", of), Standing::of(of).expect("a row")));
             let board = Board { tables: tables(rows.collect()), ..Board::default() };
             let leaders = first_tables(&board).into_iter().map(|table| table.places[0].entry.id.0);
@@ -262,7 +284,49 @@ mod tests {
         };
         assert_eq!(opened([(1, hosted(0)), (2, privileged(5)), (3, results(0))]), [2, 3]);
         assert_eq!(opened([(1, hosted(2)), (2, privileged(1)), (3, results(12))]), [3, 1]);
+        assert_eq!(opened([(1, hosted(0)), (2, privileged(0)), (3, results(1))]), [3, 1]);
         assert_eq!(opened([(1, hosted(4)), (2, privileged(4)), (3, results(4))]), [1, 3], "the first of equals");
+    }
+
+    /// The results of some subtasks of a hosted run that is shown `observations`.
+    fn part(observations: &str, is_played: fn(Task) -> bool) -> Results {
+        let mut results = hosted(12);
+        results.conditions.observations = observations.into();
+        let is_played = |id: &str| is_played(id.parse().expect("a task"));
+        results.episodes.retain(|row| is_played(&row.task));
+        results.subtasks.retain(|task| is_played(&task.id));
+        results
+    }
+
+    /// Guards that a policy which is ranked in some subtasks does not look disqualified: it has a row with a cell for each, and is not
+    /// among those without a place. `goal` is ranked on its own.
+    #[test]
+    fn who_plays_a_part_has_a_row() {
+        let some =
+            [("see", part("standard", |task| task != Task::S01)), ("carry", part("goal", |task| task == Task::S01))];
+        let page = rendered(&some);
+        let (_, table) = page.split_once("Ranked in some of the twelve</h2>").expect("the table");
+        let rows: Vec<&str> = table.split("<tr role=\"row\">").skip(2).take(2).collect();
+        let said = |row: &str| {
+            let cells = (row.matches("class=\"cell h10\"").count(), row.matches("class=\"cell none\"").count());
+            (row.contains("rank 1 of 1"), cells)
+        };
+        assert_eq!(rows.iter().map(|row| said(row)).collect::<Vec<_>>(), [(true, (11, 1)), (true, (1, 11))], "{table}");
+        assert!(
+            rows[0].contains("see</a>")
+                && rows[0].contains("44 of 44 episodes")
+                && rows[0].contains("hosted, standard")
+        );
+        assert!(
+            rows[1].contains("carry</a>") && rows[1].contains("4 of 4 episodes") && rows[1].contains("hosted, goal")
+        );
+        assert!(!page.contains("Without a place") && page.contains("No run is ranked among all twelve yet"), "{page}");
+        assert!(page.contains("4 episodes, hosted, goal</span>"), "the card of S01: {page}");
+        // Whoever has a row among all twelve has no second one, and whoever is ranked nowhere has none.
+        let mut few = part("standard", |task| task == Task::S05);
+        few.episodes.truncate(3);
+        let page = rendered(&[("all", hosted(12)), ("few", few)]);
+        assert!(!page.contains("Ranked in some of the twelve") && page.contains("3 hosted rooms; a ranking"), "{page}");
     }
 
     /// Guards that the name of a policy is always shown as text.
@@ -313,7 +377,7 @@ mod tests {
 
     #[test]
     fn divisions_have_one_address_each() {
-        let text = |results: &fiatlux_grading::Results| {
+        let text = |results: &Results| {
             let tables = tables(vec![(entry(1, "a", results), Standing::of(results).expect("a row"))]);
             (show::slug(tables[0].version, &tables[0].division), show::division(&tables[0].division))
         };

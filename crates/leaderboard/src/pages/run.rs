@@ -30,6 +30,8 @@ struct TaskLine<'a> {
     pictured: Option<Key>,
     passed: usize,
     count: usize,
+    /// Rank in the subtask, and number of rows of its ranking; `None` if it is not ranked there.
+    place: Option<(Option<usize>, usize)>,
     squares: Vec<(Key, &'a EpisodeRow)>,
 }
 
@@ -67,17 +69,21 @@ pub(super) async fn run(
         Some(Key { task, seed: picture.seed, episode: picture.episode })
     };
     let tasks = results.episodes.chunk_by(|a, b| a.task == b.task);
-    let lines = tasks.filter_map(|rows| line(rows, picture)).collect();
+    let lines = tasks.filter_map(|rows| line(rows, picture, |task| board.task_place(entry.id, task))).collect();
     let example = results.episodes.iter().find(|row| row.failure.is_none()).and_then(Key::of);
     let (report, site) = (report::site(&results), site_of(&asked));
     Ok(page(&RunPage { site, entry: &entry, results: &results, report, place, others, lines, example }))
 }
 
-fn line(rows: &[EpisodeRow], picture: impl Fn(Task) -> Option<Key>) -> Option<TaskLine<'_>> {
+fn line(
+    rows: &[EpisodeRow],
+    picture: impl Fn(Task) -> Option<Key>,
+    place: impl Fn(Task) -> Option<(Option<usize>, usize)>,
+) -> Option<TaskLine<'_>> {
     let task = rows.first()?.task.parse().ok()?;
     let passed = rows.iter().filter(|row| row.strict_success.unwrap_or(row.clean)).count();
     let squares = rows.iter().take(SQUARES).filter_map(|row| Some((Key::of(row)?, row))).collect();
-    Some(TaskLine { task, pictured: picture(task), passed, count: rows.len(), squares })
+    Some(TaskLine { task, pictured: picture(task), passed, count: rows.len(), place: place(task), squares })
 }
 
 /// Calls `report` with the addresses of a run's episodes.
@@ -112,4 +118,41 @@ pub(super) async fn task(
     let part = show::part(&rows, MANY, query.as_deref());
     let cards = in_addresses(entry.id, |site| report::task_cards(&results, part.shown, site));
     Ok(page(&TaskPage { entry: &entry, task, count: rows.len(), cards, page: part.page, pages: part.pages }))
+}
+
+#[cfg(test)]
+mod tests {
+    use fiatlux_grading::Results;
+
+    use super::*;
+    use crate::standings::tests::{entry, hosted};
+
+    /// Guards that a run which is ranked in a subtask is not said to be unranked, and that one which is ranked nowhere is.
+    #[test]
+    fn a_run_says_where_it_is_ranked() {
+        let said = |change: fn(&mut Results)| {
+            let mut results = hosted(12);
+            results.conditions.observations = "goal".into();
+            results.episodes.retain(|row| row.task == "S01");
+            results.subtasks.truncate(1);
+            change(&mut results);
+            let entry = entry(1, "carry", &results);
+            let is_ranked = entry.tasks.iter().any(|task| task == "S01");
+            let lines = line(&results.episodes, |_| None, |_| is_ranked.then_some((Some(1), 2))).into_iter().collect();
+            let (report, site) = (report::site(&results), String::new());
+            let (place, others, example) = (None, Vec::new(), None);
+            let page = RunPage { site, entry: &entry, results: &results, report, place, others, lines, example };
+            page.render().expect("rendered")
+        };
+        let ranked = said(|_| {});
+        assert!(ranked.contains("<b>Ranked in S01</b>, and not among all twelve: it played only S01."), "{ranked}");
+        assert!(
+            ranked.contains("Hosted: lockstep, goal observations") && ranked.contains(">rank 1 of 2</a>"),
+            "{ranked}"
+        );
+        assert!(!ranked.contains("panel warn") && !ranked.contains("Score S"), "{ranked}");
+        let nowhere = said(|results| results.episodes.truncate(1));
+        assert!(nowhere.contains("<b>Not ranked:</b> 1 hosted room; a ranking takes at least 4."), "{nowhere}");
+        assert!(!nowhere.contains("Ranked in") && !nowhere.contains("all twelve"), "{nowhere}");
+    }
 }

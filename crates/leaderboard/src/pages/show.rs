@@ -127,6 +127,7 @@ pub(super) fn time(time: Time) -> &'static str {
 pub(super) fn observations(observations: Observations) -> &'static str {
     match observations {
         Observations::Standard => "standard",
+        Observations::Goal => "goal",
         Observations::Privileged => "privileged",
     }
 }

@@ -9,6 +9,7 @@ use axum::body::Bytes;
 use fiatlux_cli::in_full;
 use fiatlux_grading::Results;
 use fiatlux_replay::ReplayCache;
+use fiatlux_rules::Task;
 use tokio::sync::OwnedMutexGuard;
 
 use super::answer::Problem;
@@ -75,6 +76,15 @@ impl Board {
         self.tables.iter().find_map(|table| {
             let index = table.places.iter().position(|place| place.entry.id == id)?;
             Some((table, index))
+        })
+    }
+
+    /// The rank of an entry in a subtask, and the number of rows of its ranking; `None` if it is not ranked there.
+    pub fn task_place(&self, id: SubmissionId, task: Task) -> Option<(Option<usize>, usize)> {
+        let table = self.tasks.iter().find(|table| table.task == task)?;
+        table.divisions.values().find_map(|places| {
+            let place = places.iter().find(|place| place.entry.id == id)?;
+            Some((place.rank, places.len()))
         })
     }
 

@@ -155,6 +155,16 @@ mod tests {
     fn a_subtask_has_the_rules_of_the_tables() {
         let tables = tables_of(&[with(1.0, [0.8, 1.0]), only_first(hosted(0), 0.5, [0.3, 0.7])]);
         assert_eq!(tables[0].best().map(|(_, place)| place.entry.id.0).collect::<Vec<_>>(), [2, 1]);
+        let of = |observations: &str| {
+            let mut results = only_first(hosted(0), 1.0, [0.8, 1.0]);
+            results.conditions.observations = observations.into();
+            results
+        };
+        let best = tables_of(&["privileged", "goal", "standard"].map(of))[0]
+            .best()
+            .map(|(_, place)| place.entry.id.0)
+            .collect::<Vec<_>>();
+        assert_eq!(best, [3, 2, 1], "apart, the fewest senses first");
         let mut chosen = with(1.0, [0.8, 1.0]);
         chosen.episodes.iter_mut().for_each(|row| row.seed += 1000);
         let mut loose = with(1.0, [0.8, 1.0]);

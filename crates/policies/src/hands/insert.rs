@@ -350,6 +350,8 @@ impl Insert {
         let is_off = plug.turn.angle() > insert.askew || is_outside && plug.aside.norm() > insert.off;
         if is_off && !seen.seated[1] {
             self.gap = (plug.gap.max(self.gap) + insert.speed * CONTROL_DT).min(align.before);
+            // On its way out it has not caught: circles would keep it beside the mouth.
+            self.deepest = (plug.gap, seen.time);
         } else if plug.gap - self.gap < insert.ahead {
             self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
         }

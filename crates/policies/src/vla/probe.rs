@@ -4,8 +4,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use fiatlux_bridge::{
-    BridgeError, Contract, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Row, Sensed, Timeouts,
-    check_contract,
+    BridgeError, Contract, Frames, LIDAR_RANGE, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Row,
+    SCAN, Sensed, Timeouts, check_contract,
 };
 
 use super::{Shared, VlaSource};
@@ -50,7 +50,8 @@ impl VlaSource {
         self.0.check_decoder().err().and(self.0.mapping.token())
     }
 
-    /// The observation for a first question: the standing posture, and pictures of a grey ramp.
+    /// The observation for a first question: the standing posture, pictures of a grey ramp, no forces, and nothing in the
+    /// LiDAR's range.
     pub(super) fn example(&self) -> Result<ModelObservation, BridgeError> {
         let Shared { mapping, robot, .. } = &*self.0;
         let mut frames = Frames::default();
@@ -61,7 +62,9 @@ impl VlaSource {
             frames.push(mapping, 0, sensor, Picture::new(width, height, rgb)?);
         }
         let zeros = vec![0.0; robot.q0().len()];
-        let sensed = Sensed::still(robot.q0(), &zeros, robot.standing_height());
+        let (forces, scan) = (vec![0.0; 3 * robot.hand_links().len()], vec![LIDAR_RANGE; SCAN]);
+        let still = Sensed::still(robot.q0(), &zeros, robot.standing_height());
+        let sensed = Sensed { hand_contact_force: &forces, lidar: &scan, ..still };
         mapping.observe(robot, &sensed, &frames, 0, "Stand still.", "probe")
     }
 

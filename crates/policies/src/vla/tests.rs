@@ -142,3 +142,37 @@ fn a_mapping_is_read_for_the_robot_of_the_session() {
     let error = args.source("h1", false).expect_err("an unknown robot").to_string();
     assert!(error.contains("g1_dex3"), "{error}");
 }
+
+/// The session has what the state needs: forces, and the LiDAR of the mapping's sight.
+#[test]
+fn the_senses_of_the_state_are_asked_for() {
+    let args = |real_time: bool| {
+        let map = concat!(env!("CARGO_MANIFEST_DIR"), "/../bridge/tests/written_mapping.toml");
+        let args = VlaArgs {
+            dialect: Some(Dialect::Gr00t),
+            model: Some("tcp://lab:1".into()),
+            map: Some(map.into()),
+            ..VlaArgs::default()
+        };
+        args.source("", real_time).expect("a mapping")
+    };
+    let lidar = |real_time: bool| {
+        let sensors = args(real_time).policy().sensors();
+        sensors.into_iter().find(|sensor| sensor.name == "lidar").expect("it needs it")
+    };
+    assert!(lidar(false).on_request && lidar(false).see_room);
+    assert!(!lidar(true).on_request && lidar(true).rate_hz == REAL_TIME_HZ);
+    let source = args(false);
+    let check = |sensors: &[Sensor]| {
+        let info = SessionInfo { sensors: sensors.to_vec(), ..SessionInfo::default() };
+        source.0.check_senses(&info).map_err(|error| error.to_string())
+    };
+    let asked = source.policy().sensors();
+    assert_eq!(check(&asked), Ok(()));
+    for name in ["hand_contact", "lidar"] {
+        let others: Vec<Sensor> = asked.iter().filter(|sensor| sensor.name != name).cloned().collect();
+        assert!(check(&others).is_err_and(|error| error.contains(&format!("needs the sensor {name}"))));
+    }
+    let blind: Vec<Sensor> = asked.into_iter().map(|sensor| Sensor { see_room: false, ..sensor }).collect();
+    assert!(check(&blind).is_err_and(|error| error.contains("the mapping needs lidar+room")));
+}

@@ -10,7 +10,9 @@ use fiatlux_tests::programs::{PATIENCE, Scratch, program, wait_until};
 fn make(scratch: &Scratch, http: &str) -> Child {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/leaderboard/make.sh");
     let mut command = Command::new("bash");
-    for (name, of) in [("FIATLUX", "fiatlux"), ("SIM_SERVER", "sim-server"), ("SCORER", "scorer")] {
+    for (name, of) in
+        [("FIATLUX", "fiatlux"), ("SIM_SERVER", "sim-server"), ("SCORER", "scorer"), ("POLICY_CLIENT", "policy-client")]
+    {
         command.env(name, program(of));
     }
     command.arg(script).args(["--policies", "stand", "--seeds", "0", "--http", http, "--out"]);
@@ -47,7 +49,7 @@ fn an_interrupt_ends_it_and_all_that_it_started() {
     let scratch = Scratch::new("make-interrupt");
     let mut script = make(&scratch, "127.0.0.1:0");
     wait_until("a policy plays", PATIENCE, || read(&scratch, "said").contains("== stand plays"));
-    let listening = ["board/address", "board/sim-server.log"].map(|file| address(&read(&scratch, file)).unwrap());
+    let listening = ["board/address", "board/server"].map(|file| address(&read(&scratch, file)).unwrap());
     listening.iter().for_each(|address| drop(TcpStream::connect(address).unwrap()));
     assert!(Command::new("kill").args(["-INT", &script.id().to_string()]).status().unwrap().success());
     let status = script.wait().unwrap();

@@ -206,7 +206,8 @@ fn a_hosted_run_of_a_person_is_not_ranked() {
 #[test]
 fn registered_runs_count() {
     let lab = Lab::start("trust-tries");
-    let hosted = played_by(&lab, "random", "hosted", &["--hosted", "4", "--tasks", "S05"]);
+    let shown = ["--sensors", "proprioception,goal"];
+    let hosted = played_by(&lab, "random", "hosted", &[&["--hosted", "4", "--tasks", "S05"], &shown[..]].concat());
     // Two more of the same policy and version were registered weeks ago, and nobody submitted them.
     let runs = lab.folder().path().join("runs-of-the-board");
     let name = hosted.file_name().unwrap();
@@ -224,6 +225,7 @@ fn registered_runs_count() {
     let (code, said) = board.submit(&hosted, &[]);
     assert_eq!((code, &said["badge"]), (0, &json!("hosted")), "{said}");
     let said = entry(&board, &said);
+    assert_eq!(said["division"]["observations"], "goal", "{said}");
     assert_eq!(
         (&said["claims"]["tries"]["proof"], &said["ranked_tasks"]),
         (&json!("proven"), &json!(["S05"])),
