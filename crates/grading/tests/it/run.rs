@@ -222,7 +222,7 @@ fn subtasks_that_were_not_registered_are_named_once() {
     run.finish();
     let html = report::html(&graded(&folder));
     let says = "<b>Missing subtasks.</b> Not registered, so 0 in S: S01, S02, S04,";
-    assert!(html.contains(says) && html.matches("ot registered").count() == 1, "{html}");
+    assert!(html.contains(says) && html.to_lowercase().matches("not registered").count() == 1, "{html}");
     assert!(html.contains("Score S, published") && html.contains("over 12 of 12 subtasks<br>"), "{html}");
 }
 
