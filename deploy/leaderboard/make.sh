@@ -166,8 +166,10 @@ if [ -n "$act" ]; then
     newest=$!
     servers+=("$newest")
     speaks 30 "$out/act.server" "$out/act.log" "the server of the checkpoint's run did not start"
+    map=lerobot_g1_hand
+    [ ! -f "$act/mapping.toml" ] || map="$act/mapping.toml"
     [ -e "$out/act.done" ] || play "$client" evaluate --policy vla --dialect gr00t --model "$(grep -oE 'tcp://[^ ]+' "$out/model")" \
-        --map lerobot_g1_hand --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$(grep -oE 'tcp/[^ ]+' "$out/act.server")" \
+        --map "$map" --tasks S06 --seeds "$seeds" --run-file "$out/act.toml" -e "$(grep -oE 'tcp/[^ ]+' "$out/act.server")" \
         >"$out/act.txt"
     touch "$out/act.done"
     folders+=("$(dirname "$(find "$out/runs/act" -name '*.run.jsonl' | head -n 1)")")

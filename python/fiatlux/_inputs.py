@@ -1,5 +1,6 @@
 """What a policy of ``train_lerobot`` reads and commands: where a bag has it, how a checkpoint names it, and its mapping for the bridge."""
 
+import hashlib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ ARMS = slice(15, BODY)
 MAX_FORCE = 20.0
 """Limit of a contact force, N. A grip on a bulb presses with up to 23 N; impacts are many times stronger and say no more."""
 LIDAR_COLUMNS = 180
-"""Azimuths of a scan, once round: behind, right, ahead, left."""
+"""Azimuths of a scan, once round: behind, left, ahead, right."""
 LIDAR_RANGE = 10.0
 """Where nothing is hit, m."""
 MIN_STD = {"proprioception": 0.02, "contact": 2.0, "lidar": 0.1}
@@ -39,6 +40,10 @@ MAX_PAST = 4
 """Pictures of the past."""
 HORIZON = 20
 """Usual rows of a chunk."""
+MAX_CHUNK = 400
+"""Most rows of a chunk that the bridge takes."""
+SIZE = (128, 128)
+"""Usual width and height of a picture, pixels."""
 PREFIX = 5
 """Rows of a chunk that are played."""
 
@@ -82,7 +87,7 @@ def rows_back(seconds: Sequence[float]) -> tuple[int, ...]:
 
 
 def sectors(points: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """The nearest range in each of ``count`` equal sectors, m, from behind by the right; 10 where nothing is hit.
+    """The nearest range in each of ``count`` equal sectors, m, from behind by the left; 10 where nothing is hit.
 
     The bridge pools in the same way (``crates/bridge/src/lidar.rs``), and one file has the numbers that test both.
 
@@ -184,7 +189,10 @@ class Inputs:
             if missing := [step for step in steps if step not in scans]:
                 raise ValueError(f"has no scan of the LiDAR at step {missing[0]}; record with --record {self.record}")
             parts.append(np.stack([sectors(scans[step], self.lidar) for step in steps]))
-        return np.concatenate(parts, axis=1).astype(np.float32)
+        state = np.concatenate(parts, axis=1).astype(np.float32)
+        if not np.isfinite(state).all():
+            raise ValueError("has a state with a number that is not finite; leave that bag out")
+        return state
 
     def least_std(self, width: int, bodies: int) -> NDArray[np.float32]:
         """The least standard deviations by which a state of ``width`` numbers is scaled; the robot's hands have ``bodies`` that feel."""
@@ -199,14 +207,16 @@ class Inputs:
         sides = {"right": [("R_", "right_")], "both": [("L_", "left_"), ("R_", "right_")]}[self.hands]
         return [index for side in sides for index in range(BODY, len(names)) if names[index].startswith(side)]
 
-    @property
-    def name(self) -> str:
-        """Name of the mapping, of at most 64 letters."""
+    def _name(self, size: tuple[int, int], chunk: int, sees_room: bool) -> str:
+        """Name of the mapping, of at most 64 letters: it is part of the policy's, so that what plays differently is called so."""
         cameras = "-cameras" if len(self.cameras) > 1 else "" if self.cameras == ("camera",) else "-chest"
         past = "-back" + ".".join(map(str, self.history)) if self.history else ""
-        lidar = f"-lidar{self.lidar}" if self.lidar else ""
+        lidar = f"-{'room' if sees_room else 'lidar'}{self.lidar}" if self.lidar else ""
         both = "-both" if self.hands == "both" else ""
-        return f"lerobot_g1_hand{cameras}{'-touch' if self.contacts else ''}{lidar}{past}{both}"
+        seen = "" if size == SIZE else f"-{size[0]}x{size[1]}"
+        rows = "" if chunk == HORIZON else f"-rows{chunk}"
+        name = f"lerobot_g1_hand{cameras}{'-touch' if self.contacts else ''}{lidar}{past}{both}{seen}{rows}"
+        return name if len(name) <= 64 else f"lerobot_g1_hand-{hashlib.sha256(name.encode()).hexdigest()[:12]}"
 
     def mapping(self, size: tuple[int, int], chunk: int, *, sees_room: bool = False) -> str:
         """The mapping with which the bridge plays a checkpoint, as TOML.
@@ -218,7 +228,7 @@ class Inputs:
         """
         square = f"[{size[0]}, {size[1]}]"
         lines = [
-            f'name = "{self.name}"',
+            f'name = "{self._name(size, chunk, sees_room)}"',
             'dialects = ["gr00t"]',
             "bend_low = true",
             f"picture = {square}",

@@ -209,7 +209,8 @@ class Bag(Mapping[str, dict[str, Any]]):
         return found
 
     def scans(self) -> dict[int, NDArray[np.float32]]:
-        """Recorded hits of the LiDAR by row, points x 3, in the LiDAR's frame (x ahead, z up), m."""
+        """Recorded hits of the LiDAR by row, points x 3, in the LiDAR's frame, m: x ahead, y right, z down, since it hangs
+        upside down."""
         return scans_of(self)
 
     def render(self, row: int, *, size: tuple[int, int] = (640, 480), camera: str | None = None) -> Picture:

@@ -29,7 +29,7 @@ import numpy as np
 
 from . import dataset
 from ._extras import check
-from ._inputs import ARMS, DEFAULT, HORIZON, STRIDE, Inputs, picture_name, rows_back, sees_room
+from ._inputs import ARMS, DEFAULT, HORIZON, MAX_CHUNK, STRIDE, Inputs, picture_name, rows_back, sees_room
 from .bag import Bag, files_below
 
 MIN_STD = {"command": 0.02, "target": 0.05}
@@ -314,6 +314,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser, given = parsed(arguments)
     if not given.minutes > 0 or min(given.batch, given.chunk, given.workers) < 1:
         parser.error("--minutes, --batch, --chunk and --workers are above 0")
+    if given.chunk > MAX_CHUNK:
+        parser.error(f"--chunk is {given.chunk}; the bridge plays at most {MAX_CHUNK} rows")
     try:
         history = rows_back(given.history)
         inputs = Inputs(tuple(given.cameras), given.contacts, given.lidar, history, given.hands)

@@ -116,7 +116,7 @@ def test_forces_and_sectors_follow_the_body_in_the_state(bag):
     assert state.shape == (8, 44 + 4 + 4)
     # 30, 15, 0 and -15 N at step 10; forces beyond 20 N are no news.
     assert state[2, 44:48].tolist() == [20, 15, 0, -15] and state[0, 44:48].tolist() == [0, -15, -20, -20]
-    # From behind by the right: ahead is the first of the third quarter, the left begins the last one.
+    # From behind by the left: ahead is the first of the third quarter, the right (+y of a LiDAR that hangs upside down) begins the last one.
     np.testing.assert_allclose(state[1, 48:], [10, 10, 4, 7], rtol=1e-6)
 
 
@@ -187,6 +187,7 @@ def test_bags_of_other_shapes_are_named(bag, monkeypatch):
         ("--history 1 1.0", "each once"),
         ("--history 1 2 3 4 5", "at most 4"),
         ("--hands left", "invalid choice: 'left'"),
+        ("--chunk 401", "--chunk is 401; the bridge plays at most 400 rows"),
     ],
 )
 def test_options_out_of_range_are_refused(tmp_path, capsys, flags, says):
@@ -249,7 +250,13 @@ def test_the_mapping_of_all_options_is_one_that_the_bridge_reads():
     written = Inputs(("camera", "chest_camera"), True, 12, (10, 3), "both").mapping((64, 48), 4, sees_room=True)
     assert written == (BRIDGE / "tests/written_mapping.toml").read_text()
     longest = Inputs(("camera", "chest_camera"), True, 180, (200, 199, 198, 197), "both")
-    assert len(longest.name) <= 64
+    names = [
+        longest.mapping(size, 4, sees_room=room).splitlines()[0]
+        for size in ((128, 128), (64, 48))
+        for room in (False, True)
+    ]
+    assert all(len(name) <= len('name = ""') + 64 for name in names) and len(set(names)) == 4
+    assert Inputs().mapping((64, 48), 20).startswith('name = "lerobot_g1_hand-64x48"')
 
 
 def test_small_deviations_are_not_blown_up():

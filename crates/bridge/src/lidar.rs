@@ -1,6 +1,6 @@
 //! The LiDAR's scan as a few numbers of a state.
 
-/// Rows and columns of a scan, as in `crates/sensing/src/lidar.rs`. The columns go once round: behind, right, ahead, left.
+/// Rows and columns of a scan, as in `crates/sensing/src/lidar.rs`. The columns go once round: behind, left, ahead, right.
 const ROWS: usize = 32;
 pub(crate) const COLUMNS: usize = 180;
 /// Numbers of a scan.
@@ -8,7 +8,7 @@ pub const SCAN: usize = ROWS * COLUMNS;
 /// What a ray reads that hits nothing, m.
 pub const LIDAR_RANGE: f32 = 10.0;
 
-/// The nearest range of a scan in each of `count` equal sectors, m, from behind by the right; [`LIDAR_RANGE`] where nothing is
+/// The nearest range of a scan in each of `count` equal sectors, m, from behind by the left; [`LIDAR_RANGE`] where nothing is
 /// hit. `count` divides the columns. `python/fiatlux/_inputs.py` does the same in training.
 pub(crate) fn sectors(scan: &[f32], count: usize) -> Vec<f32> {
     let mut nearest = vec![LIDAR_RANGE; count];

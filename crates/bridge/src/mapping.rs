@@ -49,7 +49,7 @@ pub enum KeyPart {
     /// Forces on the bodies of both hands as the sensor `hand_contact` has them, right hand first, world axes, N; each number
     /// is clamped to plus and minus `limit`. With the number of values.
     Contact { width: usize, limit: f32 },
-    /// Nearest range of the LiDAR in each of these sectors, m, from behind by the right.
+    /// Nearest range of the LiDAR in each of these sectors, m, from behind by the left.
     Lidar { sectors: usize },
     /// Velocity forwards and to the left, m/s, and turning velocity, rad/s: 3 numbers.
     Navigate,
