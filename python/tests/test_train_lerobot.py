@@ -66,7 +66,7 @@ def bag(monkeypatch):
         monkeypatch.setattr(train_lerobot, "Bag", Reader)
         monkeypatch.setattr(train_lerobot.dataset, "_images", lambda _: one.cameras)
         scans = {step: cloud((0, 4), (90, 2 + step)) for step in range(0, STEPS, 5)}
-        monkeypatch.setattr(fiatlux.Bag, "scans", lambda _: getattr(one, "points", scans))
+        monkeypatch.setattr("fiatlux._inputs.scans_of", lambda _: getattr(one, "points", scans))
         return pathlib.Path("a.mcap")
 
     return given
