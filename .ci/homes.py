@@ -52,6 +52,11 @@ HOMES = [
         r"crates/skills/src/phases\.rs|crates/(session|teleop)/src/.*",
     ),
     (
+        "the rays of a LiDAR's scan",
+        r"\bconst (LIDAR_)?(ROWS: usize = 32|COLUMNS: usize = 180|RAYS: usize)\b",
+        r"crates/robot/src/lidar\.rs",
+    ),
+    (
         "the joints of the robot's body",
         r"\bconst \w+: usize = (29|15)\b",
         r"crates/robot/src/groups\.rs",

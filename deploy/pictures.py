@@ -179,8 +179,8 @@ class Drawer:
 
     def board(self) -> None:
         out, port = self.work / "board", 43180
-        programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer")}
-        command = [ROOT / "deploy/leaderboard/make.sh", "--out", out, "--policies", "zero,random,stand,expert", "--http", f"127.0.0.1:{port}"]
+        programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer", "policy-client")}
+        command = [ROOT / "deploy/leaderboard/make.sh", "--out", out, "--policies", "zero,random,stand,expert", "--hosted", "see,carry", "--http", f"127.0.0.1:{port}"]
         with running(command, out=self.work / "board.said", until="shows them", env={**os.environ, **programs}):
             address = f"http://127.0.0.1:{port}"
             # Stills and clips come after the badges.
@@ -217,7 +217,7 @@ class Drawer:
         from PIL import Image
 
         shots = self.work / "shots"
-        programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer")}
+        programs = {name.upper().replace("-", "_"): str(self.programs / name) for name in ("fiatlux", "sim-server", "scorer", "policy-client")}
         subprocess.run([ROOT / "tests/browser/run.sh", shots], check=True, env={**os.environ, **programs, "ONLY": "teleop", "EYES": "1000x500"})
         for name, shot in (("teleop", "first"), ("teleop_telephone", "thumbs"), ("teleop_eyes", "eyes"), ("teleop_hands", "hands")):
             taken = Image.open(shots / f"teleop-{shot}.png").convert("RGB")

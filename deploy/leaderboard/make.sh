@@ -42,9 +42,11 @@ done
 case "$ppo" in "" | S[01][0-9]=?*) ;; *) echo "make.sh: --ppo is '$ppo'; give TASK=FILE, such as S02=s02.safetensors" >&2 && exit 2 ;; esac
 [ -z "$ppo" ] || [ -f "${ppo#*=}" ] || { echo "make.sh: --ppo: no file '${ppo#*=}'" >&2 && exit 2; }
 case "$rooms" in "" | 0* | *[!0-9]*) echo "make.sh: --rooms is '$rooms'; give a number of rooms, such as 4" >&2 && exit 2 ;; esac
+# The files of a policy, whose name may have the path of a file.
+file_of() { echo "${1//\//_}"; }
 for name in ${hosted//,/ }; do
     # A board counts the first hosted run of a policy.
-    run="$out/hosted-$name.toml"
+    run="$out/hosted-$(file_of "$name").toml"
     [ ! -s "$run" ] || grep -qx "hosted_seeds = $rooms" "$run" || {
         echo "make.sh: $run is a run of $name in another number of rooms; give the same --rooms, or another --out" >&2 && exit 2
     }
@@ -126,15 +128,17 @@ folders=()
 for name in ${policies//,/ }; do
     tasks="$(tasks_of "$name")"
     echo "== $name plays $tasks in rooms $seeds" >&2
-    play "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$name" >"$out/$name.txt"
-    folders+=("$out/runs/$name")
+    file="$(file_of "$name")"
+    play "$fiatlux" evaluate --policy "$name" --tasks "$tasks" --seeds "$seeds" --out "$out/runs/$file" >"$out/$file.txt"
+    folders+=("$out/runs/$file")
 done
 
 for name in ${hosted//,/ }; do
     tasks="$(tasks_of "$name")"
-    run="$out/hosted-$name.toml"
+    file="hosted-$(file_of "$name")"
+    run="$out/$file.toml"
     echo "== $name plays $tasks in hosted rooms, $rooms each" >&2
-    play "$client" evaluate --policy "$name" --tasks "$tasks" --hosted "$rooms" --run-file "$run" -e "$endpoint" >"$out/hosted-$name.txt"
+    play "$client" evaluate --policy "$name" --tasks "$tasks" --hosted "$rooms" --run-file "$run" -e "$endpoint" >"$out/$file.txt"
     folders+=("$out/hosted/$(sed -n 's/^run = "\(.*\)"$/\1/p' "$run")")
 done
 

@@ -29,7 +29,7 @@ ARMS = slice(15, BODY)
 MAX_FORCE = 20.0
 """Limit of a contact force, N. A grip on a bulb presses with up to 23 N; impacts are many times stronger and say no more."""
 LIDAR_COLUMNS = 180
-"""Azimuths of a scan, once round: behind, left, ahead, right."""
+"""Azimuths of a scan (``crates/robot/src/lidar.rs``), once round: behind, left, ahead, right."""
 LIDAR_RANGE = 10.0
 """Where nothing is hit, m."""
 MIN_STD = {"proprioception": 0.02, "contact": 2.0, "lidar": 0.1}
@@ -126,7 +126,7 @@ class Inputs:
         if not known or sorted(known) != sorted(self.cameras):
             raise ValueError(f"--cameras is {' '.join(self.cameras)}; give {' or '.join(CAMERAS)}, or both, each once")
         object.__setattr__(self, "cameras", tuple(known))
-        if self.lidar < 0 or self.lidar and (LIDAR_COLUMNS % self.lidar or self.lidar > LIDAR_COLUMNS):
+        if self.lidar < 0 or self.lidar and LIDAR_COLUMNS % self.lidar:
             raise ValueError(
                 f"--lidar is {self.lidar}; give a number of sectors that divides {LIDAR_COLUMNS}, such as 12"
             )

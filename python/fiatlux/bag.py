@@ -280,6 +280,8 @@ def scans_of(bag: Mapping[str, Mapping[str, Any]]) -> dict[int, NDArray[np.float
     clouds = bag["/lidar"]
     if not clouds:
         return {}
+    if any(len(points) % 12 for points in clouds["data"]):
+        raise ValueError("has a cloud on /lidar that is not of points with three numbers of 4 bytes")
     data = (np.frombuffer(points, "<f4").reshape(-1, 3) for points in clouds["data"])
     return dict(zip(_rows(clouds), data))
 

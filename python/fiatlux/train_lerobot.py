@@ -188,7 +188,7 @@ class Frames:
         return self.action[ahead][..., VELOCITY].abs().amax((1, 2)).nonzero()[:, 0]
 
 
-def trained(policy: Any, frames: Frames, given: argparse.Namespace, bags: int) -> int:
+def trained(policy: Any, frames: Frames, given: argparse.Namespace) -> int:
     """Trains the network for ``given.minutes``, and returns the number of steps."""
     torch, device = frames.torch, frames.device
     generator = torch.Generator(device).manual_seed(1)
@@ -197,7 +197,7 @@ def trained(policy: Any, frames: Frames, given: argparse.Namespace, bags: int) -
     rows = STRIDE * torch.arange(given.chunk, device=device)
     count, walking = len(frames.images), frames.walking(rows)
     began, step, total, counted = time.monotonic(), 0, torch.zeros((), device=device), 0
-    print(f"{bags} episodes, {count} frames, {len(walking)} of them walk, {device}", flush=True)
+    print(f"{count} frames, {len(walking)} of them walk, {device}", flush=True)
     while (part := (time.monotonic() - began) / (60 * given.minutes)) < 1:
         rate = given.rate * min(1, (step + 1) / 300) * (0.02 + 0.49 * (1 + math.cos(math.pi * part)))
         for group in optimizer.param_groups:
@@ -235,8 +235,8 @@ def _fixed(config: Any) -> dict[str, Any]:
     return {name: "pictures" if name.startswith("observation.images") else of.shape[0] for name, of in both.items()}
 
 
-def save(frames: Frames, given: argparse.Namespace, mapping: str) -> None:
-    """Trains the network, and writes checkpoint and mapping into ``given.out``.
+def configured(frames: Frames, given: argparse.Namespace) -> Any:
+    """The configuration of the network.
 
     Raises:
         ValueError: ``given.start`` has other inputs or actions.
@@ -244,11 +244,7 @@ def save(frames: Frames, given: argparse.Namespace, mapping: str) -> None:
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig
-    from lerobot.policies.act.modeling_act import ACTPolicy
-    from lerobot.policies.factory import make_pre_post_processors
-    from torchvision.ops.misc import FrozenBatchNorm2d
 
-    torch = frames.torch
     config = ACTConfig(
         input_features={
             frames.picture: PolicyFeature(FeatureType.VISUAL, frames.shape),
@@ -271,12 +267,22 @@ def save(frames: Frames, given: argparse.Namespace, mapping: str) -> None:
             raise ValueError(
                 f"--start has {begun}, these bags and options {asked}; give those that it was trained with"
             )
+    return config
+
+
+def save(frames: Frames, config: Any, given: argparse.Namespace, mapping: str) -> None:
+    """Trains the network, and writes checkpoint and mapping into ``given.out``."""
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+    from torchvision.ops.misc import FrozenBatchNorm2d
+
+    torch = frames.torch
     stats = {name: {"mean": mean.cpu(), "std": std.cpu()} for name, (mean, std) in frames.norms.items()}
     before, after = make_pre_post_processors(config, dataset_stats=stats)
     torch.manual_seed(1)
     policy = ACTPolicy(config) if given.start is None else ACTPolicy.from_pretrained(given.start, config=config)
     policy.to(frames.device, memory_format=torch.channels_last).train()
-    steps = trained(policy, frames, given, given.count)
+    steps = trained(policy, frames, given)
     exchanged(policy, FrozenBatchNorm2d)
     for part_of in (policy, before, after):
         part_of.save_pretrained(given.out)
@@ -330,15 +336,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(str(error))
     import torch
 
-    given.count = len(bags)
     device = "cuda" if torch.cuda.is_available() else "cpu"
     data = read(bags, given.workers, inputs)
     frames = Frames(torch, data, inputs, len(found[0].header["hand_bodies"]), device)
     _, height, width, _ = data["images"].shape
     try:
-        save(frames, given, inputs.mapping((width, height), given.chunk, sees_room=sight))
+        config = configured(frames, given)
     except ValueError as error:
         parser.error(str(error))
+    print(f"{len(bags)} episodes", flush=True)
+    save(frames, config, given, inputs.mapping((width, height), given.chunk, sees_room=sight))
     tasks = ",".join(sorted({bag.header["task"] for bag in found}))
     print(
         f"serve it:  python -m fiatlux.serve_lerobot {shlex.quote(str(given.out))}\n"

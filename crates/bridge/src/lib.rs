@@ -32,7 +32,6 @@ pub use dialect::{ActionTerms, CameraTerms, Contract, Dialect, Model, ModelChunk
 pub use error::BridgeError;
 pub use hands::{Hands, Side};
 pub use image::{Picture, Resize};
-pub use lidar::{LIDAR_RANGE, SCAN};
 pub use mapping::{Body, Camera, Key, KeyPart, Mapping, WAIST, default_mapping, shipped_names};
 pub use mismatch::{Mismatch, MismatchKind};
 pub use net::{MAX_REPLY, Timeouts};

@@ -3,9 +3,10 @@
 use std::collections::VecDeque;
 
 use fiatlux_robot::Robot;
+use fiatlux_robot::lidar::RAYS;
 
 use crate::image::{Picture, stacked};
-use crate::lidar::{SCAN, sectors};
+use crate::lidar::sectors;
 use crate::mapping::{Camera, KeyPart, Mapping};
 use crate::reach::{nine, wrist};
 use crate::{BridgeError, ModelObservation};
@@ -28,7 +29,7 @@ pub struct Sensed<'a> {
     /// Forces on the bodies of both hands, right hand first, world axes, N: 3 each. May be empty if no part of the mapping
     /// needs them.
     pub hand_contact_force: &'a [f32],
-    /// The newest scan of the LiDAR, m: [`SCAN`] ranges. May be empty if no part of the mapping needs it.
+    /// The newest scan of the LiDAR, m: [`RAYS`] ranges. May be empty if no part of the mapping needs it.
     pub lidar: &'a [f32],
 }
 
@@ -186,7 +187,7 @@ impl Mapping {
             }
             (KeyPart::Lidar { sectors: count }, _) => {
                 let remedy = "leave --sensors out, or name lidar there";
-                expect("a scan of the LiDAR", sensed.lidar.len(), SCAN, remedy)?;
+                expect("a scan of the LiDAR", sensed.lidar.len(), RAYS, remedy)?;
                 numbers.extend(sectors(sensed.lidar, *count));
             }
             (KeyPart::Joints(joints), _) => joints.iter().for_each(|joint| add(&[q[*joint]])),

@@ -127,6 +127,12 @@ impl SessionArgs {
         }
         for record in &self.record {
             let found = request.sensors.iter().position(|sensor| sensor.name == record.name);
+            if found.is_some_and(|index| record.see_room && !request.sensors[index].see_room) {
+                tracing::warn!(
+                    "--record {0}+room: the policy has {0}, which is recorded as the policy has it",
+                    record.name
+                );
+            }
             let index = found.unwrap_or_else(|| {
                 let see_room = record.see_room;
                 request.sensors.push(Sensor { bag_only: true, see_room, ..Sensor::from(record.name.as_str()) });

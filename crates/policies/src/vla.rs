@@ -81,16 +81,21 @@ impl Shared {
         }
     }
 
-    /// Refuses a session without the forces or the scan that the state needs, or with a LiDAR of another sight.
+    /// Refuses a session without the pictures, forces or scans that the model gets, or with a LiDAR of another sight.
     fn check_senses(&self, info: &SessionInfo) -> Result<(), PolicyError> {
-        let held = |name: &str| info.sensors.iter().find(|sensor| sensor.name == name);
-        if self.mapping.has_contact() && held("hand_contact").is_none() {
-            return Err(PolicyError::Sensor { policy: "vla", sensor: "hand_contact" });
-        }
-        if self.mapping.has_lidar() {
-            let lidar = held("lidar").ok_or(PolicyError::Sensor { policy: "vla", sensor: "lidar" })?;
-            if lidar.see_room != self.mapping.lidar_sees_room {
-                let sight = if self.mapping.lidar_sees_room { "lidar+room" } else { "lidar" };
+        let mapping = &self.mapping;
+        let seen = |camera: &'static str| (camera, mapping.sensors().contains(&camera));
+        let needs = [
+            seen("camera"),
+            seen("chest_camera"),
+            ("hand_contact", mapping.has_contact()),
+            ("lidar", mapping.has_lidar()),
+        ];
+        for (sensor, _) in needs.into_iter().filter(|(_, needed)| *needed) {
+            let held = info.sensors.iter().find(|held| held.name == sensor);
+            let held = held.ok_or(PolicyError::Sensor { policy: "vla", sensor })?;
+            if sensor == "lidar" && held.see_room != mapping.lidar_sees_room {
+                let sight = if mapping.lidar_sees_room { "lidar+room" } else { "lidar" };
                 let reason = format!("the mapping needs {sight}; leave --sensors out, or name {sight} there");
                 return Err(PolicyError::Unfit { policy: "vla", reason });
             }
@@ -233,12 +238,6 @@ impl Policy for Vla {
                 "the mapping was read for {0}, but the session has another robot; open it with --robot {0}",
                 shared.robot.name()
             )));
-        }
-        let held = info.sensors.iter().map(|sensor| sensor.name.as_str());
-        for sensor in ["camera", "chest_camera"] {
-            if shared.mapping.sensors().contains(&sensor) && !held.clone().any(|name| name == sensor) {
-                return Err(PolicyError::Sensor { policy: "vla", sensor });
-            }
         }
         shared.check_senses(info)?;
         shared.check_decoder().map_err(PolicyError::of("vla"))?;

@@ -36,6 +36,7 @@ mod gains;
 mod groups;
 mod kinematics;
 mod known;
+pub mod lidar;
 mod load;
 mod load_shapes;
 mod locate;

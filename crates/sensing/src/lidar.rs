@@ -14,24 +14,16 @@ use std::sync::Arc;
 
 use fiatlux_dynamics::ShapeSpec;
 use fiatlux_robot::Robot;
+pub use fiatlux_robot::lidar::{
+    COLUMNS as LIDAR_COLUMNS, RANGE as LIDAR_RANGE, RAYS as LIDAR_RAYS, ROWS as LIDAR_ROWS,
+};
+use fiatlux_robot::lidar::{ELEVATION, direction};
 use fiatlux_rules::{Row, errand};
 use fiatlux_world::{Scene, SceneError, ShapeOwner};
 use nalgebra::{Isometry3, Vector3};
 
 use crate::world_from_link;
 use cast::{Placed, Target};
-
-/// Elevations of a scan, from -25 to 25 degrees.
-pub const LIDAR_ROWS: usize = 32;
-/// Azimuths of a scan, 2 degrees apart from -180 degrees.
-pub const LIDAR_COLUMNS: usize = 180;
-/// Rays of a scan.
-pub const LIDAR_RAYS: usize = LIDAR_ROWS * LIDAR_COLUMNS;
-/// Range, m; also what a ray reads that hits nothing.
-pub const LIDAR_RANGE: f64 = 10.0;
-
-/// Greatest elevation, rad; the least is its negative.
-const ELEVATION: f64 = 25.0 * PI / 180.0;
 
 /// Objects that a LiDAR sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -152,15 +144,6 @@ impl Lidar {
             *range = if hit { distance } else { LIDAR_RANGE } as f32;
         }
     }
-}
-
-/// Unit vector along a ray in the sensor's frame.
-fn direction(ray: usize) -> Vector3<f64> {
-    let (row, column) = ((ray / LIDAR_COLUMNS) as f64, (ray % LIDAR_COLUMNS) as f64);
-    let elevation = ELEVATION * (2.0 * row / (LIDAR_ROWS - 1) as f64 - 1.0);
-    let azimuth = TAU * column / LIDAR_COLUMNS as f64 - PI;
-    let level = libm::cos(elevation);
-    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
 }
 
 /// Rows whose rays can hit a shape: those between the elevations of its bounding box.

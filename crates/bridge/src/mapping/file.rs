@@ -1,13 +1,13 @@
 //! The file format of a mapping, and the checks that turn a file into a [`Mapping`].
 
 use fiatlux_robot::Robot;
+use fiatlux_robot::lidar::COLUMNS;
 use fiatlux_wbc::{BODY, CONTROL_DT, MOVED};
 use serde::Deserialize;
 
 use super::{Body, Camera, Key, KeyPart, Mapping, Representation, WAIST};
 use crate::hands::{Hands, Side};
 use crate::image::Resize;
-use crate::lidar::COLUMNS;
 use crate::{BridgeError, Dialect};
 
 const MAX_ROWS: usize = 400;

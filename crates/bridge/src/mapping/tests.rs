@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
+use fiatlux_robot::lidar::{RANGE, RAYS};
+
 use super::*;
 use crate::{ActionTerms, CameraTerms, Contract, Frames, ModelChunk, Sensed, check_chunk, check_contract};
 
@@ -157,7 +159,7 @@ fn a_written_mapping_has_forces_and_sectors() {
     let (q, zeros) = (robot.q0().to_vec(), vec![0.0; robot.q0().len()]);
     let bodies = robot.hand_links().len();
     let forces: Vec<f32> = (0..3 * bodies).map(|at| [25.0, -7.5, -30.0][at % 3]).collect();
-    let mut scan = vec![crate::LIDAR_RANGE; crate::SCAN];
+    let mut scan = vec![RANGE as f32; RAYS];
     (scan[180 + 90], scan[31 * 180 + 179]) = (2.5, 0.75);
     let sensed = Sensed { hand_contact_force: &forces, lidar: &scan, ..Sensed::still(&q, &zeros, 0.75) };
     let mut frames = Frames::default();
@@ -183,6 +185,7 @@ fn a_written_mapping_has_forces_and_sectors() {
     let error = check_contract(&shipped("lerobot_g1_hand"), &contract).unwrap_err().to_string();
     assert!(error.contains("frames 'camera': the server has [-10, -3, 0], the mapping has [0]"), "{error}");
     for (from, to, says) in [
+        ("horizon = 4", "horizon = 401", "horizon"),
         ("lidar = 12", "lidar = 7", "state 'state': lidar is 7; give a number of sectors that divides 180"),
         ("lidar = 12", "lidar = 0", "lidar is 0"),
         ("lidar = 12", "lidar = 360", "lidar is 360"),

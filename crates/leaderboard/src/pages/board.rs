@@ -1,6 +1,6 @@
 //! The leaderboard itself, and the page about it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use askama::Template;
@@ -107,9 +107,9 @@ impl<'a> BoardPage<'a> {
     fn of(board: &'a Board, sections: Vec<Section<'a>>, by_score: bool, chosen: String) -> Self {
         let (cards, open) = best_and_open(board);
         let mut partial = partial_rows(board);
-        let has_row = |entry: &&Entry| partial.iter().any(|row| row.entry.id == entry.id);
+        let rows: BTreeSet<_> = partial.iter().map(|row| row.entry.id).collect();
         let mut unranked: Vec<&Entry> =
-            board.unranked.iter().map(|entry| &**entry).filter(|entry| !has_row(entry)).collect();
+            board.unranked.iter().map(|entry| &**entry).filter(|entry| !rows.contains(&entry.id)).collect();
         let [more_partial, more_unranked] =
             [(partial.len(), PARTIAL), (unranked.len(), UNRANKED)].map(|(all, shown)| all.saturating_sub(shown));
         partial.truncate(PARTIAL);

@@ -4,24 +4,20 @@
 //! is, and the joints say how the pelvis stands to it; the LiDAR's points lie on ladder and floor; and pictures say where the robot is on
 //! the platform, from which the LiDAR sees the floor alone. Noise is that of the standard observation (`docs/observations.md`).
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 use fiatlux_climb::Body;
 use fiatlux_dynamics::{Mechanics, Site, State};
 use fiatlux_kinematics::JointFilter;
 use fiatlux_proto::v3::Proprioception;
+use fiatlux_robot::lidar::{RAYS, direction};
 use fiatlux_rules::CONTROL_DT;
 use fiatlux_skills::path::wrapped;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 
 use super::shape::Shape;
 
-/// Rows and columns of a scan; elevations go from minus to plus this, rad, azimuths once round from minus half a turn: as in
-/// `crates/sensing/src/lidar.rs`.
-const ROWS: usize = 32;
-const COLUMNS: usize = 180;
-const ELEVATION: f64 = 25.0 * PI / 180.0;
 /// Ranges below this are hits, m.
 const RANGE: f64 = 9.9;
 /// One hit of so many is read.
@@ -147,7 +143,7 @@ pub(super) struct Seen {
 }
 
 /// Of the LiDAR's rays, in its frame.
-static DIRECTIONS: LazyLock<Vec<Vector3<f64>>> = LazyLock::new(|| (0..ROWS * COLUMNS).map(direction).collect());
+static DIRECTIONS: LazyLock<Vec<Vector3<f64>>> = LazyLock::new(|| (0..RAYS).map(direction).collect());
 
 /// Normal equations of a scan in the errors of the pelvis.
 struct Equations {
@@ -683,13 +679,4 @@ fn away(
 pub(super) fn hits(scan: &[f32]) -> impl Iterator<Item = Vector3<f64>> {
     let ranges = scan.iter().take(DIRECTIONS.len()).map(|range| f64::from(*range)).enumerate();
     ranges.filter(|(_, range)| (0.0..RANGE).contains(range)).map(|(ray, range)| DIRECTIONS[ray] * range)
-}
-
-/// Unit vector along a ray in the LiDAR's frame.
-fn direction(ray: usize) -> Vector3<f64> {
-    let (row, column) = ((ray / COLUMNS) as f64, (ray % COLUMNS) as f64);
-    let elevation = ELEVATION * (2.0 * row / (ROWS - 1) as f64 - 1.0);
-    let azimuth = TAU * column / COLUMNS as f64 - PI;
-    let level = libm::cos(elevation);
-    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
 }

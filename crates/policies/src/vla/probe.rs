@@ -4,9 +4,10 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use fiatlux_bridge::{
-    BridgeError, Contract, Frames, LIDAR_RANGE, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Row,
-    SCAN, Sensed, Timeouts, check_contract,
+    BridgeError, Contract, Frames, Mapping, ModelChunk, ModelObservation, ModelOptions, Picture, Row, Sensed, Timeouts,
+    check_contract,
 };
+use fiatlux_robot::lidar::{RANGE, RAYS};
 
 use super::{Shared, VlaSource};
 
@@ -62,7 +63,7 @@ impl VlaSource {
             frames.push(mapping, 0, sensor, Picture::new(width, height, rgb)?);
         }
         let zeros = vec![0.0; robot.q0().len()];
-        let (forces, scan) = (vec![0.0; 3 * robot.hand_links().len()], vec![LIDAR_RANGE; SCAN]);
+        let (forces, scan) = (vec![0.0; 3 * robot.hand_links().len()], vec![RANGE as f32; RAYS]);
         let still = Sensed::still(robot.q0(), &zeros, robot.standing_height());
         let sensed = Sensed { hand_contact_force: &forces, lidar: &scan, ..still };
         mapping.observe(robot, &sensed, &frames, 0, "Stand still.", "probe")
