@@ -1,4 +1,4 @@
-"""What a policy of ``train_lerobot`` reads and commands: where a bag has it, how a checkpoint names it, and its mapping for the bridge."""
+"""Inputs and outputs of a policy of ``train_lerobot``: where a bag has it, how a checkpoint names it, and its mapping for the bridge."""
 
 import hashlib
 import math
@@ -253,7 +253,7 @@ class Inputs:
 
 
 DEFAULT = Inputs()
-"""What the mapping ``lerobot_g1_hand`` plays."""
+"""The inputs of the mapping ``lerobot_g1_hand``."""
 
 
 def sees_room(bags: Sequence[Bag]) -> bool:

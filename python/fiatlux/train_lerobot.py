@@ -230,7 +230,7 @@ def trained(policy: Any, frames: Frames, given: argparse.Namespace) -> int:
 
 
 def _fixed(config: Any) -> dict[str, Any]:
-    """What training cannot go on with if it differs: names of pictures, widths of state and action."""
+    """Names of pictures, widths of state and action: training goes on only if they are the same."""
     both = {**config.input_features, **config.output_features}
     return {name: "pictures" if name.startswith("observation.images") else of.shape[0] for name, of in both.items()}
 

@@ -183,7 +183,7 @@ pub struct Submitted {
 }
 
 impl Submitted {
-    /// How far the service is. The number of episodes to verify is known once they are graded.
+    /// Grading until the service names the number of episodes to verify, then the verified of them.
     fn progress(&self) -> SubmitProgress {
         match self.state {
             Stage::Uploading | Stage::Received => SubmitProgress::Grading,
