@@ -2,7 +2,6 @@
 //! down. Then, on the platform, the turn from the back to the face.
 //!
 //!     cargo run -p fiatlux-climb --example plan -- ladder crates/climb/src/ladder.txt
-//!     cargo run -p fiatlux-climb --example plan -- ladder-bulb crates/climb/src/ladder_bulb.txt
 //!     cargo run -p fiatlux-climb --example plan -- descent crates/climb/src/descent.txt
 //!     cargo run -p fiatlux-climb --example plan -- turn crates/climb/src/turn.txt
 #![allow(clippy::unwrap_used, missing_docs, clippy::print_stdout)]
@@ -52,10 +51,6 @@ struct Way {
 
 const LADDER: Way =
     Way { face: -1.0, out: 1.5, before: 0.12, gaps: [0.001, 0.010, 0.010, 0.010], arms: None, on_platform: None };
-/// Straight ahead, where the hand with the bulb needs the least room beside the ladder.
-const AHEAD: Arm = Arm { pitch: -0.8, roll: 0.05, elbow: 0.6, ..Arm::ZERO };
-/// The wrist is turned as a bulb in the hand starts, upright.
-const LADDER_BULB: Way = Way { arms: Some([AHEAD, Arm { wrist_roll: -1.57, ..AHEAD }]), ..LADDER };
 const FOLDED: Arm = Arm { pitch: 1.0, roll: 0.3, elbow: -1.0, ..Arm::ZERO };
 const DRAWN_BACK: Arm = Arm { pitch: 1.1, roll: 0.35, elbow: -0.4, ..Arm::ZERO };
 const DESCENT: Way = Way {
@@ -265,9 +260,8 @@ fn main() {
     }
     let way = match name.as_str() {
         "ladder" => LADDER,
-        "ladder-bulb" => LADDER_BULB,
         "descent" => DESCENT,
-        _ => panic!("{name} is not a way; name ladder, ladder-bulb, descent or turn"),
+        _ => panic!("{name} is not a way; name ladder, descent or turn"),
     };
     let ladder = Ladder::new(way, &SceneConfig::default());
     let scene = &ladder.scene;

@@ -5,6 +5,7 @@
 //! ladder are made by `cargo run -p fiatlux-climb --example plan`.
 
 mod approach;
+mod armed;
 mod body;
 mod network;
 mod plan;
@@ -15,6 +16,7 @@ mod reference;
 mod tracker;
 
 pub use approach::{approach, stand};
+pub use armed::armed;
 pub use body::Body;
 pub use network::{Contract, Follower, Network, NetworkError};
 pub use plan::{Keyframe, Plan, PlanError};
@@ -49,7 +51,7 @@ pub fn descent() -> Result<Plan, PlanError> {
 /// # Errors
 /// None, unless the file that comes with this version is broken.
 pub fn ladder_with_bulb() -> Result<Plan, PlanError> {
-    Plan::read(include_str!("ladder_bulb.txt"))
+    Ok(with_bulb(ladder()?))
 }
 
 /// The plan on the platform of the step ladder, from where [`ladder`] ends, its back to the guard rail, to where the robot faces what is

@@ -78,6 +78,24 @@ pub struct Arm {
 impl Arm {
     /// All joints at 0.
     pub const ZERO: Self = Self { pitch: 0.0, roll: 0.0, yaw: 0.0, elbow: 0.0, wrist_roll: 0.0 };
+
+    /// Angle of a joint of shoulder or elbow, rad; `None` for another joint's name.
+    pub fn reaching(&self, joint: &str) -> Option<f64> {
+        let (side, joint) = joint.split_once('_')?;
+        let outwards = outwards(side);
+        Some(match joint {
+            "shoulder_pitch_joint" => self.pitch,
+            "shoulder_roll_joint" => outwards * self.roll,
+            "shoulder_yaw_joint" => outwards * self.yaw,
+            "elbow_joint" => self.elbow,
+            _ => return None,
+        })
+    }
+}
+
+/// Sign of an angle outwards, by the name of a side.
+fn outwards(side: &str) -> f64 {
+    if side == "left" { 1.0 } else { -1.0 }
 }
 
 /// Surfaces under the feet; `None` for a foot in the air.
@@ -172,7 +190,7 @@ impl<'a> Planner<'a> {
     fn rest_with(&self, bends: [f64; 2], outs: [f64; 2]) -> Vec<f64> {
         let angle = |name: &str| {
             let (side, joint) = name.split_once('_').unwrap_or_default();
-            let (outwards, side) = if side == "left" { (1.0, 0) } else { (-1.0, 1) };
+            let (outwards, side) = (outwards(side), usize::from(side != "left"));
             let (bend, out, arm) = (bends[side], outs[side], self.arms[side]);
             match joint {
                 "hip_pitch_joint" => -0.6 * bend * libm::cos(out),
@@ -180,12 +198,8 @@ impl<'a> Planner<'a> {
                 "hip_yaw_joint" => outwards * out,
                 "knee_joint" => bend,
                 "ankle_pitch_joint" => -0.4 * bend,
-                "shoulder_pitch_joint" => arm.pitch,
-                "shoulder_roll_joint" => outwards * arm.roll,
-                "shoulder_yaw_joint" => outwards * arm.yaw,
-                "elbow_joint" => arm.elbow,
                 "wrist_roll_joint" => outwards * arm.wrist_roll,
-                _ => 0.0,
+                _ => arm.reaching(name).unwrap_or(0.0),
             }
         };
         self.robot.joints().iter().map(|joint| angle(&joint.name)).collect()

@@ -2,6 +2,7 @@
 
 use fiatlux_dynamics::{BodyId, Mechanics};
 use fiatlux_kinematics::{Goal, InverseKinematics, Outcome, SearchOptions};
+use fiatlux_robot::JointIds;
 use nalgebra::Isometry3;
 
 use crate::body::{Body, pelvis};
@@ -17,17 +18,24 @@ const OPTIONS: SearchOptions = SearchOptions {
     rest_pull: 0.1,
 };
 
+/// A search that bends the waist, or moves legs, pelvis and waist, and their joints.
+pub(crate) fn inverse(body: &Body, moves_legs: bool) -> Option<(InverseKinematics, Vec<JointIds>)> {
+    let words: &[&str] = if moves_legs { &["hip", "knee", "ankle", "waist"] } else { &["waist_roll", "waist_pitch"] };
+    let joints = body.robot.joints().iter().zip(&body.ids.joints);
+    let joints = joints.filter(|(joint, _)| words.iter().any(|word| joint.name.contains(word)));
+    let joints: Vec<_> = joints.map(|(_, ids)| *ids).collect();
+    let bodies: Vec<BodyId> = joints.iter().map(|joint| joint.body).collect();
+    let mut inverse = InverseKinematics::new(&body.model, body.ids.root, &bodies, moves_legs).ok()?;
+    inverse.options = OPTIONS;
+    Some((inverse, joints))
+}
+
 /// The plan with the soles this many times as high above the floor; legs and waist keep the centre of mass over the same point of the
 /// level. `None` if a posture is out of reach.
 pub fn raised(body: &Body, plan: &Plan, factor: f64) -> Option<Plan> {
     let (model, ids) = (&body.model, &body.ids);
     let sites = [0, 1].map(|side| ids.site(&body.robot.soles()[side].site));
-    let moves = |name: &str| ["hip", "knee", "ankle", "waist"].iter().any(|part| name.contains(part));
-    let joints = body.robot.joints().iter().zip(&ids.joints).filter(|(joint, _)| moves(&joint.name));
-    let joints: Vec<_> = joints.map(|(_, ids)| *ids).collect();
-    let bodies: Vec<BodyId> = joints.iter().map(|joint| joint.body).collect();
-    let mut inverse = InverseKinematics::new(model, ids.root, &bodies, true).ok()?;
-    inverse.options = OPTIONS;
+    let (mut inverse, joints) = inverse(body, true)?;
     let (mut mechanics, mut plan) = (Mechanics::new(model), plan.clone());
     for key in &mut plan.keyframes {
         let mut state = body.state(&key.pelvis, &key.angles);

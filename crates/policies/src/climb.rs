@@ -2,28 +2,30 @@
 //! up, the whole-body controller turns the robot's back to the ladder; a plan is played with balance over each stance, or, upwards,
 //! from its first posture on by a network that follows it.
 
+mod way;
+
 use std::path::Path;
 use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, descent, descent_with_bulb, ladder,
-    ladder_with_bulb, raised, stand, turn, turn_with_bulb,
+    Arm, Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, armed, descent, descent_with_bulb,
+    ladder, ladder_with_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
 use fiatlux_robot::{Gains, JointGains, Robot};
 use fiatlux_room::{bulb, ladder as ladder_numbers};
 use fiatlux_rules::Task;
-use fiatlux_skills::path::wrapped;
 use fiatlux_skills::phases::Skill;
-use fiatlux_skills::{GAIN, Slew, grip, heading, towards};
+use fiatlux_skills::{grip, towards};
 use fiatlux_wbc::{BODY, BodyCommand, MOVED, Network};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::body;
 use crate::entry::Entry;
 use crate::whole_body::WholeBody;
+use way::Way;
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
@@ -35,22 +37,10 @@ pub(crate) const ENTRY: Entry = Entry {
 
 /// Control steps for which the robot stands first, and before it begins to climb.
 const SETTLES: u64 = 25;
-/// Distance before the plan's first posture at which the robot stops, m.
-const BEFORE: f64 = 0.10;
-/// Distance from there and turn at which it has arrived, m and rad.
-const ARRIVED: (f64, f64) = (0.04, 0.08);
-/// Distances beyond the goal, towards the ladder, from which a robot is beside it, if it is that far to a side, and from which it is
-/// behind it; and from the ladder's middle line to where a robot passes it, m.
-const BESIDE: (f64, f64) = (0.08, 0.3);
-const BEHIND: f64 = 0.6;
-const CLEAR: f64 = 0.75;
-/// Turn from which it stays where it is while it turns, rad.
-const TURNS: f64 = 0.4;
-/// Largest speeds, m/s and rad/s, and their changes.
-const FASTEST: (f64, f64) = (0.25, 0.6);
-const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 /// Rate of the arms' angles before it climbs, rad/s.
 const ARM_RATE: f64 = 1.0;
+/// Arms on the way up: upper arms ahead, hands before the shoulders, so that they pass walls that are 0.3 m away.
+const DRAWN_IN: Arm = Arm { pitch: -0.8, roll: 0.2, elbow: -0.4, ..Arm::ZERO };
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
 /// Speed of the plan's time for the steps on the level: a foot that comes down late tips the robot.
@@ -92,9 +82,8 @@ struct Episode {
     walker: WholeBody,
     robot: Option<Body>,
     q0: Vec<f64>,
-    /// Where it begins to walk, in the plan's frame.
-    start: Option<Isometry3<f64>>,
-    velocity: [f64; 3],
+    way: Way,
+    draws_in: bool,
     /// Control steps since it arrived.
     stood: u64,
     /// The climb, from where this task begins.
@@ -236,10 +225,8 @@ impl Policy for Climb {
                 return Err(unfit(reason));
             }
         };
-        let mut plan = plan.map_err(PolicyError::of("climb"))?;
-        if let Some(then) = then.filter(|_| self.climber.is_none()) {
-            plan.extend(then.map_err(PolicyError::of("climb"))?.keyframes);
-        }
+        let plan = plan.map_err(PolicyError::of("climb"))?;
+        let then = then.filter(|_| self.climber.is_none()).transpose().map_err(PolicyError::of("climb"))?;
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;
@@ -255,15 +242,29 @@ impl Policy for Climb {
         let hold = carries.map(|carries| grip::Hold::new(&info.joints, carries, &walker.targets)).unwrap_or_default();
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
-        let plan = if (height - 1.0).abs() < OTHER_HEIGHT { Some(plan) } else { raised(&robot, &plan, height) };
-        let plan = plan
-            .ok_or_else(|| unfit(format!("the ladder is {height:.2} times as high as the plan's; use another size")))?;
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
         let (world_from_plan, pelvis) = placed(first)?;
-        let is_at =
-            |start: &Keyframe| (start.pelvis.translation.z - (world_from_plan.inverse() * pelvis).translation.z).abs();
-        let looks = self.climber.is_none() && !self.at_start;
         let here = world_from_plan.inverse() * pelvis;
+        let begins = plan.keyframes.first().map_or_else(Vector3::zeros, |first| first.pelvis.translation.vector);
+        let way = Way::new(info, &world_from_plan, &here.translation.vector, &begins);
+        let is_other = (height - 1.0).abs() >= OTHER_HEIGHT;
+        let fit = |plan: Plan| {
+            let plan = if is_other { raised(&robot, &plan, height) } else { Some(plan) };
+            plan.ok_or_else(|| {
+                unfit(format!("the ladder is {height:.2} times as high as the plan's; use another size"))
+            })
+        };
+        let mut plan = fit(plan)?;
+        let draws_in = self.climber.is_none() && !goes_down;
+        if draws_in {
+            plan = armed(&robot, &plan, &DRAWN_IN)
+                .ok_or_else(|| unfit("it cannot climb with its arms drawn in".into()))?;
+        }
+        if let Some(then) = then {
+            plan.extend(fit(then)?.keyframes);
+        }
+        let is_at = |start: &Keyframe| (start.pelvis.translation.z - here.translation.z).abs();
+        let looks = self.climber.is_none() && !self.at_start;
         let taken_up =
             if looks { nearest(&plan, &here, &body::angles(body::sensed("climb", first)?, &q0)) } else { None };
         let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
@@ -279,8 +280,8 @@ impl Policy for Climb {
             walker,
             robot,
             q0,
-            start: None,
-            velocity: [0.0; 3],
+            way,
+            draws_in,
             stood: 0,
             plan,
             goes_down,
@@ -308,7 +309,6 @@ impl Policy for Climb {
         }
         if episode.player.is_none() {
             let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
-            episode.move_arms();
             let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
                 if let Command::JointTarget(targets) = &mut goes_on {
@@ -395,53 +395,32 @@ pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result
     Ok((seat.z - (distance.powi(2) - level).max(0.0).sqrt()) / TOP[2])
 }
 
-/// The next point on the way to a goal before the ladder's steps: from beside or behind the ladder around it, in the plan's frame.
-fn around(here: &Vector3<f64>, goal: &Vector3<f64>) -> Vector3<f64> {
-    let beyond = here.x - goal.x;
-    if beyond > BEHIND && here.y.abs() < CLEAR {
-        Vector3::new(here.x, CLEAR.copysign(here.y) * 1.1, 0.0)
-    } else if beyond > BESIDE.0 && here.y.abs() > BESIDE.1 {
-        Vector3::new(goal.x, here.y, 0.0)
-    } else {
-        *goal
-    }
-}
-
 impl Episode {
-    /// The way to where the plan begins, in the plan's frame.
+    /// The way to where the plan begins.
     fn walk(&mut self, step: u64, here: &Isometry3<f64>) -> BodyCommand {
-        let start = *self.start.get_or_insert(*here);
+        let is_ready = self.move_arms();
         let mut command = BodyCommand::default();
-        let Some(goal) = self.plan.keyframes.first().filter(|_| step >= SETTLES) else { return command };
-        let goal = goal.pelvis.translation.vector - Vector3::x() * BEFORE;
-        let heading = heading(here);
-        let error = wrapped(std::f64::consts::PI - heading);
-        let aim = if error.abs() > TURNS { start.translation.vector } else { around(&here.translation.vector, &goal) };
-        let away = aim - here.translation.vector;
-        let is_there = error.abs() < ARRIVED.1 && (goal - here.translation.vector).xy().norm() < ARRIVED.0;
-        if is_there || self.stood > 0 {
-            self.stood += 1;
-            self.velocity = [0.0; 3];
+        if step < SETTLES || !is_ready {
             return command;
         }
-        let (sin, cos) = (libm::sin(heading), libm::cos(heading));
-        let wanted = [
-            (GAIN * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
-            (GAIN * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
-            (GAIN * error).clamp(-FASTEST.1, FASTEST.1),
-        ];
-        self.velocity = SLEW.step(self.velocity, wanted);
-        command.velocity = self.velocity;
+        match self.way.velocity(here).filter(|_| self.stood == 0) {
+            Some(velocity) => command.velocity = velocity,
+            None => self.stood += 1,
+        }
         command
     }
 
-    /// Brings free arms to where they are at the start of a task, away from the ladder: whatever played before may have left them
-    /// beside the body, where a hand meets the ladder as the pelvis turns.
-    fn move_arms(&mut self) {
-        if self.hold.is_empty() {
-            let arms = self.walker.targets.iter_mut().zip(&self.q0).take(BODY).skip(MOVED);
-            arms.for_each(|(now, to)| *now = towards(*now, *to, ARM_RATE));
+    /// Brings arms to where the plan has them before the robot walks. Those of a network are free, and go to where they are at the start
+    /// of a task, away from the ladder: whatever played before may have left them beside the body. True once they are there.
+    fn move_arms(&mut self) -> bool {
+        let first = self.plan.keyframes.first().filter(|_| self.draws_in);
+        let aims = first.map_or(&self.q0, |first| &first.angles);
+        let mut farthest = 0.0_f64;
+        for (now, to) in self.walker.targets.iter_mut().zip(aims).take(BODY).skip(MOVED) {
+            *now = towards(*now, *to, ARM_RATE);
+            farthest = farthest.max((to - *now).abs());
         }
+        farthest < 1e-6
     }
 
     /// Hands over to the player, which first stands still.

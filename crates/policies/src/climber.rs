@@ -73,7 +73,9 @@ impl Climber {
             return Err(PolicyError::Unfit { policy: "climber", reason });
         }
         let task = Some(TaskInfo { task: task.short_id().into(), ..TaskInfo::default() });
-        Ok(Self { climb, info: SessionInfo { task, ..info.clone() }, has_begun: false })
+        // Where walls are is told for another frame than the ladder's.
+        let info = SessionInfo { task, footprints: Vec::new(), ..info.clone() };
+        Ok(Self { climb, info, has_begun: false })
     }
 
     /// Begins another episode with the next observation.

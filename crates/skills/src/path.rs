@@ -131,7 +131,7 @@ impl Map {
         (here < room && most > here + MORE_M).then_some(angle)
     }
 
-    /// The cheapest path to a point where `is_goal` holds; empty if none is within reach.
+    /// The cheapest path to a point where `is_goal` holds; empty if none is within reach. It leads into no obstacle, but out of one.
     pub fn path(&self, start: Point, is_goal: impl Fn(Point) -> bool) -> Vec<Point> {
         let side = (2 * REACH + 1) as usize;
         let index = |x: i32, y: i32| (y + REACH) as usize * side + (x + REACH) as usize;
@@ -141,8 +141,10 @@ impl Map {
         let mut last = vec![0_u8; side * side];
         // Cost of a metre in a cell; found once, not from each of its neighbours.
         let mut weights = vec![f64::NAN; side * side];
+        let inside = self.weight(0.0);
         let mut open = BinaryHeap::new();
         costs[index(0, 0)] = 0.0;
+        weights[index(0, 0)] = self.weight(self.clearance_within(start, self.clear_m));
         let steps = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let steps = steps.map(|(dx, dy)| (dx, dy, CELL_M * libm::hypot(f64::from(dx), f64::from(dy))));
         open.push(Reverse(Open::new(0.0, 0, 0)));
@@ -162,6 +164,7 @@ impl Map {
                 path.reverse();
                 return path;
             }
+            let is_inside = weights[index(x, y)] >= inside;
             for (step, (dx, dy, length)) in (0..).zip(steps) {
                 let (x, y) = (x + dx, y + dy);
                 if x.abs() > REACH || y.abs() > REACH {
@@ -174,6 +177,9 @@ impl Map {
                 }
                 if weights[cell].is_nan() {
                     weights[cell] = self.weight(self.clearance_within(point(x, y), self.clear_m));
+                }
+                if weights[cell] >= inside && !is_inside {
+                    continue;
                 }
                 let cost = cost + length * weights[cell];
                 if cost < costs[cell] {
@@ -250,6 +256,17 @@ mod tests {
         assert!(path.len() > 40, "{path:?}");
         let nearest = path.iter().map(|at| map.clearance(*at)).fold(f64::INFINITY, f64::min);
         assert!(nearest > 0.35, "{nearest}");
+    }
+
+    /// A wall across the whole grid cannot be passed, but left where the robot is in it.
+    #[test]
+    fn paths_lead_through_no_wall() {
+        let wall = |x: f64| vec![[x - 0.1, -20.0], [x + 0.1, -20.0], [x + 0.1, 20.0], [x - 0.1, 20.0]];
+        let map = Map::new([("wall".to_owned(), wall(1.0))].into_iter(), 0.45);
+        let to = |x: f64| move |at: [f64; 2]| distance(at, [x, 0.0]) < 0.1;
+        assert!(map.path([0.0, 0.0], to(2.0)).is_empty());
+        assert!(!map.path([0.0, 0.0], to(0.7)).is_empty());
+        assert!(!map.path([1.02, 0.0], to(2.0)).is_empty() && !map.path([0.98, 0.0], to(0.0)).is_empty());
     }
 
     /// Obstacles that are passed over because they are far away do not change the distance of the nearest.

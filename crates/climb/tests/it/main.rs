@@ -8,7 +8,7 @@ mod room;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fiatlux_climb::{Body, Keyframe, Plan, Player, approach, raised, stand};
+use fiatlux_climb::{Arm, Body, Keyframe, Plan, Player, approach, armed, raised, stand};
 use fiatlux_dynamics::{Mechanics, ShapeId, State};
 use fiatlux_kinematics::{Work, at_once};
 use fiatlux_robot::{GainSet, Robot};
@@ -246,22 +246,53 @@ fn a_way_to_the_first_posture_is_found() {
     }
 }
 
+/// Middles of the soles and centre of mass in a posture, m.
+fn measure(body: &Body, key: &Keyframe) -> ([Vector3<f64>; 2], Vector3<f64>) {
+    let mut mechanics = Mechanics::new(&body.model);
+    mechanics.update(&body.model, &body.state(&key.pelvis, &key.angles));
+    let sole = |side: usize| mechanics.world_from_site(&body.ids.site(&body.robot.soles()[side].site));
+    let soles = [sole(0), sole(1)].map(|pose| pose.translation.vector);
+    (soles, mechanics.center_of_mass(&body.model, body.ids.root).1)
+}
+
+/// The climb with the arms drawn in: the feet step where they did, with the weight where it was, and wrists keep a bulb upright.
+#[test]
+fn a_plan_takes_other_arms() {
+    let body = body();
+    let plan = fiatlux_climb::ladder_with_bulb().unwrap();
+    let arm = Arm { pitch: -0.8, roll: 0.2, elbow: -0.4, ..Arm::ZERO };
+    let other = armed(&body, &plan, &arm).unwrap();
+    let mut legs = 0;
+    for (key, other) in plan.keyframes.iter().zip(&other.keyframes) {
+        let ((soles, com), (other_soles, other_com)) = (measure(&body, key), measure(&body, other));
+        let ways = soles.iter().zip(&other_soles).map(|(one, other)| (one - other).norm());
+        assert!(ways.fold(0.0, f64::max) < 3e-3 && (com - other_com).xy().norm() < 3e-3, "{com} {other_com}");
+        assert_eq!((key.seconds, key.bears, key.ranges), (other.seconds, other.bears, other.ranges));
+        for ((joint, before), now) in body.robot.joints().iter().zip(&key.angles).zip(&other.angles) {
+            assert_eq!(
+                *now,
+                arm.reaching(&joint.name).unwrap_or(if joint.name.contains("wrist") { *before } else { *now })
+            );
+        }
+        legs += usize::from(key.angles[..12] != other.angles[..12]);
+    }
+    assert!(legs * 10 < plan.keyframes.len(), "legs moved in {legs} postures");
+    for pair in other.keyframes.windows(2) {
+        let turns = pair[0].angles.iter().zip(&pair[1].angles).map(|(one, other)| (one - other).abs());
+        let fastest = turns.fold(0.0, f64::max) / pair[1].seconds;
+        assert!(fastest < 0.6, "{fastest} rad/s");
+    }
+}
+
 /// In the limits of the published draw of sizes.
 #[test]
 fn a_plan_is_raised_with_the_ladder() {
     let body = body();
-    let mut mechanics = Mechanics::new(&body.model);
-    let mut measure = |key: &Keyframe| {
-        mechanics.update(&body.model, &body.state(&key.pelvis, &key.angles));
-        let sole = |side: usize| mechanics.world_from_site(&body.ids.site(&body.robot.soles()[side].site));
-        let soles = [sole(0), sole(1)].map(|pose| pose.translation.vector);
-        (soles, mechanics.center_of_mass(&body.model, body.ids.root).1)
-    };
     for (plan, factor) in [(fiatlux_climb::ladder(), 1.1), (fiatlux_climb::descent(), 0.95)] {
         let plan = plan.unwrap();
         let raised = raised(&body, &plan, factor).unwrap();
         for (key, high) in plan.keyframes.iter().zip(&raised.keyframes) {
-            let ((soles, com), (high_soles, high_com)) = (measure(key), measure(high));
+            let ((soles, com), (high_soles, high_com)) = (measure(&body, key), measure(&body, high));
             for (sole, high) in soles.into_iter().zip(high_soles) {
                 assert!((high - Vector3::new(sole.x, sole.y, factor * sole.z)).norm() < 3e-3, "{sole} {high}");
             }

@@ -57,7 +57,7 @@ struct Grasp {
     back: [f64; 3],
     speed: f64,
     error: f64,
-    felt: f64,
+    stray: f64,
     gain: f64,
     lead: f64,
     patience: f64,
@@ -220,9 +220,12 @@ impl Remove {
         Ok(if !is_near && seen.is_touched() {
             self.taking.goes_back();
             Some(Phase::Take)
-        } else if is_near && seen.touch.palm > TOUCHED && self.has_arrived {
+        } else if is_near && self.has_arrived && arm.distance_to(&goal) > grasp.stray {
+            // It caught on something, or the robot sways: the hand would sweep the bulb out.
+            Some(Phase::Retreat)
+        } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
-            Some(if arm.distance_to(&goal) < grasp.felt { Phase::Close } else { Phase::Retreat })
+            Some(Phase::Close)
         } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
             Some(next)
         } else if elapsed > grasp.patience {
