@@ -293,7 +293,7 @@ class Sizes(unittest.TestCase):
             ("a/tests/it/b.rs", "\n" * 501, "a/tests/it/b.rs: 501 lines, at most 500"),
             ("a/tests/it/b.rs", long, None),
             ("a/src/b.rs", own, None),
-            ("crates/policies/src/climb.rs", "\n" * 501, None),
+            ("crates/policies/src/ladder.rs", "\n" * 501, None),
         ]:
             with self.subTest(path=path, fault=fault):
                 self.assertEqual(list(sizes.faults(path, text)), [fault] if fault else [])
