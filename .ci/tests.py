@@ -22,6 +22,7 @@ import room
 import sbom
 import sizes
 import skips
+import words
 
 RULES = {
     "licenses": {"allow": ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception"]},
@@ -303,6 +304,24 @@ class Sizes(unittest.TestCase):
             text = (Cases.ROOT / path).read_text()
             is_larger = len(text.splitlines()) > sizes.MAX_FILE or any(length > sizes.MAX_FUNCTION for _, _, length in sizes.functions(text))
             self.assertTrue(is_larger, f"{path} is small: take it out of .ci/sizes.py")
+
+
+class Words(unittest.TestCase):
+    def test_comments_and_limits(self):
+        for text, count in [
+            ("/// What" + " it does.\nfn a() {}\n", 1),
+            ("x = 1\n\"\"\"How" + " it does it.\"\"\"\n", 1),
+            ("const MOST" + "_ROOMS: u32 = 1;\n", 1),
+            ("/// The room.\nconst MAX_ROOMS: u32 = 1; // What it holds.\n", 0),
+        ]:
+            with self.subTest(text=text):
+                self.assertEqual(len(words.faults("a.rs", text)), count)
+
+    def test_readme(self):
+        first = "# A title of six words here\n![a picture](a.png)\n" + "word " * 60
+        self.assertEqual(words.readme_faults(first + "\n```sh\n" + "word " * 900), [])
+        self.assertEqual(len(words.readme_faults(first + "<!--= a rate -->more\n```sh\nrun\n```\n")), 1)
+        self.assertEqual(len(words.readme_faults("a\n```sh\n" + "word " * 1100)), 1)
 
 
 class Skips(unittest.TestCase):

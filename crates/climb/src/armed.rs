@@ -8,8 +8,9 @@ use crate::plan::Plan;
 use crate::planner::Arm;
 use crate::raised::inverse;
 
-/// The plan with shoulders and elbows as an arm has them. The waist keeps the centre of mass over the same point of the level, so that
-/// pelvis and legs keep their gaps; where it cannot, they move with it, on the same soles. `None` if a posture is out of reach.
+/// The plan with shoulders and elbows as an arm has them. The waist keeps the centre of mass over the same point of the level, and
+/// pelvis and legs stay; where it cannot, they move from there on, on the same soles, and gaps become smaller. `None` if a posture is
+/// out of reach.
 pub fn armed(body: &Body, plan: &Plan, arm: &Arm) -> Option<Plan> {
     let (model, ids) = (&body.model, &body.ids);
     let sites = [0, 1].map(|side| ids.site(&body.robot.soles()[side].site));

@@ -46,7 +46,7 @@ pub fn descent() -> Result<Plan, PlanError> {
     Ok(Plan::read(include_str!("descent.txt"))?.reversed())
 }
 
-/// The same as [`ladder`], with the right hand as it holds a bulb.
+/// The same as [`ladder`], with the right wrist turned as it holds a bulb.
 ///
 /// # Errors
 /// None, unless the file that comes with this version is broken.

@@ -71,13 +71,14 @@ pub struct Arm {
     pub yaw: f64,
     /// Of the elbow.
     pub elbow: f64,
-    /// Of the wrist, outwards.
-    pub wrist_roll: f64,
 }
 
 impl Arm {
     /// All joints at 0.
-    pub const ZERO: Self = Self { pitch: 0.0, roll: 0.0, yaw: 0.0, elbow: 0.0, wrist_roll: 0.0 };
+    pub const ZERO: Self = Self { pitch: 0.0, roll: 0.0, yaw: 0.0, elbow: 0.0 };
+
+    /// On the way up: upper arms ahead, hands before the shoulders, so that they reach 0.3 m ahead of the pelvis.
+    pub const DRAWN_IN: Self = Self { pitch: -0.8, roll: 0.2, elbow: -0.4, ..Self::ZERO };
 
     /// Angle of a joint of shoulder or elbow, rad; `None` for another joint's name.
     pub fn reaching(&self, joint: &str) -> Option<f64> {
@@ -198,7 +199,6 @@ impl<'a> Planner<'a> {
                 "hip_yaw_joint" => outwards * out,
                 "knee_joint" => bend,
                 "ankle_pitch_joint" => -0.4 * bend,
-                "wrist_roll_joint" => outwards * arm.wrist_roll,
                 _ => arm.reaching(name).unwrap_or(0.0),
             }
         };

@@ -39,8 +39,8 @@ pub(crate) const ENTRY: Entry = Entry {
 const SETTLES: u64 = 25;
 /// Rate of the arms' angles before it climbs, rad/s.
 const ARM_RATE: f64 = 1.0;
-/// Arms on the way up: upper arms ahead, hands before the shoulders, so that they pass walls that are 0.3 m away.
-const DRAWN_IN: Arm = Arm { pitch: -0.8, roll: 0.2, elbow: -0.4, ..Arm::ZERO };
+/// The same with a bulb in the hand, rad/s.
+const CARRY_RATE: f64 = 0.3;
 /// Time for which it stands still before it climbs, s.
 const STILL: f64 = 0.5;
 /// Speed of the plan's time for the steps on the level: a foot that comes down late tips the robot.
@@ -245,8 +245,6 @@ impl Policy for Climb {
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
         let (world_from_plan, pelvis) = placed(first)?;
         let here = world_from_plan.inverse() * pelvis;
-        let begins = plan.keyframes.first().map_or_else(Vector3::zeros, |first| first.pelvis.translation.vector);
-        let way = Way::new(info, &world_from_plan, &here.translation.vector, &begins);
         let is_other = (height - 1.0).abs() >= OTHER_HEIGHT;
         let fit = |plan: Plan| {
             let plan = if is_other { raised(&robot, &plan, height) } else { Some(plan) };
@@ -257,12 +255,14 @@ impl Policy for Climb {
         let mut plan = fit(plan)?;
         let draws_in = self.climber.is_none() && !goes_down;
         if draws_in {
-            plan = armed(&robot, &plan, &DRAWN_IN)
-                .ok_or_else(|| unfit("it cannot climb with its arms drawn in".into()))?;
+            let armed = armed(&robot, &plan, &Arm::DRAWN_IN);
+            plan = armed.ok_or_else(|| unfit("its arms cannot be drawn in on this ladder; use another size".into()))?;
         }
         if let Some(then) = then {
             plan.extend(fit(then)?.keyframes);
         }
+        let begins = plan.keyframes.first().map_or_else(Vector3::zeros, |first| first.pelvis.translation.vector);
+        let way = Way::new(info, &world_from_plan, &here.translation.vector, &begins);
         let is_at = |start: &Keyframe| (start.pelvis.translation.z - here.translation.z).abs();
         let looks = self.climber.is_none() && !self.at_start;
         let taken_up =
@@ -396,28 +396,31 @@ pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result
 }
 
 impl Episode {
-    /// The way to where the plan begins.
+    /// The way to where the plan begins. A hand with a bulb is beside the ladder at first, and is drawn in once the robot has turned; where
+    /// it is narrow, before.
     fn walk(&mut self, step: u64, here: &Isometry3<f64>) -> BodyCommand {
-        let is_ready = self.move_arms();
+        let draws_in = self.hold.is_empty() || self.way.is_narrow || Way::has_turned(here);
+        let is_drawn_in = draws_in && self.move_arms();
         let mut command = BodyCommand::default();
-        if step < SETTLES || !is_ready {
+        if step < SETTLES || self.way.is_narrow && !is_drawn_in {
             return command;
         }
-        match self.way.velocity(here).filter(|_| self.stood == 0) {
+        match if self.stood == 0 { self.way.velocity(here) } else { None } {
             Some(velocity) => command.velocity = velocity,
-            None => self.stood += 1,
+            None => self.stood += u64::from(is_drawn_in),
         }
         command
     }
 
-    /// Brings arms to where the plan has them before the robot walks. Those of a network are free, and go to where they are at the start
-    /// of a task, away from the ladder: whatever played before may have left them beside the body. True once they are there.
+    /// Brings arms to where the plan has them. Those of a network are free, and go to where they are at the start
+    /// of a task, away from the ladder: whatever played before may have left them beside the body. True once their targets are there.
     fn move_arms(&mut self) -> bool {
         let first = self.plan.keyframes.first().filter(|_| self.draws_in);
         let aims = first.map_or(&self.q0, |first| &first.angles);
+        let rate = if self.hold.is_empty() { ARM_RATE } else { CARRY_RATE };
         let mut farthest = 0.0_f64;
         for (now, to) in self.walker.targets.iter_mut().zip(aims).take(BODY).skip(MOVED) {
-            *now = towards(*now, *to, ARM_RATE);
+            *now = towards(*now, *to, rate);
             farthest = farthest.max((to - *now).abs());
         }
         farthest < 1e-6

@@ -73,7 +73,7 @@ impl Climber {
             return Err(PolicyError::Unfit { policy: "climber", reason });
         }
         let task = Some(TaskInfo { task: task.short_id().into(), ..TaskInfo::default() });
-        // Where walls are is told for another frame than the ladder's.
+        // Footprints are in the world's frame, poses here in the ladder's.
         let info = SessionInfo { task, footprints: Vec::new(), ..info.clone() };
         Ok(Self { climb, info, has_begun: false })
     }

@@ -131,7 +131,8 @@ impl Map {
         (here < room && most > here + MORE_M).then_some(angle)
     }
 
-    /// The cheapest path to a point where `is_goal` holds; empty if none is within reach. It leads into no obstacle, but out of one.
+    /// The cheapest path to a point where `is_goal` holds; empty if none is within reach. No point of it is in an
+    /// obstacle, unless the start is.
     pub fn path(&self, start: Point, is_goal: impl Fn(Point) -> bool) -> Vec<Point> {
         let side = (2 * REACH + 1) as usize;
         let index = |x: i32, y: i32| (y + REACH) as usize * side + (x + REACH) as usize;

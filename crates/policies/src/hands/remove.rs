@@ -221,7 +221,7 @@ impl Remove {
             self.taking.goes_back();
             Some(Phase::Take)
         } else if is_near && self.has_arrived && arm.distance_to(&goal) > grasp.stray {
-            // It caught on something, or the robot sways: the hand would sweep the bulb out.
+            // The robot sways, or the hand has caught on something: it would sweep the bulb out.
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.

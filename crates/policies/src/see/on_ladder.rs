@@ -112,7 +112,8 @@ impl OnLadder {
             reckoning.begin(seen.ladder_from_pelvis, FOUND);
         }
         Ok(Self {
-            info: info.clone(),
+            // Footprints are in the world's frame, poses here in the ladder's.
+            info: SessionInfo { footprints: Vec::new(), ..info.clone() },
             plays: Plays::new(task)?,
             began: None,
             q0,
