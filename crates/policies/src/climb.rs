@@ -74,6 +74,7 @@ pub struct Climb {
     climber: Option<Arc<fiatlux_climb::Network>>,
     /// It does not look where in its task the robot is.
     pub(crate) at_start: bool,
+    arms_ahead: bool,
     episode: Option<Episode>,
 }
 
@@ -115,7 +116,7 @@ impl Climb {
     /// Its weights cannot be read.
     pub fn new() -> Result<Self, PolicyError> {
         let (name, network) = body::network("climb", "", "")?;
-        Ok(Self { name, network, climber: None, at_start: false, episode: None })
+        Ok(Self { name, network, climber: None, at_start: false, arms_ahead: false, episode: None })
     }
 
     /// The same, but a network follows the plan from its first posture on.
@@ -126,6 +127,13 @@ impl Climb {
         let climber = fiatlux_climb::Network::read(Path::new(file)).map_err(PolicyError::of("climb"))?;
         let name = body::label("climb", file, &[climber.digest()]);
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
+    }
+
+    /// Free arms stay ahead, as the plan has them: where they are drawn in, knees have less room beside the treads, too little for poses
+    /// that err by a centimetre.
+    #[must_use]
+    pub(crate) fn with_arms_ahead(self) -> Self {
+        Self { arms_ahead: true, ..self }
     }
 
     /// Sets how the plan is played from the next step on: at a part of its speed, and with the centre of mass elsewhere, m in the plan's
@@ -253,7 +261,8 @@ impl Policy for Climb {
             })
         };
         let mut plan = fit(plan)?;
-        let draws_in = self.climber.is_none() && !goes_down;
+        let keeps_arms = self.climber.is_some() || self.arms_ahead && carries.is_none();
+        let draws_in = !keeps_arms && !goes_down;
         if draws_in {
             let armed = armed(&robot, &plan, &Arm::DRAWN_IN);
             plan = armed.ok_or_else(|| unfit("its arms cannot be drawn in on this ladder; use another size".into()))?;

@@ -51,7 +51,7 @@ impl Plays {
         Ok(match task {
             Task::S03 => Self::TakesOut(Box::new(Hands::new()?), Old::default()),
             Task::S11 => Self::PutsIn(Box::new(Hands::new()?), Fresh::new()),
-            _ => Self::Climb(Box::new(Climb::new()?)),
+            _ => Self::Climb(Box::new(Climb::new()?.with_arms_ahead())),
         })
     }
 
