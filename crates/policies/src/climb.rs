@@ -129,8 +129,8 @@ impl Climb {
         Ok(Self { name, climber: Some(Arc::new(climber)), ..Self::new()? })
     }
 
-    /// Free arms stay ahead, as the plan has them: where they are drawn in, knees have less room beside the treads, too little for poses
-    /// that err by a centimetre.
+    /// Arms stay ahead, as the plan has them: where they are drawn in, knees have less room beside the treads, too little for poses that err by
+    /// a centimetre.
     #[must_use]
     pub(crate) fn with_arms_ahead(self) -> Self {
         Self { arms_ahead: true, ..self }
@@ -261,8 +261,7 @@ impl Policy for Climb {
             })
         };
         let mut plan = fit(plan)?;
-        let keeps_arms = self.climber.is_some() || self.arms_ahead && carries.is_none();
-        let draws_in = !keeps_arms && !goes_down;
+        let draws_in = self.climber.is_none() && !self.arms_ahead && !goes_down;
         if draws_in {
             let armed = armed(&robot, &plan, &Arm::DRAWN_IN);
             plan = armed.ok_or_else(|| unfit("its arms cannot be drawn in on this ladder; use another size".into()))?;
@@ -421,11 +420,14 @@ impl Episode {
         command
     }
 
-    /// Brings arms to where the plan has them. Those of a network are free, and go to where they are at the start
-    /// of a task, away from the ladder: whatever played before may have left them beside the body. True once their targets are there.
+    /// Brings arms to where the plan has them. Where they are not drawn in, free ones go to where they are at the start of a task, away
+    /// from the ladder: whatever played before may have left them beside the body. True once their targets are there.
     fn move_arms(&mut self) -> bool {
-        let first = self.plan.keyframes.first().filter(|_| self.draws_in);
-        let aims = first.map_or(&self.q0, |first| &first.angles);
+        let aims = match self.plan.keyframes.first() {
+            Some(first) if self.draws_in => &first.angles,
+            _ if self.hold.is_empty() => &self.q0,
+            _ => return true,
+        };
         let rate = if self.hold.is_empty() { ARM_RATE } else { CARRY_RATE };
         let mut farthest = 0.0_f64;
         for (now, to) in self.walker.targets.iter_mut().zip(aims).take(BODY).skip(MOVED) {
