@@ -2,6 +2,7 @@
 //! up, the whole-body controller turns the robot's back to the ladder; a plan is played with balance over each stance, or, upwards,
 //! from its first posture on by a network that follows it.
 
+mod taking_up;
 mod way;
 
 use std::path::Path;
@@ -25,6 +26,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::body;
 use crate::entry::Entry;
 use crate::whole_body::WholeBody;
+use taking_up::{nearest, rest_of};
 use way::Way;
 
 /// As a program makes it.
@@ -56,14 +58,6 @@ const SLICE: u32 = 40_000;
 /// Speed of the plan's time where a network follows it.
 const NETWORK_RATE: f64 = 1.6;
 
-/// Distance from a posture of the plan at which a robot that is already on its way takes the plan up there: of the pelvis, m, and of
-/// the joints of legs and waist, rad.
-const TAKES_UP: (f64, f64) = (0.1, 0.6);
-/// A metre of the pelvis counts as this in the comparison, rad.
-const METRE: f64 = 10.0;
-/// Postures of the plan that are compared lie so far apart, s. A robot that is nearest to one of the first ones begins at the start.
-const GRID_S: f64 = 0.05;
-const BEGINS_S: f64 = 1.0;
 /// Largest difference of the pelvis's height from that of the plan's first posture from which the robot begins at the start, m.
 const LEVEL_M: f64 = 0.12;
 
@@ -352,45 +346,6 @@ fn placed(observation: &Observation) -> Result<(Isometry3<f64>, Isometry3<f64>),
     let world_from_ladder = body::pose("climb", seen.ladder.as_ref())?;
     let world_from_plan = world_from_ladder * Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
     Ok((world_from_plan, body::pose("climb", seen.robot.as_ref())?))
-}
-
-/// The time at which a plan has a robot that is already on its way where it is, s; `None` at its start, or far from all postures.
-fn nearest(plan: &Plan, pelvis: &Isometry3<f64>, angles: &[f64]) -> Option<f64> {
-    let off = |time: f64| {
-        let due = plan.at(time)?;
-        let turns: Vec<f64> = due.angles.iter().zip(angles).take(MOVED).map(|(due, now)| due - now).collect();
-        let way = (due.pelvis.translation.vector - pelvis.translation.vector).norm();
-        let lean = due.pelvis.rotation.angle_to(&pelvis.rotation);
-        let most = turns.iter().fold(0.0_f64, |most, turn| most.max(turn.abs()));
-        let squares = turns.iter().map(|turn| turn * turn).sum::<f64>() + lean * lean + (way * METRE).powi(2);
-        (most < TAKES_UP.1 && way < TAKES_UP.0).then_some(squares)
-    };
-    let times = (0..=(plan.seconds() / GRID_S) as usize).map(|step| step as f64 * GRID_S);
-    let found = times.filter_map(|time| Some((time, off(time)?)));
-    let (time, _) = found.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
-    (time > BEGINS_S).then_some(time)
-}
-
-/// The rest of a plan from a time on, s.
-fn rest_of(plan: &Plan, time: f64) -> Plan {
-    let mut start = 0.0;
-    let mut rest = Plan::default();
-    for key in &plan.keyframes {
-        start += key.seconds;
-        if start <= time {
-            continue;
-        }
-        if rest.keyframes.is_empty() {
-            rest.keyframes.extend(plan.at(time).map(|here| Keyframe { seconds: GRID_S, ..here }));
-            rest.keyframes.push(Keyframe { seconds: start - time, ..key.clone() });
-        } else {
-            rest.keyframes.push(key.clone());
-        }
-    }
-    if rest.keyframes.is_empty() {
-        rest.keyframes.extend(plan.at(time));
-    }
-    rest
 }
 
 /// Height of the ladder in parts of the published one, by the distance of its top point from the seat, which is above it. 1 where
