@@ -3,7 +3,7 @@
 use fiatlux_dynamics::Mechanics;
 use fiatlux_kinematics::{Goal, Outcome};
 
-use crate::body::{Body, pelvis};
+use crate::body::Body;
 use crate::plan::Plan;
 use crate::planner::Arm;
 use crate::raised::inverse;
@@ -13,14 +13,11 @@ use crate::raised::inverse;
 /// out of reach.
 pub fn armed(body: &Body, plan: &Plan, arm: &Arm) -> Option<Plan> {
     let (model, ids) = (&body.model, &body.ids);
-    let sites = [0, 1].map(|side| ids.site(&body.robot.soles()[side].site));
+    let sites = body.soles();
     let mut ways = [inverse(body, false)?, inverse(body, true)?];
     let (mut mechanics, mut plan) = (Mechanics::new(model), plan.clone());
     for key in &mut plan.keyframes {
-        let mut state = body.state(&key.pelvis, &key.angles);
-        mechanics.update(model, &state);
-        let soles = sites.map(|site| mechanics.world_from_site(&site));
-        let com = mechanics.center_of_mass(model, ids.root).1;
+        let (mut state, soles, com) = body.posture(&mut mechanics, key);
         for (joint, ids) in body.robot.joints().iter().zip(&ids.joints) {
             if let Some(angle) = arm.reaching(&joint.name) {
                 state.qpos[ids.qpos] = angle;
@@ -39,8 +36,7 @@ pub fn armed(body: &Body, plan: &Plan, arm: &Arm) -> Option<Plan> {
         if !is_found {
             return None;
         }
-        key.pelvis = pelvis(ids, &state);
-        key.angles.iter_mut().zip(&ids.joints).for_each(|(angle, joint)| *angle = state.qpos[joint.qpos]);
+        body.keep(&state, key);
     }
     Some(plan)
 }

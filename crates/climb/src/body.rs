@@ -1,8 +1,10 @@
 //! The robot alone, as a policy has it that sees poses.
 
-use fiatlux_dynamics::{Model, ModelBuilder, State};
+use fiatlux_dynamics::{Mechanics, Model, ModelBuilder, Site, State};
 use fiatlux_robot::{BuildOptions, Gains, Robot, RobotIds};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use crate::plan::Keyframe;
 
 /// A model of one robot and nothing else.
 #[derive(Debug, Clone)]
@@ -34,6 +36,29 @@ impl Body {
             state.qpos[joint.qpos] = angles.get(index).copied().unwrap_or(0.0);
         }
         state
+    }
+
+    /// Sites of the soles, left first.
+    pub(crate) fn soles(&self) -> [Site; 2] {
+        [0, 1].map(|side| self.ids.site(&self.robot.soles()[side].site))
+    }
+
+    /// The state of a posture, poses of its soles, left first, and its centre of mass, m.
+    pub(crate) fn posture(
+        &self,
+        mechanics: &mut Mechanics,
+        key: &Keyframe,
+    ) -> (State, [Isometry3<f64>; 2], Vector3<f64>) {
+        let state = self.state(&key.pelvis, &key.angles);
+        mechanics.update(&self.model, &state);
+        let soles = self.soles().map(|site| mechanics.world_from_site(&site));
+        (state, soles, mechanics.center_of_mass(&self.model, self.ids.root).1)
+    }
+
+    /// Makes a state the posture.
+    pub(crate) fn keep(&self, state: &State, key: &mut Keyframe) {
+        key.pelvis = pelvis(&self.ids, state);
+        key.angles.iter_mut().zip(&self.ids.joints).for_each(|(angle, joint)| *angle = state.qpos[joint.qpos]);
     }
 }
 

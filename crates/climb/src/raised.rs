@@ -5,7 +5,7 @@ use fiatlux_kinematics::{Goal, InverseKinematics, Outcome, SearchOptions};
 use fiatlux_robot::JointIds;
 use nalgebra::Isometry3;
 
-use crate::body::{Body, pelvis};
+use crate::body::Body;
 use crate::plan::Plan;
 
 const OPTIONS: SearchOptions = SearchOptions {
@@ -34,14 +34,11 @@ pub(crate) fn inverse(body: &Body, moves_legs: bool) -> Option<(InverseKinematic
 /// level. `None` if a posture is out of reach.
 pub fn raised(body: &Body, plan: &Plan, factor: f64) -> Option<Plan> {
     let (model, ids) = (&body.model, &body.ids);
-    let sites = [0, 1].map(|side| ids.site(&body.robot.soles()[side].site));
+    let sites = body.soles();
     let (mut inverse, joints) = inverse(body, true)?;
     let (mut mechanics, mut plan) = (Mechanics::new(model), plan.clone());
     for key in &mut plan.keyframes {
-        let mut state = body.state(&key.pelvis, &key.angles);
-        mechanics.update(model, &state);
-        let soles = sites.map(|site| mechanics.world_from_site(&site));
-        let com = mechanics.center_of_mass(model, ids.root).1;
+        let (mut state, soles, com) = body.posture(&mut mechanics, key);
         let rest: Vec<f64> = joints.iter().map(|joint| state.qpos[joint.qpos]).collect();
         inverse.set_rest(&rest).ok()?;
         let up = |height: f64| Isometry3::translation(0.0, 0.0, (factor - 1.0) * height);
@@ -52,8 +49,7 @@ pub fn raised(body: &Body, plan: &Plan, factor: f64) -> Option<Plan> {
         if inverse.solve(model, &mut state, &goals).ok()?.outcome != Outcome::Reached {
             return None;
         }
-        key.pelvis = pelvis(ids, &state);
-        key.angles.iter_mut().zip(&ids.joints).for_each(|(angle, joint)| *angle = state.qpos[joint.qpos]);
+        body.keep(&state, key);
     }
     Some(plan)
 }

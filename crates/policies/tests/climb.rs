@@ -49,6 +49,15 @@ fn it_climbs_from_hanging_arms() {
     assert!(ladder.0 < 1e-3 && ladder.1 < 1e-3, "{ladder:?}");
 }
 
+/// A wall stands 0.38 m behind the robot as it begins: a hand that was held ahead met it as the robot turned round, and the robot fell.
+#[test]
+fn it_turns_round_before_a_wall() {
+    let play::Played { cause, seconds, progress, loads, .. } =
+        play::play(Climb::new().unwrap(), Task::S02, 20036, &Changes::default(), |_| ()).unwrap();
+    assert_eq!(cause, Cause::Success, "after {seconds} s, {progress:?}");
+    assert!(loads.first_touch.as_ref().is_none_or(|(_, names)| !names.contains("wall")), "{:?}", loads.first_touch);
+}
+
 /// Strict, up and down: the bulb is in the grip of the hand at the end, and was never let go.
 #[test]
 fn it_climbs_with_a_bulb() {

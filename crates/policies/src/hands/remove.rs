@@ -217,16 +217,17 @@ impl Remove {
         } else {
             self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
         }
+        let off = arm.distance_to(&goal);
         Ok(if !is_near && seen.is_touched() {
             self.taking.goes_back();
             Some(Phase::Take)
-        } else if is_near && self.has_arrived && arm.distance_to(&goal) > grasp.stray {
+        } else if is_near && self.has_arrived && off > grasp.stray {
             // The robot sways, or the hand has caught on something: it would sweep the bulb out.
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
             Some(Phase::Close)
-        } else if self.has_arrived && arm.distance_to(&goal) < grasp.error {
+        } else if self.has_arrived && off < grasp.error {
             Some(next)
         } else if elapsed > grasp.patience {
             self.missed += u32::from(!is_near);
