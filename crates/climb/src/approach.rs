@@ -78,9 +78,16 @@ pub fn stand(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe) 
     Some(plan)
 }
 
-/// Steps from where a robot stands on the level, at rest, to a keyframe on the same surface. Poses are those of the plan's frame.
-/// `None` if no way was found. It is a search that can be done in slices.
-pub async fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &Keyframe, work: Work) -> Option<Plan> {
+/// Steps from where a robot stands on the level, at rest, to a keyframe on the same surface, first of the foot of a side, 0 for the left. Poses
+/// are those of the plan's frame. `None` if no way was found. It is a search that can be done in slices.
+pub async fn approach(
+    body: &Body,
+    from: &Isometry3<f64>,
+    angles: &[f64],
+    to: &Keyframe,
+    leads: usize,
+    work: Work,
+) -> Option<Plan> {
     let standing = Standing::new(body, from, angles, to);
     let mut plan = Plan::default();
     plan.extend([standing.here()]);
@@ -88,7 +95,7 @@ pub async fn approach(body: &Body, from: &Isometry3<f64>, angles: &[f64], to: &K
     (planner.out, planner.work) = (OUT[1], work);
     // The feet take turns until both are there.
     for turn in 0..MAX_STEPS {
-        let side = turn % 2;
+        let side = (leads + turn) % 2;
         let next = toward(&feet[side], &goals[side]);
         if next == feet[side] {
             continue;

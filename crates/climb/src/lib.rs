@@ -77,14 +77,12 @@ const WRIST_ROLL: (usize, f64) = (26, 1.57);
 /// Pitch of the right shoulder, and how much farther back it is with a bulb in the hand, so that the bulb passes the treads, rad.
 const SHOULDER_PITCH: (usize, f64) = (22, 0.07);
 
-/// The same as [`descent`], with the right wrist turned as it holds a bulb.
-///
-/// # Errors
-/// None, unless the file that comes with this version is broken.
-pub fn descent_with_bulb() -> Result<Plan, PlanError> {
-    let mut plan = with_bulb(descent()?);
+/// A descent, with the right wrist turned as it holds a bulb, and the shoulder farther back.
+#[must_use]
+pub fn lowering_bulb(descent: Plan) -> Plan {
+    let mut plan = with_bulb(descent);
     plan.keyframes.iter_mut().for_each(|key| key.angles[SHOULDER_PITCH.0] += SHOULDER_PITCH.1);
-    Ok(plan)
+    plan
 }
 
 fn with_bulb(mut plan: Plan) -> Plan {

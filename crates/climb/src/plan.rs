@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use fiatlux_robot::BODY;
+use fiatlux_robot::{BODY, LEGS, MOVED};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use thiserror::Error;
 
@@ -12,6 +12,9 @@ const NUMBERS: usize = 7 + 7 + BODY;
 const UNIT: f64 = 1e4;
 /// Largest speed of a joint, rad/s.
 const RATE: f64 = 0.5;
+
+/// Joints of legs, waist and arms that turn about an axis from front to rear or upwards, in the order of a limb's joints.
+const ROLLS_AND_YAWS: [&[usize]; 3] = [&[1, 2, 5], &[0, 1], &[1, 2, 4, 6]];
 
 /// A posture of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +29,26 @@ pub struct Keyframe {
     pub pelvis: Isometry3<f64>,
     /// Angles of legs, waist and arms, rad.
     pub angles: Vec<f64>,
+}
+
+impl Keyframe {
+    fn mirror(&mut self) {
+        self.bears.reverse();
+        self.ranges.reverse();
+        let (at, turn) = (self.pelvis.translation.vector, self.pelvis.rotation);
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(turn.w, -turn.i, turn.j, -turn.k));
+        self.pelvis = Isometry3::from_parts(Vector3::new(at.x, -at.y, at.z).into(), turn);
+        let (legs, rest) = self.angles.split_at_mut(LEGS);
+        let (waist, arms) = rest.split_at_mut(MOVED - LEGS);
+        let (left_leg, right_leg) = legs.split_at_mut(LEGS / 2);
+        let (left_arm, right_arm) = arms.split_at_mut((BODY - MOVED) / 2);
+        left_leg.swap_with_slice(right_leg);
+        left_arm.swap_with_slice(right_arm);
+        let limbs = [(left_leg, 0), (right_leg, 0), (waist, 1), (left_arm, 2), (right_arm, 2)];
+        for (limb, kind) in limbs {
+            ROLLS_AND_YAWS[kind].iter().for_each(|joint| limb[*joint] = -limb[*joint]);
+        }
+    }
 }
 
 /// Postures in a row. In the plan of the ladder, the frame's x leads from the steps into the ladder, z up, and its origin is
@@ -106,6 +129,14 @@ impl Plan {
         let times = self.keyframes.iter().rev().map(|key| key.seconds);
         keyframes.iter_mut().skip(1).zip(times).for_each(|(key, seconds)| key.seconds = seconds);
         Self { keyframes }
+    }
+
+    /// The same in the frame's mirror, whose y is turned round: the left foot does what the right one did.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        let mut plan = self.clone();
+        plan.keyframes.iter_mut().for_each(Keyframe::mirror);
+        plan
     }
 
     /// Time of the whole plan, s.

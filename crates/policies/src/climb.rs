@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use fiatlux_client::{Command, Policy, PolicyError};
 use fiatlux_climb::{
-    Arm, Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, armed, descent, descent_with_bulb,
-    ladder, ladder_with_bulb, raised, stand, turn, turn_with_bulb,
+    Arm, Body, Follower, Keyframe, Plan, Player, Reference, Tracker, approach, armed, descent, ladder,
+    ladder_with_bulb, lowering_bulb, raised, stand, turn, turn_with_bulb,
 };
 use fiatlux_kinematics::Search;
 use fiatlux_proto::v3::{Chunk, Observation, Pose, Privileged, Sensor, SessionInfo};
@@ -27,7 +27,7 @@ use crate::body;
 use crate::entry::Entry;
 use crate::whole_body::WholeBody;
 use taking_up::{nearest, rest_of};
-use way::Way;
+use way::{Walls, Way};
 
 /// As a program makes it.
 pub(crate) const ENTRY: Entry = Entry {
@@ -84,6 +84,8 @@ struct Episode {
     /// The climb, from where this task begins.
     plan: Plan,
     goes_down: bool,
+    /// The side of the foot that steps first on the way to its first posture, 0 for the left.
+    leads: usize,
     /// Hands with a bulb.
     hold: grip::Hold,
     climbs: bool,
@@ -220,14 +222,21 @@ impl Policy for Climb {
                 return Err(unfit("a network goes up with free hands alone; play climb without a file".into()));
             }
             "S10" => (ladder_with_bulb(), Some(turn_with_bulb()), false),
-            "S04" => (descent_with_bulb(), None, true),
-            "S12" => (descent(), None, true),
+            "S04" | "S12" => (descent(), None, true),
             _ => {
                 let reason = format!("it plays S02, S04, S10, S12 and climb, but this is {task}; use another policy");
                 return Err(unfit(reason));
             }
         };
-        let plan = plan.map_err(PolicyError::of("climb"))?;
+        let (walls, (world_from_plan, pelvis)) = (Walls::of(info), placed(first)?);
+        let is_mirrored = goes_down && walls.mirror_the_descent(&world_from_plan);
+        let mut plan = plan.map_err(PolicyError::of("climb"))?;
+        if is_mirrored {
+            plan = plan.mirrored();
+        }
+        if task == "S04" {
+            plan = lowering_bulb(plan);
+        }
         let then = then.filter(|_| self.climber.is_none()).transpose().map_err(PolicyError::of("climb"))?;
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
@@ -245,7 +254,6 @@ impl Policy for Climb {
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
         let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
-        let (world_from_plan, pelvis) = placed(first)?;
         let here = world_from_plan.inverse() * pelvis;
         let is_other = (height - 1.0).abs() >= OTHER_HEIGHT;
         let fit = |plan: Plan| {
@@ -255,7 +263,8 @@ impl Policy for Climb {
             })
         };
         let mut plan = fit(plan)?;
-        let draws_in = self.climber.is_none() && !self.arms_ahead && !goes_down;
+        let is_wide = !goes_down || task == "S04" && walls.are_at_the_right_hand(&world_from_plan);
+        let draws_in = self.climber.is_none() && !self.arms_ahead && is_wide;
         if draws_in {
             let armed = armed(&robot, &plan, &Arm::DRAWN_IN);
             plan = armed.ok_or_else(|| unfit("its arms cannot be drawn in on this ladder; use another size".into()))?;
@@ -264,7 +273,7 @@ impl Policy for Climb {
             plan.extend(fit(then)?.keyframes);
         }
         let begins = plan.keyframes.first().map_or_else(Vector3::zeros, |first| first.pelvis.translation.vector);
-        let way = Way::new(info, &world_from_plan, &here.translation.vector, &begins);
+        let way = Way::new(walls, &world_from_plan, &here.translation.vector, &begins);
         let is_at = |start: &Keyframe| (start.pelvis.translation.z - here.translation.z).abs();
         let looks = self.climber.is_none() && !self.at_start;
         let taken_up =
@@ -287,6 +296,7 @@ impl Policy for Climb {
             stood: 0,
             plan,
             goes_down,
+            leads: usize::from(is_mirrored),
             hold,
             climbs: player.is_some(),
             stepped: 0.0,
@@ -310,7 +320,7 @@ impl Policy for Climb {
             episode.stand(&world_from_plan, &pelvis, &angles)?;
         }
         if episode.player.is_none() {
-            let command = episode.walk(observation.step, &(world_from_plan.inverse() * pelvis));
+            let command = episode.walk(observation.step, &world_from_plan, &(world_from_plan.inverse() * pelvis));
             let mut goes_on = episode.walker.step(observation, &command)?;
             if episode.stood <= SETTLES {
                 if let Command::JointTarget(targets) = &mut goes_on {
@@ -361,14 +371,14 @@ pub(crate) fn relative_height(policy: &'static str, seen: &Privileged) -> Result
 impl Episode {
     /// The way to where the plan begins. A hand with a bulb is beside the ladder at first, and is drawn in once the robot has turned; where
     /// it is narrow, before.
-    fn walk(&mut self, step: u64, here: &Isometry3<f64>) -> BodyCommand {
+    fn walk(&mut self, step: u64, world_from_plan: &Isometry3<f64>, here: &Isometry3<f64>) -> BodyCommand {
         let draws_in = self.hold.is_empty() || self.way.is_narrow || Way::has_turned(here);
         let is_drawn_in = draws_in && self.move_arms();
         let mut command = BodyCommand::default();
-        if step < SETTLES || self.way.is_narrow && !is_drawn_in {
+        if step < SETTLES || self.way.is_narrow && !self.way.pushes() && !is_drawn_in {
             return command;
         }
-        match if self.stood == 0 { self.way.velocity(here) } else { None } {
+        match if self.stood == 0 { self.way.velocity(world_from_plan, here) } else { None } {
             Some(velocity) => command.velocity = velocity,
             None => self.stood += u64::from(is_drawn_in),
         }
@@ -434,8 +444,8 @@ impl Episode {
             let here = world_from_plan.inverse() * pelvis;
             match first.cloned() {
                 Some(first) => {
-                    let body = player.body().clone();
-                    let way = move |work| async move { approach(&body, &here, &now, &first, work).await };
+                    let (body, leads) = (player.body().clone(), self.leads);
+                    let way = move |work| async move { approach(&body, &here, &now, &first, leads, work).await };
                     self.search = Some(Search::new(way));
                 }
                 None => self.climbs = true,

@@ -42,6 +42,8 @@ const LADDER_HALF: [f64; 2] = [0.41, 0.60];
 /// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere. Where it goes on
 /// to climb, it stands at the steps, on -y.
 const AT_RAILS: f64 = 0.25;
+/// Room from walls and things that it prefers there, m: between steps and wall, what it holds hits the ladder.
+const ROOM_AT_LADDER_M: f64 = 0.45;
 /// Speed at which it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
@@ -84,6 +86,16 @@ impl Goal {
     }
 }
 
+/// Places at which it stops, the next ones if no way leads to these.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
+enum Choice {
+    /// Where the skill that comes next can work, at the ladder with room.
+    Best,
+    /// At the ladder: at either rail, with room.
+    Roomy,
+    Any,
+}
+
 /// Walks to a goal and stands there. An arm whose hand holds something keeps the staged posture.
 pub struct Walk {
     name: String,
@@ -98,11 +110,12 @@ struct EpisodeState {
     gait: Gait,
     goal: Goal,
     map: Map,
+    /// Without the ladder.
+    walls: Map,
     path: Vec<Point>,
     planned: Option<u64>,
     has_room: bool,
-    /// Walls are in the way of the ladder's rails: any side will do.
-    any_side: bool,
+    choice: Choice,
     works: bool,
     has_arrived: bool,
 }
@@ -159,15 +172,17 @@ impl Policy for Walk {
         let seen = privileged(first)?;
         // The ladder has no footprint, because it can be moved.
         let ladder = ("ladder".into(), rectangle(known(seen.ladder.as_ref())?, LADDER_HALF));
-        let map = Map::new(Map::outlines(info, [0.05, 1.3]).chain([ladder]), CLEAR_M);
+        let things = || Map::outlines(info, [0.05, 1.3]);
+        let (map, walls) = (Map::new(things().chain([ladder]), CLEAR_M), Map::new(things(), CLEAR_M));
         self.state = Some(EpisodeState {
             gait: Gait::new("walk", Arc::clone(&self.network), info, first)?,
             goal,
             map,
+            walls,
             path: Vec::new(),
             planned: None,
             has_room: false,
-            any_side: false,
+            choice: Choice::Best,
             works: self.works,
             has_arrived: false,
         });
@@ -195,13 +210,15 @@ impl EpisodeState {
             Goal::Ladder => known(seen.ladder.as_ref())?,
         };
         let stop = self.goal.stop_m();
-        let (map, goal, any_side, works) = (&self.map, self.goal, self.any_side, self.works);
+        let (map, walls, goal, choice, works) = (&self.map, &self.walls, self.goal, self.choice, self.works);
         let is_good_side = |at: Point| match goal {
             Goal::Ladder => {
                 let side = turn(turned, thing, at);
-                any_side || libm::cos(side).abs() <= AT_RAILS && (!works || libm::sin(side) < 0.0)
+                let is_at_steps = || !works || choice > Choice::Best || libm::sin(side) < 0.0;
+                let is_at_rails = libm::cos(side).abs() <= AT_RAILS && is_at_steps();
+                choice == Choice::Any || is_at_rails && walls.clearance(at) > ROOM_AT_LADDER_M
             }
-            _ => !works || any_side || has_room_to_reach(map, thing, at),
+            _ => !works || choice > Choice::Best || has_room_to_reach(map, thing, at),
         };
         // A search for a path asks this of tens of thousands of places: their distance first, which most of them fail.
         let is_within = |at: Point, most: f64| match goal {
@@ -228,8 +245,11 @@ impl EpisodeState {
         }
         if self.planned.is_none_or(|planned| step >= planned + REPLAN) {
             self.path = map.path(here, |at| is_within(at, stop - 0.02));
-            self.any_side |= self.path.is_empty();
             self.planned = Some(step);
+            if self.path.is_empty() && choice != Choice::Any {
+                self.choice = if choice == Choice::Best { Choice::Roomy } else { Choice::Any };
+                self.planned = None;
+            }
         }
         let ahead = self.path.iter().copied().find(|point| distance(here, *point) > AHEAD_M);
         let ahead = ahead.or(self.path.last().copied()).unwrap_or(thing);

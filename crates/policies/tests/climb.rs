@@ -58,6 +58,27 @@ fn it_turns_round_before_a_wall() {
     assert!(loads.first_touch.as_ref().is_none_or(|(_, names)| !names.contains("wall")), "{:?}", loads.first_touch);
 }
 
+/// Between steps and wall nobody has room to climb: it pushes the ladder away, from beside it and from before it.
+#[test]
+fn it_pushes_the_ladder_away_from_a_wall() {
+    for (task, room) in [(Task::S02, 20226), (Task::S10, 20376)] {
+        let ended = play::play(Climb::new().unwrap(), task, room, &Changes::default(), |_| ());
+        let play::Played { cause, seconds, progress, ladder, .. } = ended.unwrap();
+        assert_eq!(cause, Cause::Success, "{task:?} after {seconds} s, {progress:?}");
+        assert!(ladder.0 > 0.2, "{ladder:?}");
+    }
+}
+
+/// A wall behind the steps, nearer at the left; and a corner at the right of the platform, with a bulb in the right hand.
+#[test]
+fn it_climbs_down_beside_a_wall() {
+    for (task, room) in [(Task::S12, 20019), (Task::S04, 20296)] {
+        let ended = play::play(Climb::new().unwrap(), task, room, &Changes::default(), |_| ());
+        let play::Played { cause, seconds, progress, .. } = ended.unwrap();
+        assert_eq!(cause, Cause::Success, "{task:?} after {seconds} s, {progress:?}");
+    }
+}
+
 /// Strict, up and down: the bulb is in the grip of the hand at the end, and was never let go.
 #[test]
 fn it_climbs_with_a_bulb() {

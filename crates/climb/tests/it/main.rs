@@ -235,7 +235,7 @@ fn a_way_to_the_first_posture_is_found() {
     let still = stand(&body, &away, &angles, first).unwrap();
     let last = still.keyframes.last().unwrap();
     assert_eq!(last.angles[arms.clone()], first.angles[arms], "arms come in before a foot is set");
-    let way = at_once(approach(&body, &last.pelvis, &last.angles, first, Work::unlimited())).unwrap();
+    let way = at_once(approach(&body, &last.pelvis, &last.angles, first, 0, Work::unlimited())).unwrap();
     let end = way.keyframes.last().unwrap();
     assert_eq!((end.pelvis, &end.angles), (first.pelvis, &first.angles));
     assert!(way.seconds() < 60.0, "{}", way.seconds());
@@ -301,6 +301,24 @@ fn a_plan_is_raised_with_the_ladder() {
         }
     }
     assert_eq!(raised(&body, &fiatlux_climb::ladder().unwrap(), 2.0), None);
+}
+
+/// What the left foot did, the right one does, on the other side.
+#[test]
+fn a_mirrored_plan_steps_on_the_other_side() {
+    let (body, plan) = (body(), fiatlux_climb::descent().unwrap());
+    let mirrored = plan.mirrored();
+    for (key, other) in plan.keyframes.iter().zip(&mirrored.keyframes) {
+        let (([left, right], com), ([other_left, other_right], other_com)) =
+            (measure(&body, key), measure(&body, other));
+        for (one, other) in [(left, other_right), (right, other_left), (com, other_com)] {
+            let other = Vector3::new(other.x, -other.y, other.z);
+            assert!((one - other).norm() < 2e-3, "{one} {other}");
+        }
+        let [low, high] = [key, other].map(|key| key.bears);
+        assert_eq!((low[0], low[1]), (high[1], high[0]));
+    }
+    assert_eq!(mirrored.mirrored(), plan);
 }
 
 #[test]

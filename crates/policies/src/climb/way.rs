@@ -1,4 +1,5 @@
-//! The way to the ladder's steps, in the plan's frame: x leads from the steps into the ladder.
+//! The way to the ladder's steps, in the plan's frame: x leads from the steps into the ladder. Where a wall leaves no room before the steps,
+//! the robot first pushes the ladder away from it.
 
 use std::f64::consts::PI;
 
@@ -25,6 +26,23 @@ const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 const HEIGHTS: [f64; 2] = [0.1, 1.9];
 /// Reach of arms that are held ahead, m.
 const REACH: f64 = 0.65;
+/// Room around the plan's first posture with less of which the ladder is pushed, and until there is which, m.
+const PUSHES: f64 = 0.45;
+const PUSHED: f64 = 0.55;
+/// Distance from the ladder's middle line up to which the robot steps before it and pushes straight on, within this distance and turn, m
+/// and rad, or from this place on, m; from farther aside it pushes at once, towards this point of the ladder's middle line, m.
+const PUSHES_STRAIGHT: f64 = 0.55;
+const IS_BEFORE: (f64, f64) = (0.06, 0.15);
+const AT_THE_STEPS: f64 = -0.7;
+const PUSHES_AT: f64 = -0.25;
+/// Where a descent begins and ends, and how far beside that walls count that are nearer than this, m.
+const DESCENDS: [f64; 2] = [0.1, -0.45];
+const BESIDE_IT: f64 = 0.25;
+const DESCENT: f64 = 0.45;
+const HAND: f64 = 0.3;
+/// How far ahead of itself it aims as it pushes, m, which gives its speed; and control steps after which it gives up.
+const PUSHES_AHEAD: f64 = 0.4;
+const PUSHES_LONGEST: u32 = 1000;
 /// Room in which a robot with its arms drawn in turns round, m, and room on the way there and on.
 const ROOM: f64 = 0.42;
 const PASSES: f64 = 0.15;
@@ -34,9 +52,47 @@ const BEFORE_GOAL: f64 = 0.12;
 /// Cost of missing room, metres of way for a metre.
 const MISSING: f64 = 10.0;
 
+/// Walls and things around the ladder, as a session tells of them, in the world's frame.
+pub(super) struct Walls {
+    map: Map,
+    /// The ladder cannot be moved.
+    is_fixed: bool,
+}
+
+impl Walls {
+    pub fn of(info: &SessionInfo) -> Self {
+        let (ladders, others): (Vec<_>, Vec<_>) = Map::outlines(info, HEIGHTS).partition(|(name, _)| name == "ladder");
+        Self { map: Map::new(others.into_iter(), ROOM), is_fixed: !ladders.is_empty() }
+    }
+
+    /// Room around a place of the plan's frame, m.
+    fn clearance(&self, world_from_plan: &Isometry3<f64>, at: &Vector3<f64>) -> f64 {
+        let at = world_from_plan * Point3::from(*at);
+        self.map.clearance([at.x, at.y])
+    }
+
+    /// True where the mirrored way down has more room. Downwards, the robot leans to the right as it begins on the platform, and stands with its
+    /// left on the floor first.
+    pub fn mirror_the_descent(&self, world_from_plan: &Isometry3<f64>) -> bool {
+        let room = |[x, y]: [f64; 2]| self.clearance(world_from_plan, &Vector3::new(x, y, 0.0));
+        let [platform, floor] = DESCENDS;
+        let [plain, mirrored] = [BESIDE_IT, -BESIDE_IT].map(|left| room([platform, -left]).min(room([floor, left])));
+        plain < DESCENT && plain < mirrored
+    }
+
+    /// True where a hand that is held out at the right of the platform would touch something.
+    pub fn are_at_the_right_hand(&self, world_from_plan: &Isometry3<f64>) -> bool {
+        self.clearance(world_from_plan, &Vector3::new(DESCENDS[0], -BESIDE_IT, 0.0)) < HAND
+    }
+}
+
 /// The way, from where the robot is as the task begins.
 pub(super) struct Way {
+    walls: Walls,
+    first: Vector3<f64>,
     goal: Vector3<f64>,
+    /// Control steps in which it still may push the ladder; 0 once it need not.
+    pushes: u32,
     /// Where walls are too near to turn round, where there is room: it walks there first, with the face to the ladder.
     leaves_for: Option<Vector3<f64>>,
     /// Where it turns its back to the ladder.
@@ -47,34 +103,84 @@ pub(super) struct Way {
 }
 
 impl Way {
-    /// From a place to before the plan's first posture, past the walls and things that a session tells of, in the world's frame.
-    pub fn new(
-        info: &SessionInfo,
-        world_from_plan: &Isometry3<f64>,
-        here: &Vector3<f64>,
-        first: &Vector3<f64>,
-    ) -> Self {
-        // A ladder that cannot be moved is among them.
-        let map = Map::new(Map::outlines(info, HEIGHTS).filter(|(name, _)| name != "ladder"), ROOM);
-        let clearance = |at: &Vector3<f64>| {
-            let at = world_from_plan * Point3::from(*at);
-            map.clearance([at.x, at.y])
-        };
+    /// From a place to before the plan's first posture, past walls and things.
+    pub fn new(walls: Walls, world_from_plan: &Isometry3<f64>, here: &Vector3<f64>, first: &Vector3<f64>) -> Self {
         let goal = first - Vector3::x() * BEFORE;
+        let mut way = Self {
+            walls,
+            first: *first,
+            goal,
+            pushes: 0,
+            leaves_for: None,
+            turning_place: *here,
+            is_narrow: false,
+            velocity: [0.0; 3],
+        };
+        way.look(world_from_plan, here);
+        if !way.walls.is_fixed && here.x < 0.0 && way.walls.clearance(world_from_plan, first) < PUSHES {
+            way.pushes = PUSHES_LONGEST;
+        }
+        way
+    }
+
+    /// Chooses where it turns, from a place on.
+    fn look(&mut self, world_from_plan: &Isometry3<f64>, here: &Vector3<f64>) {
+        let clearance = |at: &Vector3<f64>| self.walls.clearance(world_from_plan, at);
         let mut leaves_for = None;
-        if here.x < goal.x && clearance(here) < ROOM {
+        if here.x < self.goal.x && clearance(here) < ROOM {
             let is_open = |from: &Vector3<f64>, to: &Vector3<f64>| {
                 (1..=4).all(|part| clearance(&from.lerp(to, f64::from(part) / 4.0)) > PASSES)
             };
             let (cells, side) = CELLS;
             let places = (-cells..=cells).flat_map(|x| (-cells..=cells).map(move |y| (x, y)));
             let places = places.map(|(x, y)| here + side * Vector3::new(f64::from(x), f64::from(y), 0.0));
-            let places = places.filter(|at| at.x < goal.x - BEFORE_GOAL && is_open(here, at) && is_open(at, &goal));
+            let is_before = |at: &Vector3<f64>| at.x < self.goal.x - BEFORE_GOAL;
+            let places = places.filter(|at| is_before(at) && is_open(here, at) && is_open(at, &self.goal));
             let cost = |at: &Vector3<f64>| MISSING * (ROOM - clearance(at)).max(0.0) + (at - here).xy().norm();
             leaves_for = places.chain([*here]).min_by(|one, other| cost(one).total_cmp(&cost(other)));
         }
         let turning_place = leaves_for.unwrap_or(*here);
-        Self { goal, leaves_for, turning_place, is_narrow: clearance(&turning_place) < REACH, velocity: [0.0; 3] }
+        self.is_narrow = clearance(&turning_place) < REACH;
+        (self.leaves_for, self.turning_place) = (leaves_for, turning_place);
+    }
+
+    /// True while the ladder is pushed, for which arms need not be drawn in.
+    pub fn pushes(&self) -> bool {
+        self.pushes > 0
+    }
+
+    /// The velocity with which the robot pushes the ladder, with its shins, from before the steps straight on.
+    fn push(&mut self, world_from_plan: &Isometry3<f64>, here: &Isometry3<f64>) -> Option<[f64; 3]> {
+        let at = here.translation.vector;
+        self.pushes = self.pushes.checked_sub(1)?;
+        if self.walls.clearance(world_from_plan, &self.first) >= PUSHED {
+            self.pushes = 0;
+        }
+        if self.pushes == 0 {
+            self.look(world_from_plan, &at);
+            return None;
+        }
+        let ahead =
+            if at.y.abs() < PUSHES_STRAIGHT { Vector3::x() } else { Vector3::new(PUSHES_AT - at.x, -at.y, 0.0) };
+        let (distance, turn) = (at.y.abs(), wrapped(libm::atan2(ahead.y, ahead.x) - heading(here)));
+        let mut away = PUSHES_AHEAD * ahead.normalize();
+        if ahead.y == 0.0 {
+            let is_before = distance < IS_BEFORE.0 && turn.abs() < IS_BEFORE.1 || at.x > AT_THE_STEPS;
+            away = Vector3::new(if is_before { PUSHES_AHEAD } else { 0.0 }, -at.y, 0.0);
+        }
+        Some(self.slewed(&away, turn, heading(here)))
+    }
+
+    /// The next velocity towards a place that is that far away, and for a turn, at a heading.
+    fn slewed(&mut self, away: &Vector3<f64>, turn: f64, heading: f64) -> [f64; 3] {
+        let (sin, cos) = (libm::sin(heading), libm::cos(heading));
+        let wanted = [
+            (GAIN * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
+            (GAIN * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
+            (GAIN * turn).clamp(-FASTEST.1, FASTEST.1),
+        ];
+        self.velocity = SLEW.step(self.velocity, wanted);
+        self.velocity
     }
 
     /// True once a robot there has its back to the ladder.
@@ -83,7 +189,10 @@ impl Way {
     }
 
     /// The velocity from a place, m/s and rad/s; `None` once it has arrived.
-    pub fn velocity(&mut self, here: &Isometry3<f64>) -> Option<[f64; 3]> {
+    pub fn velocity(&mut self, world_from_plan: &Isometry3<f64>, here: &Isometry3<f64>) -> Option<[f64; 3]> {
+        if let Some(velocity) = self.push(world_from_plan, here) {
+            return Some(velocity);
+        }
         let (at, heading) = (here.translation.vector, heading(here));
         let error = wrapped(PI - heading);
         if error.abs() < ARRIVED.1 && (self.goal - at).xy().norm() < ARRIVED.0 {
@@ -92,14 +201,8 @@ impl Way {
         let away = if Self::has_turned(here) { around(&at, &self.goal) } else { self.turning_place } - at;
         let is_on_its_way = |place: &Vector3<f64>| (place - at).xy().norm() > 2.0 * ARRIVED.0;
         self.leaves_for = self.leaves_for.filter(is_on_its_way);
-        let (sin, cos) = (libm::sin(heading), libm::cos(heading));
-        let wanted = [
-            (GAIN * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
-            (GAIN * (cos * away.y - sin * away.x)).clamp(-FASTEST.0, FASTEST.0),
-            if self.leaves_for.is_some() { 0.0 } else { (GAIN * error).clamp(-FASTEST.1, FASTEST.1) },
-        ];
-        self.velocity = SLEW.step(self.velocity, wanted);
-        Some(self.velocity)
+        let turn = if self.leaves_for.is_some() { 0.0 } else { error };
+        Some(self.slewed(&away, turn, heading))
     }
 }
 
@@ -126,24 +229,34 @@ mod tests {
     const FIRST: Vector3<f64> = Vector3::new(-0.47, 0.0, 0.79);
     const HERE: Vector3<f64> = Vector3::new(-0.85, 0.0, 0.79);
 
-    /// The way in a room with these walls in the plan's frame: least x, largest x, least y and largest y, m. The frame itself is anywhere.
-    fn way(walls: &[[f64; 4]]) -> Way {
+    /// The plan's frame is anywhere.
+    fn world_from_plan() -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.1);
-        let world_from_plan = Isometry3::from_parts(Translation3::new(1.5, -2.0, 0.0), turn);
-        let print = |name: &str, &[left, right, low, high]: &[f64; 4]| {
+        Isometry3::from_parts(Translation3::new(1.5, -2.0, 0.0), turn)
+    }
+
+    /// These things in the plan's frame: least x, largest x, least y and largest y, m.
+    fn walls(things: &[(&str, [f64; 4])]) -> Walls {
+        let print = |&(name, [left, right, low, high]): &(&str, [f64; 4])| {
             let corners = [[left, low], [right, low], [right, high], [left, high]];
-            let corners = corners.map(|[x, y]| world_from_plan * Point3::new(x, y, 0.0));
+            let corners = corners.map(|[x, y]| world_from_plan() * Point3::new(x, y, 0.0));
             let outline = corners.iter().flat_map(|corner| [corner.x, corner.y]).collect();
             Footprint { name: name.into(), outline, top: 2.0, ..Footprint::default() }
         };
-        let ladder = print("ladder", &[-0.49, 0.49, -0.3, 0.3]);
-        let footprints = walls.iter().map(|wall| print("wall", wall)).chain([ladder]).collect();
-        Way::new(&SessionInfo { footprints, ..SessionInfo::default() }, &world_from_plan, &HERE, &FIRST)
+        Walls::of(&SessionInfo { footprints: things.iter().map(print).collect(), ..SessionInfo::default() })
+    }
+
+    /// The way in a room with these walls and a ladder that stays where it is.
+    fn way(things: &[[f64; 4]]) -> Way {
+        let ladder = ("ladder", [-0.49, 0.49, -0.3, 0.3]);
+        let things: Vec<_> = things.iter().map(|wall| ("wall", *wall)).chain([ladder]).collect();
+        Way::new(walls(&things), &world_from_plan(), &HERE, &FIRST)
     }
 
     /// The velocity of a robot that faces the ladder, at a place of the way; all 0 once it has arrived.
     fn facing(way: &mut Way, place: Vector3<f64>) -> [f64; 3] {
-        way.velocity(&Isometry3::from_parts(place.into(), UnitQuaternion::identity())).unwrap_or_default()
+        way.velocity(&world_from_plan(), &Isometry3::from_parts(place.into(), UnitQuaternion::identity()))
+            .unwrap_or_default()
     }
 
     #[test]
@@ -177,6 +290,44 @@ mod tests {
         let mut way = way(&[]);
         let goal = FIRST - Vector3::x() * BEFORE;
         assert!(facing(&mut way, goal)[2].abs() > 0.0);
-        assert!(way.velocity(&Isometry3::new(goal, Vector3::z() * PI)).is_none());
+        assert!(way.velocity(&world_from_plan(), &Isometry3::new(goal, Vector3::z() * PI)).is_none());
+    }
+
+    /// From before the steps it goes straight on, from beside them towards the ladder, until there is room; then it turns. A ladder that
+    /// cannot be moved is not pushed.
+    #[test]
+    fn it_pushes_the_ladder_away_from_a_wall() {
+        let wall = [-1.1, -0.8, -3.0, 3.0];
+        assert!(!way(&[wall]).pushes());
+        for (place, ways) in [(HERE, [1.0, 0.0]), (Vector3::new(-0.48, 0.7, 0.79), [0.0, -1.0])] {
+            let mut way = Way::new(walls(&[("wall", wall)]), &world_from_plan(), &place, &FIRST);
+            assert!(way.pushes());
+            let [ahead, left, _] = facing(&mut way, place);
+            assert!(ahead * ways[0] + left * ways[1] > 0.0, "{ahead} {left}");
+            let pushed = world_from_plan() * Isometry3::translation(0.3, 0.0, 0.0);
+            let here = Isometry3::from_parts(FIRST.into(), UnitQuaternion::identity());
+            assert!(way.velocity(&pushed, &here).is_some() && !way.pushes());
+        }
+    }
+
+    #[test]
+    fn it_gives_up_a_ladder_that_does_not_move() {
+        let mut way = Way::new(walls(&[("wall", [-1.1, -0.8, -3.0, 3.0])]), &world_from_plan(), &HERE, &FIRST);
+        (0..PUSHES_LONGEST).for_each(|_| drop(facing(&mut way, FIRST)));
+        assert!(!way.pushes());
+    }
+
+    /// Before a wall that is nearer at the left, and beside a corner at the right of the platform, but not in their mirror images.
+    #[test]
+    fn it_goes_down_where_there_is_room() {
+        for things in [[-3.0, -0.6, 0.1, 3.0], [-0.1, 1.0, -1.0, -0.4]] {
+            let [left, right, low, high] = things;
+            for (things, is_mirrored) in [(things, true), ([left, right, -high, -low], false)] {
+                let walls = walls(&[("wall", things)]);
+                assert_eq!(walls.mirror_the_descent(&world_from_plan()), is_mirrored, "{things:?}");
+            }
+        }
+        assert!(!walls(&[]).mirror_the_descent(&world_from_plan()));
+        assert!(walls(&[("wall", [-0.1, 1.0, -1.0, -0.4])]).are_at_the_right_hand(&world_from_plan()));
     }
 }
