@@ -1,6 +1,6 @@
-//! Plays `climb` in rooms, the last included, on all cores, and prints how each ended:
-//! `cargo run -p fiatlux-policies --example climb -- S02 1000..1003 [trace] [loads] [FILE.safetensors] [CHANGE...]`, with the network
-//! in the file where one is named. `loads` ends with a table of the joints' efforts and speeds in the successes. Changes are
+//! Plays `climb` in training rooms, the last included, or in rooms drawn afresh (`fresh:64`), on all cores, and prints how each ended:
+//! `cargo run -p fiatlux-policies --example climb -- S02 1000..1003 [wall=0.95] [trace] [loads] [FILE.safetensors] [CHANGE...]`, with the
+//! network in the file where one is named. With `wall`, only rooms in which a wall or a thing is nearer to the ladder's steps, m. `loads` ends with a table of the joints' efforts and speeds in the successes. Changes are
 //! `friction=0.8` (of the ladder), `x=1.05`, `y=` and `z=` (sizes of the ladder), `mass=0.05` (all masses of the robot more by that part),
 //! `masses=0.05` (each by another part up to it), `delay=1` (control steps), `push=0.3` (m/s, once during the climb) and
 //! `arms=0.12,1.2` (roll of the shoulders and angle of the elbows from which on it goes, rad: as `ladder` leaves them).
@@ -10,32 +10,37 @@ mod play;
 
 use std::error::Error;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
+use fiatlux_client::SeedList;
 use fiatlux_policies::Climb;
 use fiatlux_robot::Robot;
 use fiatlux_rules::{CONTROL_DT, Cause, SeedOwner, Task};
 
-use play::{Changes, Loads, Moment, Played, ladder_from_pelvis, play};
+use play::{Changes, Loads, Moment, Played, before_the_steps, ladder_from_pelvis, play};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [task, seeds, rest @ ..] = arguments.as_slice() else {
-        return Err("TASK FIRST..LAST [trace] [loads] [FILE.safetensors] [CHANGE...]".into());
+        return Err("TASK ROOMS [wall=M] [trace] [loads] [FILE.safetensors] [CHANGE...]".into());
     };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
-    let (first, last) = SeedOwner::training_rooms(seeds)?.into_inner();
+    let mut rooms: SeedList = seeds.parse()?;
+    if let Some(seed) = rooms.seeds.iter().find(|_| !rooms.fresh) {
+        SeedOwner::check_training(*seed)?;
+    }
+    if let Some(wall) = rest.iter().find_map(|word| word.strip_prefix("wall=")) {
+        let wall: f64 = wall.parse()?;
+        rooms.seeds.retain(|seed| before_the_steps(task, *seed).is_ok_and(|room| room < wall));
+    }
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".safetensors"));
     let changes = changes(rest)?;
     let climb = || file.map_or_else(Climb::new, |file| Climb::with_network(file));
-    let (next, won) = (AtomicU64::new(first), Mutex::new(Vec::new()));
+    let (next, won) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     let play_on = || {
         loop {
-            let seed = next.fetch_add(1, Ordering::SeqCst);
-            if seed > last {
-                return;
-            }
+            let Some(&seed) = rooms.seeds.get(next.fetch_add(1, Ordering::SeqCst)) else { return };
             let watch = |moment: &Moment<'_>| {
                 if trace && moment.row.step.is_multiple_of(25) {
                     print_state(moment);
@@ -63,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if rest.iter().any(|word| word == "loads") && !won.is_empty() {
         print_loads(&won)?;
     }
-    println!("{} of {}", won.len(), last + 1 - first);
+    println!("{} of {}", won.len(), rooms.seeds.len());
     Ok(())
 }
 
@@ -80,6 +85,7 @@ fn changes(words: &[String]) -> Result<Changes, Box<dyn Error>> {
             "masses" => changes.masses = value.parse()?,
             "delay" => changes.delay = value.parse()?,
             "push" => changes.push = Some(value.parse()?),
+            "wall" => {}
             "arms" => {
                 let (roll, elbow) = value.split_once(',').ok_or("arms=ROLL,ELBOW")?;
                 changes.arms = Some([roll.parse()?, elbow.parse()?]);

@@ -7,8 +7,9 @@ use fiatlux_client::Policy;
 use fiatlux_dynamics::{BodyVariation, Dynamics, Input, ShapeId, State, Variation};
 use fiatlux_policies::Climb;
 use fiatlux_rules::{CONTROL_DT, Cause, Protocol, Row, Task, Verdict, errand};
+use fiatlux_skills::path::Map;
 use fiatlux_world::{ACTION_SCALE, PHYSICS_DT, PropScale, SUBSTEPS, Scene, ShapeOwner, World};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 #[path = "../game/mod.rs"]
 mod game;
@@ -21,6 +22,8 @@ const FAST: f64 = 10.0;
 const TOUCH: f64 = 0.1;
 /// Parts of a limit that are told apart.
 const BINS: usize = 1000;
+/// Where the ladder's steps end on the floor, in its frame, m.
+const STEPS_Y: f64 = -0.49;
 /// The golden ratio: multiples of it spread times and masses over the rooms.
 const RATIO: f64 = 0.618_034;
 
@@ -149,6 +152,15 @@ fn see_speeds(world: &World, state: &mut State, again: &mut Dynamics, speeds: &m
 pub fn ladder_from_pelvis(row: &Row) -> Isometry3<f64> {
     let ladder = row.things[errand::LADDER].pose * Isometry3::rotation(Vector3::z() * FRAC_PI_2);
     ladder.inverse() * row.robot.pose
+}
+
+/// Distance from the middle of the ladder's steps to the nearest wall or thing, m, as an episode begins.
+#[allow(dead_code)]
+pub fn before_the_steps(task: Task, seed: u64) -> Result<f64, Box<dyn Error>> {
+    let game = Game::start(Start::of(task, seed)?)?;
+    let steps = game.world().row().things[errand::LADDER].pose * Point3::new(0.0, STEPS_Y, 0.0);
+    let things = Map::outlines(&game.info, [0.1, 1.9]).filter(|(name, _)| name != "ladder");
+    Ok(Map::new(things, 0.0).clearance([steps.x, steps.y]))
 }
 
 fn variation(scene: &Scene, seed: u64, changes: &Changes) -> Variation {
