@@ -203,6 +203,16 @@ impl Remove {
         glass(seen) * self.glass_from_hand * Translation3::from(self.params.grasp.back)
     }
 
+    /// Counts that the hand missed the glass; every few times it takes another stance.
+    fn misses(&mut self) -> Option<Phase> {
+        self.missed += 1;
+        if !self.missed.is_multiple_of(MAX_MISSED) {
+            return None;
+        }
+        self.taking.another();
+        Some(Phase::Take)
+    }
+
     /// Brings the open hand beside the glass, and around it.
     fn approach(&mut self, params: &Params, seen: &Seen, arm: &mut Arm) -> Result<Option<Phase>, PolicyError> {
         let (grasp, elapsed) = (&params.grasp, self.phases.elapsed(seen.time));
@@ -219,8 +229,10 @@ impl Remove {
         }
         let off = arm.distance_to(&goal);
         Ok(if !is_near && seen.is_touched() {
-            self.taking.goes_back();
-            Some(Phase::Take)
+            Some(self.misses().unwrap_or_else(|| {
+                self.taking.goes_back();
+                Phase::Take
+            }))
         } else if is_near && self.has_arrived && off > grasp.stray {
             // The robot sways, or the hand has caught on something: it would sweep the bulb out.
             Some(Phase::Retreat)
@@ -230,12 +242,7 @@ impl Remove {
         } else if self.has_arrived && off < grasp.error {
             Some(next)
         } else if elapsed > grasp.patience {
-            self.missed += u32::from(!is_near);
-            let gives_up = !is_near && self.missed.is_multiple_of(MAX_MISSED);
-            if gives_up {
-                self.taking.another();
-            }
-            Some(if gives_up { Phase::Take } else { Phase::Retreat })
+            Some(if is_near { None } else { self.misses() }.unwrap_or(Phase::Retreat))
         } else {
             None
         })
