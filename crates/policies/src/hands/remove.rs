@@ -228,18 +228,21 @@ impl Remove {
             self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
         }
         let off = arm.distance_to(&goal);
+        let target = arm.world_from_hand();
+        let lags = arm.distance_to(&target);
         Ok(if !is_near && seen.is_touched() {
             Some(self.misses().unwrap_or_else(|| {
                 self.taking.goes_back();
                 Phase::Take
             }))
-        } else if is_near && self.has_arrived && off > grasp.stray {
+        } else if is_near && (self.has_arrived && off > grasp.stray || lags > grasp.stray) {
             // The robot sways, or the hand has caught on something: it would sweep the bulb out.
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
             Some(Phase::Close)
-        } else if self.has_arrived && off < grasp.error {
+        } else if self.has_arrived && off < grasp.error + (elapsed / grasp.patience) * (grasp.stray - grasp.error) {
+            // The longer it tries, the less it asks for.
             Some(next)
         } else if elapsed > grasp.patience {
             Some(if is_near { None } else { self.misses() }.unwrap_or(Phase::Retreat))
