@@ -303,7 +303,7 @@ fn a_plan_is_raised_with_the_ladder() {
     assert_eq!(raised(&body, &fiatlux_climb::ladder().unwrap(), 2.0), None);
 }
 
-/// What the left foot did, the right one does, on the other side.
+/// The right foot does on the other side what the left one did.
 #[test]
 fn a_mirrored_plan_steps_on_the_other_side() {
     let (body, plan) = (body(), fiatlux_climb::descent().unwrap());

@@ -40,7 +40,7 @@ const DESCENDS: [f64; 2] = [0.1, -0.45];
 const BESIDE_IT: f64 = 0.25;
 const DESCENT: f64 = 0.45;
 const HAND: f64 = 0.3;
-/// How far ahead of itself it aims as it pushes, m, which gives its speed; and control steps after which it gives up.
+/// Distance ahead of itself at which it aims as it pushes, m, which gives its speed; and control steps after which it gives up.
 const PUSHES_AHEAD: f64 = 0.4;
 const PUSHES_LONGEST: u32 = 1000;
 /// Room in which a robot with its arms drawn in turns round, m, and room on the way there and on.
