@@ -26,7 +26,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::body;
 use crate::entry::Entry;
 use crate::whole_body::WholeBody;
-use taking_up::{nearest, rest_of};
+use taking_up::{is_mirrored, nearest, rest_of};
 use way::{Walls, Way};
 
 /// As a program makes it.
@@ -228,9 +228,14 @@ impl Policy for Climb {
                 return Err(unfit(reason));
             }
         };
-        let (walls, (world_from_plan, pelvis)) = (Walls::of(info), placed(first)?);
-        let is_mirrored = goes_down && walls.mirror_the_descent(&world_from_plan);
+        let (walls, (world_from_plan, pelvis)) = (Walls::of(info, self.at_start), placed(first)?);
+        let here = world_from_plan.inverse() * pelvis;
+        let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
+        let angles = body::angles(body::sensed("climb", first)?, &q0);
+        let looks = self.climber.is_none() && !self.at_start;
         let mut plan = plan.map_err(PolicyError::of("climb"))?;
+        let under_way = if looks && goes_down { is_mirrored(&plan, &here, &angles) } else { None };
+        let is_mirrored = goes_down && under_way.unwrap_or_else(|| walls.has_more_room_mirrored(&world_from_plan));
         if is_mirrored {
             plan = plan.mirrored();
         }
@@ -241,20 +246,11 @@ impl Policy for Climb {
         let walker = WholeBody::own("climb", Arc::clone(&self.network), info, first)?;
         let robot = Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str()));
         let robot = robot.map_err(|error| unfit(format!("{error}; use another policy")))?;
-        let own = robot.gains(Default::default());
-        let gains = info.joints.iter().zip(&own.0).map(|(joint, own)| JointGains {
-            stiffness: joint.stiffness,
-            damping: joint.damping,
-            effort_limit: joint.effort_limit,
-            ..*own
-        });
-        let gains = Gains(gains.collect());
+        let gains = gains_of(info, &robot);
         let carries = grip::Carrying::of_task(task);
         let hold = carries.map(|carries| grip::Hold::new(&info.joints, carries, &walker.targets)).unwrap_or_default();
         let robot = Body::new(robot, gains).ok_or_else(|| unfit("its drives do not fit the robot".into()))?;
         let height = first.privileged.as_ref().map_or(Ok(1.0), |seen| relative_height("climb", seen))?;
-        let q0: Vec<f64> = info.joints.iter().map(|joint| joint.q0).collect();
-        let here = world_from_plan.inverse() * pelvis;
         let is_other = (height - 1.0).abs() >= OTHER_HEIGHT;
         let fit = |plan: Plan| {
             let plan = if is_other { raised(&robot, &plan, height) } else { Some(plan) };
@@ -263,11 +259,14 @@ impl Policy for Climb {
             })
         };
         let mut plan = fit(plan)?;
-        let is_wide = !goes_down || task == "S04" && walls.are_at_the_right_hand(&world_from_plan);
-        let draws_in = self.climber.is_none() && !self.arms_ahead && is_wide;
+        let is_narrow = task == "S04" && walls.are_at_the_right_hand(&world_from_plan);
+        let draws_in = self.climber.is_none() && !self.arms_ahead && (!goes_down || is_narrow);
         if draws_in {
-            let armed = armed(&robot, &plan, &Arm::DRAWN_IN);
-            plan = armed.ok_or_else(|| unfit("its arms cannot be drawn in on this ladder; use another size".into()))?;
+            let unable = || unfit("its arms cannot be drawn in on this ladder; use another size".into());
+            plan = match armed(&robot, &plan, &Arm::DRAWN_IN) {
+                None if goes_down => plan,
+                armed => armed.ok_or_else(unable)?,
+            };
         }
         if let Some(then) = then {
             plan.extend(fit(then)?.keyframes);
@@ -275,9 +274,7 @@ impl Policy for Climb {
         let begins = plan.keyframes.first().map_or_else(Vector3::zeros, |first| first.pelvis.translation.vector);
         let way = Way::new(walls, &world_from_plan, &here.translation.vector, &begins);
         let is_at = |start: &Keyframe| (start.pelvis.translation.z - here.translation.z).abs();
-        let looks = self.climber.is_none() && !self.at_start;
-        let taken_up =
-            if looks { nearest(&plan, &here, &body::angles(body::sensed("climb", first)?, &q0)) } else { None };
+        let taken_up = if looks { nearest(&plan, &here, &angles) } else { None };
         let (mut robot, mut player, mut skipped) = (Some(robot), None, 0.0);
         if let Some(time) = taken_up {
             let rest = rest_of(&plan, time);
@@ -349,6 +346,18 @@ impl Policy for Climb {
     }
 }
 
+/// Gains of a robot in a session.
+fn gains_of(info: &SessionInfo, robot: &Robot) -> Gains {
+    let own = robot.gains(Default::default());
+    let gains = info.joints.iter().zip(&own.0).map(|(joint, own)| JointGains {
+        stiffness: joint.stiffness,
+        damping: joint.damping,
+        effort_limit: joint.effort_limit,
+        ..*own
+    });
+    Gains(gains.collect())
+}
+
 /// Where the plan's frame and the pelvis are, in the world.
 fn placed(observation: &Observation) -> Result<(Isometry3<f64>, Isometry3<f64>), PolicyError> {
     let seen = observation.privileged.as_ref();
@@ -372,10 +381,11 @@ impl Episode {
     /// The way to where the plan begins. A hand with a bulb is beside the ladder at first, and is drawn in once the robot has turned; where
     /// it is narrow, before.
     fn walk(&mut self, step: u64, world_from_plan: &Isometry3<f64>, here: &Isometry3<f64>) -> BodyCommand {
-        let draws_in = self.hold.is_empty() || self.way.is_narrow || Way::has_turned(here);
+        let is_near = self.way.is_narrow || self.way.is_pushing();
+        let draws_in = self.hold.is_empty() || is_near || Way::has_turned(here);
         let is_drawn_in = draws_in && self.move_arms();
         let mut command = BodyCommand::default();
-        if step < SETTLES || self.way.is_narrow && !self.way.pushes() && !is_drawn_in {
+        if step < SETTLES || self.way.is_narrow && !self.way.is_pushing() && !is_drawn_in {
             return command;
         }
         match if self.stood == 0 { self.way.velocity(world_from_plan, here) } else { None } {

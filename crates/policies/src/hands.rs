@@ -102,8 +102,7 @@ impl Hands {
     /// Name of the phase that an episode is in, and how far the hand is from where it is wanted, m.
     pub fn progress(&mut self) -> Option<(String, f64)> {
         let Played { arm, skill, .. } = self.episode.as_mut()?;
-        let wanted = arm.world_from_hand();
-        Some((skill.phase(), arm.distance_to(&wanted)))
+        Some((skill.phase(), arm.lag()))
     }
 }
 

@@ -42,8 +42,9 @@ const LADDER_HALF: [f64; 2] = [0.41, 0.60];
 /// It stands at the ladder's rails, within this cosine of their direction: what it holds would hit the legs elsewhere. Where it goes on
 /// to climb, it stands at the steps, on -y.
 const AT_RAILS: f64 = 0.25;
-/// Room from walls and things that it prefers there, m: between steps and wall, what it holds hits the ladder.
+/// Room from walls and things that it prefers there, m: between steps and wall, what it holds hits the ladder. And slack once it stands.
 const ROOM_AT_LADDER_M: f64 = 0.45;
+const ROOM_SLACK_M: f64 = 0.1;
 /// Speed at which it steps away, m/s.
 const LEAVES_M_S: f64 = 0.3;
 /// Distance to the goal at which the robot begins to turn towards the target, m.
@@ -93,6 +94,7 @@ enum Choice {
     Best,
     /// At the ladder: at either rail, with room.
     Roomy,
+    /// Anywhere: at the ladder, also beside its legs, which was tried in rooms whose rails both have less room.
     Any,
 }
 
@@ -211,12 +213,13 @@ impl EpisodeState {
         };
         let stop = self.goal.stop_m();
         let (map, walls, goal, choice, works) = (&self.map, &self.walls, self.goal, self.choice, self.works);
+        let room = ROOM_AT_LADDER_M - if self.has_arrived { ROOM_SLACK_M } else { 0.0 };
         let is_good_side = |at: Point| match goal {
             Goal::Ladder => {
                 let side = turn(turned, thing, at);
                 let is_at_steps = || !works || choice > Choice::Best || libm::sin(side) < 0.0;
                 let is_at_rails = libm::cos(side).abs() <= AT_RAILS && is_at_steps();
-                choice == Choice::Any || is_at_rails && walls.clearance(at) > ROOM_AT_LADDER_M
+                choice == Choice::Any || is_at_rails && walls.clearance(at) > room
             }
             _ => !works || choice > Choice::Best || has_room_to_reach(map, thing, at),
         };

@@ -26,9 +26,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     let mut rooms: SeedList = seeds.parse()?;
-    if let Some(seed) = rooms.seeds.iter().find(|_| !rooms.fresh) {
-        SeedOwner::check_training(*seed)?;
-    }
+    let named = rooms.seeds.iter().filter(|_| !rooms.fresh);
+    named.copied().try_for_each(|seed| SeedOwner::check_training(seed).map(drop))?;
     if let Some(wall) = rest.iter().find_map(|word| word.strip_prefix("wall=")) {
         let wall: f64 = wall.parse()?;
         rooms.seeds.retain(|seed| before_the_steps(task, *seed).is_ok_and(|room| room < wall));

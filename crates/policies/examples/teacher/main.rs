@@ -72,9 +72,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [tasks, rooms, rest @ ..] = arguments.as_slice() else { return Err("TASK,TASK ROOMS [spoilt] [each]".into()) };
     let rooms: SeedList = rooms.parse()?;
-    if let Some(seed) = rooms.seeds.iter().find(|_| !rooms.fresh) {
-        SeedOwner::check_training(*seed)?;
-    }
+    let named = rooms.seeds.iter().filter(|_| !rooms.fresh);
+    named.copied().try_for_each(|seed| SeedOwner::check_training(seed).map(drop))?;
     let says = |word: &str| rest.iter().any(|other| other == word);
     let threads = rest.iter().find_map(|word| word.strip_prefix("threads=")).map_or(Ok(2), str::parse)?;
     for task in tasks.parse::<TaskList>()?.0 {

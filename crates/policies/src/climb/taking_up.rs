@@ -30,6 +30,15 @@ pub(super) fn nearest(plan: &Plan, pelvis: &Isometry3<f64>, angles: &[f64]) -> O
     (time > BEGINS_S).then_some(time)
 }
 
+/// True for a robot that is on its way along a plan's mirror image, false for one along the plan; `None` where that does not say.
+pub(super) fn is_mirrored(plan: &Plan, pelvis: &Isometry3<f64>, angles: &[f64]) -> Option<bool> {
+    match [plan, &plan.mirrored()].map(|plan| nearest(plan, pelvis, angles).is_some()) {
+        [true, false] => Some(false),
+        [false, true] => Some(true),
+        _ => None,
+    }
+}
+
 /// The rest of a plan from a time on, s.
 pub(super) fn rest_of(plan: &Plan, time: f64) -> Plan {
     let mut start = 0.0;

@@ -26,20 +26,25 @@ const SLEW: Slew = Slew { linear: 0.6, turn: 1.2 };
 const HEIGHTS: [f64; 2] = [0.1, 1.9];
 /// Reach of arms that are held ahead, m.
 const REACH: f64 = 0.65;
-/// Room around the plan's first posture with less of which the ladder is pushed, and until there is which, m.
-const PUSHES: f64 = 0.45;
-const PUSHED: f64 = 0.55;
+/// Least room around the plan's first posture without a push, and room that ends one, m.
+const MIN_ROOM: f64 = 0.45;
+const ENOUGH_ROOM: f64 = 0.55;
+/// Longest way that the ladder is pushed, m.
+const FARTHEST: f64 = 0.8;
 /// Distance from the ladder's middle line up to which the robot steps before it and pushes straight on, within this distance and turn, m
 /// and rad, or from this place on, m; from farther aside it pushes at once, towards this point of the ladder's middle line, m.
 const PUSHES_STRAIGHT: f64 = 0.55;
 const IS_BEFORE: (f64, f64) = (0.06, 0.15);
 const AT_THE_STEPS: f64 = -0.7;
 const PUSHES_AT: f64 = -0.25;
-/// Where a descent begins and ends, and how far beside that walls count that are nearer than this, m.
+/// Where a descent begins and ends, and how far to a side of that the room counts, m.
 const DESCENDS: [f64; 2] = [0.1, -0.45];
-const BESIDE_IT: f64 = 0.25;
-const DESCENT: f64 = 0.45;
-const HAND: f64 = 0.3;
+const TO_A_SIDE: f64 = 0.25;
+/// Room there from which on either side will do, and which a hand with a bulb needs, m.
+const DESCENDS_WITHIN: f64 = 0.45;
+const HAND_NEEDS: f64 = 0.3;
+/// Heights between which things are in the way of a hand on the platform, m.
+const AT_THE_PLATFORM: [f64; 2] = [1.2, 2.6];
 /// Distance ahead of itself at which it aims as it pushes, m, which gives its speed; and control steps after which it gives up.
 const PUSHES_AHEAD: f64 = 0.4;
 const PUSHES_LONGEST: u32 = 1000;
@@ -55,34 +60,40 @@ const MISSING: f64 = 10.0;
 /// Walls and things around the ladder, as a session tells of them, in the world's frame.
 pub(super) struct Walls {
     map: Map,
-    /// The ladder cannot be moved.
-    is_fixed: bool,
+    /// Of what reaches up to the hands of a robot on the platform.
+    high: Map,
+    /// The ladder may be pushed.
+    can_push: bool,
 }
 
 impl Walls {
-    pub fn of(info: &SessionInfo) -> Self {
-        let (ladders, others): (Vec<_>, Vec<_>) = Map::outlines(info, HEIGHTS).partition(|(name, _)| name == "ladder");
-        Self { map: Map::new(others.into_iter(), ROOM), is_fixed: !ladders.is_empty() }
+    /// In the errand the ladder stays where it is; one that cannot be moved is among the things.
+    pub fn of(info: &SessionInfo, is_errand: bool) -> Self {
+        let is_ladder = |(name, _): &(String, _)| name == "ladder";
+        let map = |heights| Map::new(Map::outlines(info, heights).filter(|thing| !is_ladder(thing)), ROOM);
+        let can_push = !is_errand && !Map::outlines(info, HEIGHTS).any(|thing| is_ladder(&thing));
+        Self { map: map(HEIGHTS), high: map(AT_THE_PLATFORM), can_push }
     }
 
-    /// Room around a place of the plan's frame, m.
+    /// Room around a place of the plan's frame, m. A ladder that is tilted moves what is high above the floor, not the floor.
     fn clearance(&self, world_from_plan: &Isometry3<f64>, at: &Vector3<f64>) -> f64 {
-        let at = world_from_plan * Point3::from(*at);
+        let at = world_from_plan * Point3::new(at.x, at.y, 0.0);
         self.map.clearance([at.x, at.y])
     }
 
     /// True where the mirrored way down has more room. Downwards, the robot leans to the right as it begins on the platform, and stands with its
     /// left on the floor first.
-    pub fn mirror_the_descent(&self, world_from_plan: &Isometry3<f64>) -> bool {
+    pub fn has_more_room_mirrored(&self, world_from_plan: &Isometry3<f64>) -> bool {
         let room = |[x, y]: [f64; 2]| self.clearance(world_from_plan, &Vector3::new(x, y, 0.0));
         let [platform, floor] = DESCENDS;
-        let [plain, mirrored] = [BESIDE_IT, -BESIDE_IT].map(|left| room([platform, -left]).min(room([floor, left])));
-        plain < DESCENT && plain < mirrored
+        let [plain, mirrored] = [TO_A_SIDE, -TO_A_SIDE].map(|left| room([platform, -left]).min(room([floor, left])));
+        plain < DESCENDS_WITHIN && plain < mirrored
     }
 
     /// True where a hand that is held out at the right of the platform would touch something.
     pub fn are_at_the_right_hand(&self, world_from_plan: &Isometry3<f64>) -> bool {
-        self.clearance(world_from_plan, &Vector3::new(DESCENDS[0], -BESIDE_IT, 0.0)) < HAND
+        let at = world_from_plan * Point3::new(DESCENDS[0], -TO_A_SIDE, 0.0);
+        self.high.clearance([at.x, at.y]) < HAND_NEEDS
     }
 }
 
@@ -91,8 +102,9 @@ pub(super) struct Way {
     walls: Walls,
     first: Vector3<f64>,
     goal: Vector3<f64>,
-    /// Control steps in which it still may push the ladder; 0 once it need not.
+    /// Control steps in which it still may push the ladder; 0 once it need not. And where the ladder was.
     pushes: u32,
+    ladder: Vector3<f64>,
     /// Where walls are too near to turn round, where there is room: it walks there first, with the face to the ladder.
     leaves_for: Option<Vector3<f64>>,
     /// Where it turns its back to the ladder.
@@ -111,13 +123,14 @@ impl Way {
             first: *first,
             goal,
             pushes: 0,
+            ladder: world_from_plan.translation.vector,
             leaves_for: None,
             turning_place: *here,
             is_narrow: false,
             velocity: [0.0; 3],
         };
         way.look(world_from_plan, here);
-        if !way.walls.is_fixed && here.x < 0.0 && way.walls.clearance(world_from_plan, first) < PUSHES {
+        if way.walls.can_push && here.x < 0.0 && way.walls.clearance(world_from_plan, first) < MIN_ROOM {
             way.pushes = PUSHES_LONGEST;
         }
         way
@@ -145,7 +158,7 @@ impl Way {
     }
 
     /// True while the ladder is pushed, for which arms need not be drawn in.
-    pub fn pushes(&self) -> bool {
+    pub fn is_pushing(&self) -> bool {
         self.pushes > 0
     }
 
@@ -153,19 +166,20 @@ impl Way {
     fn push(&mut self, world_from_plan: &Isometry3<f64>, here: &Isometry3<f64>) -> Option<[f64; 3]> {
         let at = here.translation.vector;
         self.pushes = self.pushes.checked_sub(1)?;
-        if self.walls.clearance(world_from_plan, &self.first) >= PUSHED {
+        let has_room = self.walls.clearance(world_from_plan, &self.first) >= ENOUGH_ROOM;
+        if has_room || (world_from_plan.translation.vector - self.ladder).xy().norm() > FARTHEST {
             self.pushes = 0;
         }
         if self.pushes == 0 {
             self.look(world_from_plan, &at);
             return None;
         }
-        let ahead =
-            if at.y.abs() < PUSHES_STRAIGHT { Vector3::x() } else { Vector3::new(PUSHES_AT - at.x, -at.y, 0.0) };
-        let (distance, turn) = (at.y.abs(), wrapped(libm::atan2(ahead.y, ahead.x) - heading(here)));
+        let is_straight = at.y.abs() < PUSHES_STRAIGHT;
+        let ahead = if is_straight { Vector3::x() } else { Vector3::new(PUSHES_AT - at.x, -at.y, 0.0) };
+        let turn = wrapped(libm::atan2(ahead.y, ahead.x) - heading(here));
         let mut away = PUSHES_AHEAD * ahead.normalize();
-        if ahead.y == 0.0 {
-            let is_before = distance < IS_BEFORE.0 && turn.abs() < IS_BEFORE.1 || at.x > AT_THE_STEPS;
+        if is_straight {
+            let is_before = at.y.abs() < IS_BEFORE.0 && turn.abs() < IS_BEFORE.1 || at.x > AT_THE_STEPS;
             away = Vector3::new(if is_before { PUSHES_AHEAD } else { 0.0 }, -at.y, 0.0);
         }
         Some(self.slewed(&away, turn, heading(here)))
@@ -243,7 +257,8 @@ mod tests {
             let outline = corners.iter().flat_map(|corner| [corner.x, corner.y]).collect();
             Footprint { name: name.into(), outline, top: 2.0, ..Footprint::default() }
         };
-        Walls::of(&SessionInfo { footprints: things.iter().map(print).collect(), ..SessionInfo::default() })
+        let info = SessionInfo { footprints: things.iter().map(print).collect(), ..SessionInfo::default() };
+        Walls::of(&info, false)
     }
 
     /// The way in a room with these walls and a ladder that stays where it is.
@@ -298,15 +313,19 @@ mod tests {
     #[test]
     fn it_pushes_the_ladder_away_from_a_wall() {
         let wall = [-1.1, -0.8, -3.0, 3.0];
-        assert!(!way(&[wall]).pushes());
+        assert!(!way(&[wall]).is_pushing());
         for (place, ways) in [(HERE, [1.0, 0.0]), (Vector3::new(-0.48, 0.7, 0.79), [0.0, -1.0])] {
             let mut way = Way::new(walls(&[("wall", wall)]), &world_from_plan(), &place, &FIRST);
-            assert!(way.pushes());
+            assert!(way.is_pushing());
             let [ahead, left, _] = facing(&mut way, place);
             assert!(ahead * ways[0] + left * ways[1] > 0.0, "{ahead} {left}");
+            // A ladder that is tilted is as near to the wall as before.
+            let tilted = world_from_plan() * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.3);
+            let here = Isometry3::from_parts(place.into(), UnitQuaternion::identity());
+            assert!(way.velocity(&tilted, &here).is_some() && way.is_pushing());
             let pushed = world_from_plan() * Isometry3::translation(0.3, 0.0, 0.0);
             let here = Isometry3::from_parts(FIRST.into(), UnitQuaternion::identity());
-            assert!(way.velocity(&pushed, &here).is_some() && !way.pushes());
+            assert!(way.velocity(&pushed, &here).is_some() && !way.is_pushing());
         }
     }
 
@@ -314,7 +333,7 @@ mod tests {
     fn it_gives_up_a_ladder_that_does_not_move() {
         let mut way = Way::new(walls(&[("wall", [-1.1, -0.8, -3.0, 3.0])]), &world_from_plan(), &HERE, &FIRST);
         (0..PUSHES_LONGEST).for_each(|_| drop(facing(&mut way, FIRST)));
-        assert!(!way.pushes());
+        assert!(!way.is_pushing() && facing(&mut way, HERE)[2].abs() > 0.0);
     }
 
     /// Before a wall that is nearer at the left, and beside a corner at the right of the platform, but not in their mirror images.
@@ -324,10 +343,12 @@ mod tests {
             let [left, right, low, high] = things;
             for (things, is_mirrored) in [(things, true), ([left, right, -high, -low], false)] {
                 let walls = walls(&[("wall", things)]);
-                assert_eq!(walls.mirror_the_descent(&world_from_plan()), is_mirrored, "{things:?}");
+                assert_eq!(walls.has_more_room_mirrored(&world_from_plan()), is_mirrored, "{things:?}");
             }
         }
-        assert!(!walls(&[]).mirror_the_descent(&world_from_plan()));
-        assert!(walls(&[("wall", [-0.1, 1.0, -1.0, -0.4])]).are_at_the_right_hand(&world_from_plan()));
+        assert!(!walls(&[]).has_more_room_mirrored(&world_from_plan()));
+        for (things, are_near) in [([-0.1, 1.0, -1.0, -0.4], true), ([-0.1, 1.0, 0.4, 1.0], false)] {
+            assert_eq!(walls(&[("wall", things)]).are_at_the_right_hand(&world_from_plan()), are_near, "{things:?}");
+        }
     }
 }

@@ -41,6 +41,12 @@ const SPREAD: f64 = 1.2;
 const PELVIS_SHARE: [f64; 2] = [0.2, 0.25];
 
 impl Arm {
+    /// Distance of the hand, as sensed, from where it is commanded to be, m; a turn of 0.1 rad counts as much as 0.03.
+    pub fn lag(&mut self) -> f64 {
+        let target = self.world_from_hand();
+        self.distance_to(&target)
+    }
+
     /// Sets pelvis and waist to where a command brings them, the feet staying and the centre of mass over them, while the arm has
     /// these angles. It holds until the next [`Arm::sense`].
     pub fn assume(&mut self, command: &BodyCommand, angles: &ArmAngles) {

@@ -4,6 +4,8 @@
 //! closes the thumb and the fingers, and pulls along the socket's axis. If the bulb stays, it opens the hand and tries again. Then it
 //! stands up.
 
+mod ways;
+
 use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::SessionInfo;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip, Touch};
@@ -12,9 +14,8 @@ use fiatlux_wbc::{BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::apart::Apart;
-use super::arm::{Arm, MakesArm, ToolGoal};
-use super::judge::{Judge, Stance, Standing};
+use super::arm::{Arm, MakesArm};
+use super::judge::Standing;
 use super::lean::{Lean, leans};
 use super::parameters::parameters;
 use super::plan::ArmAngles;
@@ -24,9 +25,8 @@ use super::side::Side;
 use super::skill::{Expert, GLASS, Seen, TOUCHED};
 use super::socket::Plug;
 use super::stance::{REST, Taking};
+use ways::Ways;
 
-/// Length of a step along a way that is checked beforehand, m.
-const CHECKED: f64 = 0.015;
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
@@ -203,14 +203,10 @@ impl Remove {
         glass(seen) * self.glass_from_hand * Translation3::from(self.params.grasp.back)
     }
 
-    /// Counts that the hand missed the glass; every few times it takes another stance.
-    fn misses(&mut self) -> Option<Phase> {
+    /// Counts that the hand missed the glass; true every few times, when another stance is due.
+    fn misses_often(&mut self) -> bool {
         self.missed += 1;
-        if !self.missed.is_multiple_of(MAX_MISSED) {
-            return None;
-        }
-        self.taking.another();
-        Some(Phase::Take)
+        self.missed.is_multiple_of(MAX_MISSED)
     }
 
     /// Brings the open hand beside the glass, and around it.
@@ -228,24 +224,28 @@ impl Remove {
             self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
         }
         let off = arm.distance_to(&goal);
-        let target = arm.world_from_hand();
-        let lags = arm.distance_to(&target);
+        let strays = is_near && (self.has_arrived && off > grasp.stray || arm.lag() > grasp.stray);
         Ok(if !is_near && seen.is_touched() {
-            Some(self.misses().unwrap_or_else(|| {
-                self.taking.goes_back();
-                Phase::Take
-            }))
-        } else if is_near && (self.has_arrived && off > grasp.stray || lags > grasp.stray) {
-            // The robot sways, or the hand has caught on something: it would sweep the bulb out.
+            if self.misses_often() {
+                self.taking.another()
+            } else {
+                self.taking.goes_back()
+            }
+            Some(Phase::Take)
+        } else if strays {
+            // The robot sways, or the hand has caught on something: it would sweep the bulb out, or press the robot off the platform.
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
             Some(Phase::Close)
-        } else if self.has_arrived && off < grasp.error + (elapsed / grasp.patience) * (grasp.stray - grasp.error) {
-            // The longer it tries, the less it asks for.
+        } else if self.has_arrived && off < grasp.error {
             Some(next)
         } else if elapsed > grasp.patience {
-            Some(if is_near { None } else { self.misses() }.unwrap_or(Phase::Retreat))
+            let gives_up = !is_near && self.misses_often();
+            if gives_up {
+                self.taking.another();
+            }
+            Some(if gives_up { Phase::Take } else { Phase::Retreat })
         } else {
             None
         })
@@ -261,92 +261,6 @@ fn share_of(change: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
 /// The glass's frame: its centre, with the bulb's axes.
 fn glass(seen: &Seen) -> Isometry3<f64> {
     seen.old_bulb * Translation3::new(0.0, 0.0, GLASS)
-}
-
-/// Ways from beside the glass to around it and out of the socket.
-struct Ways {
-    seen: Seen,
-    grasp: Grasp,
-    /// Length of the pull, m.
-    out: f64,
-}
-
-impl Judge for Ways {
-    /// By the grasp that the arm reaches best. Its turn about the socket's axis is the arm's choice. What the arm needs to pull
-    /// counts, too.
-    async fn judge(
-        &self,
-        arm: &mut Arm,
-        command: &BodyCommand,
-        from: &ArmAngles,
-        tries: usize,
-        least: f64,
-    ) -> Result<Option<Stance>, PolicyError> {
-        let mut best: Option<Stance> = None;
-        for tilt in &self.grasp.tilts {
-            let least = best.as_ref().map_or(least, Stance::score);
-            best = self.way(arm, *tilt, command, from, tries, least).await?.or(best);
-        }
-        Ok(best)
-    }
-}
-
-impl Ways {
-    /// Postures from beside the glass to around it by a grasp. `None` where the stance's score is not above `least`.
-    async fn way(
-        &self,
-        arm: &mut Arm,
-        [about_x, about_y]: [f64; 2],
-        command: &BodyCommand,
-        from: &ArmAngles,
-        tries: usize,
-        least: f64,
-    ) -> Result<Option<Stance>, PolicyError> {
-        let Self { seen, grasp, out } = self;
-        let mut stance = Stance::of(command);
-        if stance.score() <= least {
-            return Ok(None);
-        }
-        let hand_from_glass = Isometry3::from_parts(
-            Translation3::from(grasp.hand_from_glass),
-            UnitQuaternion::from_euler_angles(about_x, about_y, 0.0),
-        );
-        let axis = seen.socket.rotation * Vector3::z();
-        let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
-        arm.assume(command, from);
-        let (angles, _) = arm.find(true, &around, from, tries).await?;
-        arm.assume(command, &angles);
-        let (angles, error) = arm.find(true, &around, &angles, 1).await?;
-        let around = arm.place(&angles);
-        (stance.world_from_hand, stance.postures) = (around, vec![angles]);
-        (stance.room, stance.error) = (arm.room(&angles), error);
-        stance.gap = arm.body_gap().await.min(arm.gap(&angles, Apart::Working).await);
-        let back = Vector3::from(grasp.back);
-        let mut now = angles;
-        let steps = libm::ceil(back.norm() / CHECKED);
-        for step in 1..=steps as usize {
-            if stance.score() <= least {
-                return Ok(None);
-            }
-            let world_from_tool = around * Translation3::from(back * (step as f64 / steps));
-            let goal = ToolGoal { hand_from_tool: Isometry3::identity(), world_from_tool, free: None };
-            now = stance.go_on(arm, &goal, &now).await?;
-            stance.postures.push(now);
-        }
-        stance.gap = stance.gap.min(arm.gap(&now, Apart::All).await);
-        stance.postures.reverse();
-        let mut now = angles;
-        let steps = libm::ceil(out / CHECKED);
-        for step in 1..=steps as usize {
-            if stance.score() <= least {
-                return Ok(None);
-            }
-            let world_from_tool = Translation3::from(axis * (out * step as f64 / steps)) * glass(seen);
-            let goal = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool, free: Some(axis) };
-            now = stance.go_on(arm, &goal, &now).await?;
-        }
-        Ok(Some(stance).filter(|stance| stance.score() > least))
-    }
 }
 
 impl Expert for Remove {
