@@ -182,11 +182,11 @@ impl Way {
             let is_before = at.y.abs() < IS_BEFORE.0 && turn.abs() < IS_BEFORE.1 || at.x > AT_THE_STEPS;
             away = Vector3::new(if is_before { PUSHES_AHEAD } else { 0.0 }, -at.y, 0.0);
         }
-        Some(self.slewed(&away, turn, heading(here)))
+        Some(self.next_velocity(&away, turn, heading(here)))
     }
 
     /// The next velocity towards a place that is that far away, and for a turn, at a heading.
-    fn slewed(&mut self, away: &Vector3<f64>, turn: f64, heading: f64) -> [f64; 3] {
+    fn next_velocity(&mut self, away: &Vector3<f64>, turn: f64, heading: f64) -> [f64; 3] {
         let (sin, cos) = (libm::sin(heading), libm::cos(heading));
         let wanted = [
             (GAIN * (cos * away.x + sin * away.y)).clamp(-FASTEST.0, FASTEST.0),
@@ -216,7 +216,7 @@ impl Way {
         let is_on_its_way = |place: &Vector3<f64>| (place - at).xy().norm() > 2.0 * ARRIVED.0;
         self.leaves_for = self.leaves_for.filter(is_on_its_way);
         let turn = if self.leaves_for.is_some() { 0.0 } else { error };
-        Some(self.slewed(&away, turn, heading))
+        Some(self.next_velocity(&away, turn, heading))
     }
 }
 

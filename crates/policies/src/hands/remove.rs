@@ -22,10 +22,10 @@ use super::plan::ArmAngles;
 use super::retries::Manner;
 use super::room;
 use super::side::Side;
-use super::skill::{Expert, GLASS, Seen, TOUCHED};
+use super::skill::{Expert, Seen, TOUCHED};
 use super::socket::Plug;
 use super::stance::{REST, Taking};
-use ways::Ways;
+use ways::{Grasp, Ways, glass};
 
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
@@ -47,20 +47,6 @@ struct Params {
     close: Close,
     pull: Pull,
     leave: Leaving,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Grasp {
-    hand_from_glass: [f64; 3],
-    tilts: Vec<[f64; 2]>,
-    back: [f64; 3],
-    speed: f64,
-    error: f64,
-    stray: f64,
-    gain: f64,
-    lead: f64,
-    patience: f64,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -256,11 +242,6 @@ impl Remove {
 fn share_of(change: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(share * change.rotation.scaled_axis());
     Isometry3::from_parts(Translation3::from(share * change.translation.vector), turn)
-}
-
-/// The glass's frame: its centre, with the bulb's axes.
-fn glass(seen: &Seen) -> Isometry3<f64> {
-    seen.old_bulb * Translation3::new(0.0, 0.0, GLASS)
 }
 
 impl Expert for Remove {

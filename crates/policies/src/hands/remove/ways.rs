@@ -3,16 +3,36 @@
 use fiatlux_client::PolicyError;
 use fiatlux_wbc::BodyCommand;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
 
-use super::{Grasp, glass};
 use crate::hands::apart::Apart;
 use crate::hands::arm::{Arm, ToolGoal};
 use crate::hands::judge::{Judge, Stance};
 use crate::hands::plan::ArmAngles;
-use crate::hands::skill::Seen;
+use crate::hands::skill::{GLASS, Seen};
 
 /// Length of a step along a way that is checked beforehand, m.
 const CHECKED: f64 = 0.015;
+
+/// The hold of the glass and the way there, as `[grasp]` of `remove.toml` has it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Grasp {
+    pub(super) hand_from_glass: [f64; 3],
+    pub(super) tilts: Vec<[f64; 2]>,
+    pub(super) back: [f64; 3],
+    pub(super) speed: f64,
+    pub(super) error: f64,
+    pub(super) stray: f64,
+    pub(super) gain: f64,
+    pub(super) lead: f64,
+    pub(super) patience: f64,
+}
+
+/// The glass's frame: its centre, with the bulb's axes.
+pub(super) fn glass(seen: &Seen) -> Isometry3<f64> {
+    seen.old_bulb * Translation3::new(0.0, 0.0, GLASS)
+}
 
 /// Ways from beside the glass to around it and out of the socket.
 pub(super) struct Ways {
