@@ -49,6 +49,18 @@ fn the_bulb_comes_to_the_steps() {
     assert!(y < 0.0, "{y} m");
 }
 
+/// Where a wall is too near to the steps, it comes to the other rail: between steps and wall it met the ladder.
+#[test]
+fn the_bulb_comes_to_where_it_has_room() {
+    let mut y = f64::NAN;
+    let played = play::play(Task::S09, 20145, |world, stage| {
+        y = by_the_ladder(world).y;
+        !stage.starts_with("S10")
+    });
+    assert_eq!(played.unwrap().end, "left");
+    assert!(y > 0.0, "{y} m");
+}
+
 /// A thumb that meets the glass askew presses less: the hand opens and closes again before it lifts.
 #[test]
 fn a_loose_grip_is_tried_again() {
