@@ -219,7 +219,7 @@ impl Remove {
             }
             Some(Phase::Take)
         } else if strays {
-            // The robot sways, or the hand has caught on something: it would sweep the bulb out, or press the robot off the platform.
+            // The robot sways, or the hand has caught on something: it would sweep the bulb out, or the robot falls.
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
