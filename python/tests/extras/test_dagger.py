@@ -267,8 +267,9 @@ def test_a_run_that_is_stopped_ends_its_processes(tmp_path, monkeypatch):
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         parts.do_all(work, 2)
-    for child in multiprocessing.active_children():
-        child.join(20)
+    # The pool's own thread may be the one that collects a child, which counts as active until then.
+    while multiprocessing.active_children() and time.monotonic() - began < 120:
+        time.sleep(0.05)
     assert not multiprocessing.active_children() and time.monotonic() - began < 120
     assert [part.is_done for part in work] == [True, False, False, False]
 
