@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use fiatlux_robot::{BODY, LEGS, MOVED};
+use fiatlux_robot::{BODY, mirrored};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use thiserror::Error;
 
@@ -12,9 +12,6 @@ const NUMBERS: usize = 7 + 7 + BODY;
 const UNIT: f64 = 1e4;
 /// Largest speed of a joint, rad/s.
 const RATE: f64 = 0.5;
-
-/// Joints of legs, waist and arms that turn about an axis from front to rear or upwards, in the order of a limb's joints.
-const ROLLS_AND_YAWS: [&[usize]; 3] = [&[1, 2, 5], &[0, 1], &[1, 2, 4, 6]];
 
 /// A posture of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,16 +35,11 @@ impl Keyframe {
         let (at, turn) = (self.pelvis.translation.vector, self.pelvis.rotation);
         let turn = UnitQuaternion::new_unchecked(Quaternion::new(turn.w, -turn.i, turn.j, -turn.k));
         self.pelvis = Isometry3::from_parts(Vector3::new(at.x, -at.y, at.z).into(), turn);
-        let (legs, rest) = self.angles.split_at_mut(LEGS);
-        let (waist, arms) = rest.split_at_mut(MOVED - LEGS);
-        let (left_leg, right_leg) = legs.split_at_mut(LEGS / 2);
-        let (left_arm, right_arm) = arms.split_at_mut((BODY - MOVED) / 2);
-        left_leg.swap_with_slice(right_leg);
-        left_arm.swap_with_slice(right_arm);
-        let limbs = [(left_leg, 0), (right_leg, 0), (waist, 1), (left_arm, 2), (right_arm, 2)];
-        for (limb, kind) in limbs {
-            ROLLS_AND_YAWS[kind].iter().for_each(|joint| limb[*joint] = -limb[*joint]);
-        }
+        let angle = |joint| {
+            let (from, sign) = mirrored(joint);
+            sign * self.angles[from]
+        };
+        self.angles = (0..self.angles.len()).map(angle).collect();
     }
 }
 

@@ -51,7 +51,7 @@ mod variant;
 pub use build::{BuildOptions, JointIds, LinkIds, PlacedRobot, RobotIds};
 pub use error::RobotError;
 pub use gains::{GainSet, Gains, JointGains};
-pub use groups::{ARMS, BODY, LEGS, MOVED};
+pub use groups::{ARMS, BODY, LEGS, MOVED, mirrored};
 pub use robot::{BulbGrasp, CameraMount, Follows, Joint, JointGroups, Link, Robot};
 pub use shape::{Shape, Surface};
 pub use sites::{RobotSite, Sole};

@@ -10,5 +10,5 @@ mod reach;
 pub mod walker;
 
 pub use path::Map;
-pub use reach::{HandGoal, MIRRORED, Reach, ReachOptions};
+pub use reach::{HandGoal, Reach, ReachOptions};
 pub use walker::{GAIN, Slew, Steps, heading, steps_to, towards};

@@ -6,15 +6,13 @@
 
 use fiatlux_dynamics::{Model, ModelBuilder, State};
 use fiatlux_kinematics::{Goal, InverseKinematics, Mechanics, SearchOptions, Site};
-use fiatlux_robot::{BuildOptions, Robot, RobotIds};
+use fiatlux_robot::{BuildOptions, Robot, RobotIds, mirrored};
 use fiatlux_wbc::{ARMS, BODY, CONTROL_DT, MOVED, Sensed, WbcError, first_unsound};
 use nalgebra::{Isometry3, Vector3};
 
 /// Fastest that a reference moves, rad/s.
 const SPEED: f64 = 2.0;
 const ARM: usize = ARMS / 2;
-/// Joints of an arm, from the shoulder down, whose angles have the other sign on the left: rolls and yaws.
-pub const MIRRORED: [usize; 4] = [1, 2, 4, 6];
 
 /// Settings of the search for angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,7 +94,7 @@ impl Reach {
             inverse.options = options.search;
             if let Some(mut rest) = options.rest {
                 if side == 0 {
-                    MIRRORED.iter().for_each(|joint| rest[*joint] = -rest[*joint]);
+                    rest.iter_mut().zip(MOVED..).for_each(|(angle, joint)| *angle *= mirrored(joint).1);
                 }
                 inverse.set_rest(&rest).map_err(|error| unfit(&error))?;
             }

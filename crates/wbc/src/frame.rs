@@ -1,7 +1,7 @@
 //! Observations of the controller.
 
 use fiatlux_proto::Proprioception;
-use fiatlux_robot::{ARMS, LEGS, MOVED};
+use fiatlux_robot::{ARMS, MOVED, mirrored};
 use serde::{Deserialize, Serialize};
 
 use crate::BodyCommand;
@@ -98,18 +98,10 @@ impl History {
     }
 }
 
-/// Signs of a leg's joints, of the waist's and of an arm's under reflection at the robot's median plane: turns about the
-/// lateral axis stay, the others change.
-const LEG: [f32; 6] = [1.0, -1.0, -1.0, 1.0, 1.0, -1.0];
-const WAIST: [f32; 3] = [-1.0, -1.0, 1.0];
-const ARM: [f32; 7] = [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-
 /// Where number `index` of a mirrored action comes from, and its sign.
 pub fn mirrored_action(index: usize) -> (usize, f32) {
-    match index {
-        0..LEGS => ((index + LEGS / 2) % LEGS, LEG[index % (LEGS / 2)]),
-        _ => (index, WAIST[index - LEGS]),
-    }
+    let (from, sign) = mirrored(index);
+    (from, sign as f32)
 }
 
 /// Where number `index` of a mirrored frame comes from, and its sign.
@@ -129,7 +121,10 @@ pub fn mirrored_frame(index: usize) -> (usize, f32) {
                 4 => (at, COMMAND[at]),
                 5 => ((at + 2) % 4, 1.0),
                 6..=8 => mirrored_action(at),
-                _ => ((at + ARMS / 2) % ARMS, ARM[at % (ARMS / 2)]),
+                _ => {
+                    let (from, sign) = mirrored(MOVED + at);
+                    (from - MOVED, sign as f32)
+                }
             };
             return (start + from, sign);
         }

@@ -8,11 +8,12 @@ use std::f64::consts::FRAC_PI_2;
 use fiatlux_client::PolicyError;
 use fiatlux_kinematics::at_once;
 use fiatlux_proto::v3::SessionInfo;
+use fiatlux_robot::{MOVED, mirrored};
 use fiatlux_room::{bulb, crate_};
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::path::wrapped;
 use fiatlux_skills::phases::{Phases, Skill};
-use fiatlux_skills::{MIRRORED, heading, steps_to};
+use fiatlux_skills::{heading, steps_to};
 use fiatlux_wbc::{ARMS, BodyCommand, CONTROL_DT};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::Deserialize;
@@ -154,7 +155,8 @@ impl Params {
         mirror(&mut grasp.hand_from_glass, &[2]);
         mirror(std::slice::from_mut(&mut grasp.turn), &[0]);
         mirror(std::slice::from_mut(&mut grasp.roll), &[0]);
-        mirror(&mut motion.rest, &MIRRORED);
+        let turns: Vec<usize> = (0..motion.rest.len()).filter(|joint| mirrored(MOVED + joint).1 < 0.0).collect();
+        mirror(&mut motion.rest, &turns);
         for Waypoint { pelvis, turned, waist, glass, .. } in way {
             mirror(pelvis, &[1]);
             mirror(turned, &[0, 2]);
