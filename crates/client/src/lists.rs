@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 use std::str::FromStr;
 
-use fiatlux_rules::{SeedOwner, Task};
+use fiatlux_rules::{ReservedSeed, SeedOwner, Task};
 
 /// Largest number of seeds in one range.
 const MAX_SEEDS: u64 = 10_000;
@@ -51,6 +51,15 @@ pub struct SeedList {
 }
 
 impl SeedList {
+    /// Refuses rooms that were named and are kept for something else than training; those drawn afresh are nobody's.
+    ///
+    /// # Errors
+    /// [`ReservedSeed`] for the first of them.
+    pub fn check_training(&self) -> Result<(), ReservedSeed> {
+        let named = self.seeds.iter().filter(|_| !self.fresh);
+        named.copied().try_for_each(|seed| SeedOwner::check_training(seed).map(drop))
+    }
+
     /// The seeds of an earlier draw of as many, if it was written to this file, so that the same command goes on; a new draw is
     /// written to it. Seeds that were given stay as they are.
     ///

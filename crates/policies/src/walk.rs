@@ -221,7 +221,7 @@ impl EpisodeState {
                 let is_at_rails = libm::cos(side).abs() <= AT_RAILS && is_at_steps();
                 choice == Choice::Any || is_at_rails && walls.clearance(at) > room
             }
-            _ => !works || choice > Choice::Best || has_room_to_reach(map, thing, at),
+            _ => !works || choice == Choice::Any || has_room_to_reach(map, thing, at),
         };
         // A search for a path asks this of tens of thousands of places: their distance first, which most of them fail.
         let is_within = |at: Point, most: f64| match goal {
@@ -250,7 +250,8 @@ impl EpisodeState {
             self.path = map.path(here, |at| is_within(at, stop - 0.02));
             self.planned = Some(step);
             if self.path.is_empty() && choice != Choice::Any {
-                self.choice = if choice == Choice::Best { Choice::Roomy } else { Choice::Any };
+                let is_next = choice == Choice::Best && goal == Goal::Ladder;
+                self.choice = if is_next { Choice::Roomy } else { Choice::Any };
                 self.planned = None;
             }
         }

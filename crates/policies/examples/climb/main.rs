@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use fiatlux_client::SeedList;
 use fiatlux_policies::Climb;
 use fiatlux_robot::Robot;
-use fiatlux_rules::{CONTROL_DT, Cause, SeedOwner, Task};
+use fiatlux_rules::{CONTROL_DT, Cause, Task};
 
 use play::{Changes, Loads, Moment, Played, before_the_steps, ladder_from_pelvis, play};
 
@@ -26,11 +26,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let task = *Task::ALL.iter().find(|known| format!("{known:?}") == *task).ok_or("no such task")?;
     let mut rooms: SeedList = seeds.parse()?;
-    let named = rooms.seeds.iter().filter(|_| !rooms.fresh);
-    named.copied().try_for_each(|seed| SeedOwner::check_training(seed).map(drop))?;
+    rooms.check_training()?;
     if let Some(wall) = rest.iter().find_map(|word| word.strip_prefix("wall=")) {
         let wall: f64 = wall.parse()?;
-        rooms.seeds.retain(|seed| before_the_steps(task, *seed).is_ok_and(|room| room < wall));
+        let is_near = |seed: u64| before_the_steps(task, seed).map(|room| (room < wall).then_some(seed));
+        let near: Result<Vec<_>, _> = rooms.seeds.into_iter().map(is_near).collect();
+        rooms.seeds = near?.into_iter().flatten().collect();
     }
     let trace = rest.iter().any(|word| word == "trace");
     let file = rest.iter().find(|word| word.ends_with(".safetensors"));

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use fiatlux_client::{Command, Policy, SeedList, TaskList};
 use fiatlux_policies::Expert;
 use fiatlux_proto::v3::Observation;
-use fiatlux_rules::{CONTROL_DT, Cause, SeedOwner, Task};
+use fiatlux_rules::{CONTROL_DT, Cause, Task};
 use fiatlux_wbc::MOVED;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng as _;
@@ -72,8 +72,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [tasks, rooms, rest @ ..] = arguments.as_slice() else { return Err("TASK,TASK ROOMS [spoilt] [each]".into()) };
     let rooms: SeedList = rooms.parse()?;
-    let named = rooms.seeds.iter().filter(|_| !rooms.fresh);
-    named.copied().try_for_each(|seed| SeedOwner::check_training(seed).map(drop))?;
+    rooms.check_training()?;
     let says = |word: &str| rest.iter().any(|other| other == word);
     let threads = rest.iter().find_map(|word| word.strip_prefix("threads=")).map_or(Ok(2), str::parse)?;
     for task in tasks.parse::<TaskList>()?.0 {

@@ -213,9 +213,9 @@ impl Remove {
         let strays = is_near && (self.has_arrived && off > grasp.stray || arm.lag() > grasp.stray);
         Ok(if !is_near && seen.is_touched() {
             if self.misses_often() {
-                self.taking.another()
+                self.taking.another();
             } else {
-                self.taking.goes_back()
+                self.taking.goes_back();
             }
             Some(Phase::Take)
         } else if strays {
