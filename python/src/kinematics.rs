@@ -295,6 +295,7 @@ impl Kinematics {
                         world_from_part: pose(&poses[index][7 * row..7 * row + 7]),
                         position: weights[index].0,
                         rotation: weights[index].1,
+                        free: None,
                     };
                     let goals: Vec<Goal> = (0..parts.len()).map(goal).collect();
                     let result = solver.solve(model, &mut state, &goals)?;

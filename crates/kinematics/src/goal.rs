@@ -1,7 +1,7 @@
 //! Goals of inverse kinematics, and its answers.
 
 use fiatlux_dynamics::{BodyId, ShapeId, Site};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Unit, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 /// The part that a goal is for.
@@ -22,26 +22,64 @@ pub struct Goal {
     pub world_from_part: Isometry3<f64>,
     /// Weight of the position error along each of the world's axes.
     pub position: [f64; 3],
-    /// Weight of the rotation error about each of the world's axes, m/rad: at 0.3, 0.1 rad count as 3 cm.
+    /// Weight of the rotation error about each of the world's axes, m/rad: at 0.3, 0.1 rad count as 3 cm. If one alone is 0, it is as if
+    /// that axis were [`Self::free`].
     pub rotation: [f64; 3],
+    /// Axis of the world about which the part may have any turn.
+    pub free: Option<Unit<Vector3<f64>>>,
 }
 
 impl Goal {
     /// A whole pose of a site.
     pub fn pose(site: Site, world_from_site: Isometry3<f64>) -> Self {
-        Self { part: Part::Site(site), world_from_part: world_from_site, position: [1.0; 3], rotation: [0.3; 3] }
+        Self {
+            part: Part::Site(site),
+            world_from_part: world_from_site,
+            position: [1.0; 3],
+            rotation: [0.3; 3],
+            free: None,
+        }
+    }
+
+    /// A pose of a site whose turn about an axis of the world is free.
+    pub fn pose_about(site: Site, world_from_site: Isometry3<f64>, axis: Unit<Vector3<f64>>) -> Self {
+        Self { free: Some(axis), ..Self::pose(site, world_from_site) }
     }
 
     /// The position of a site, m; its rotation is free.
     pub fn position(site: Site, position: Vector3<f64>) -> Self {
         let world_from_part = Isometry3::from_parts(position.into(), UnitQuaternion::identity());
-        Self { part: Part::Site(site), world_from_part, position: [1.0; 3], rotation: [0.0; 3] }
+        Self { part: Part::Site(site), world_from_part, position: [1.0; 3], rotation: [0.0; 3], free: None }
     }
 
     /// x and y of the centre of mass, m; its height is free.
     pub fn com_over(x: f64, y: f64) -> Self {
         let world_from_part = Isometry3::translation(x, y, 0.0);
-        Self { part: Part::CenterOfMass, world_from_part, position: [1.0, 1.0, 0.0], rotation: [0.0; 3] }
+        Self { part: Part::CenterOfMass, world_from_part, position: [1.0, 1.0, 0.0], rotation: [0.0; 3], free: None }
+    }
+
+    /// The axis about which any turn will do, if there is one alone.
+    fn free_axis(&self) -> Option<Unit<Vector3<f64>>> {
+        self.free.or_else(|| {
+            let is_free = self.rotation.map(|weight| weight == 0.0);
+            let axis = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
+            match is_free {
+                [true, false, false] => Some(axis[0]),
+                [false, true, false] => Some(axis[1]),
+                [false, false, true] => Some(axis[2]),
+                _ => None,
+            }
+        })
+    }
+
+    /// Turn that brings the part to the nearest of the rotations that will do, as an axis of the world times an angle, rad. It has none
+    /// about a free axis, whose turn would else go into the other two where it is large.
+    pub(super) fn turn_from(&self, rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+        let turn = self.world_from_part.rotation * rotation.inverse();
+        let Some(axis) = self.free_axis() else { return turn.scaled_axis() };
+        let half = libm::atan2(-turn.imag().dot(&axis), turn.w);
+        let back = Quaternion::from_parts(libm::cos(half), axis.into_inner() * libm::sin(half));
+        (UnitQuaternion::new_unchecked(back) * turn).scaled_axis()
     }
 }
 

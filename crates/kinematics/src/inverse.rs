@@ -252,7 +252,7 @@ impl InverseKinematics {
                     let world_from_site = self.mechanics.world_from_site(&site);
                     let shift = goal.world_from_part.translation.vector - world_from_site.translation.vector;
                     let turns = goal.rotation != [0.0; 3];
-                    let turn = || (goal.world_from_part.rotation * world_from_site.rotation.inverse()).scaled_axis();
+                    let turn = || goal.turn_from(&world_from_site.rotation);
                     (shift, if turns { turn() } else { Vector3::zeros() })
                 }
                 Part::CenterOfMass => {
@@ -309,7 +309,8 @@ impl InverseKinematics {
                     let point = self.mechanics.world_point(site.body, &site.body_from_site.translation.vector);
                     for (dof, velocity) in self.mechanics.point_columns(model, site.body, point) {
                         write(dof, 0, &velocity.linear, &goal.position);
-                        write(dof, 3, &velocity.angular, &goal.rotation);
+                        let along = goal.free.map_or(Vector3::zeros(), |axis| axis.scale(axis.dot(&velocity.angular)));
+                        write(dof, 3, &(velocity.angular - along), &goal.rotation);
                     }
                 }
                 Part::CenterOfMass => {

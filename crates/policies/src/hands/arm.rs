@@ -35,7 +35,7 @@ pub(super) struct ToolGoal {
     pub hand_from_tool: Isometry3<f64>,
     pub world_from_tool: Isometry3<f64>,
     /// Axis of the world through the tool's origin about which its turn does not matter.
-    pub free: Option<Vector3<f64>>,
+    pub free: Option<Unit<Vector3<f64>>>,
 }
 
 /// A posture of the arm.
@@ -432,7 +432,7 @@ impl Arm {
         is_careful: bool,
         change: &Isometry3<f64>,
         hand_from_tool: Isometry3<f64>,
-        free: Vector3<f64>,
+        free: Option<Unit<Vector3<f64>>>,
         lead: f64,
     ) -> Result<(), PolicyError> {
         let way = match self.way {
@@ -446,7 +446,7 @@ impl Arm {
             wanted.translation.vector = sensed + ahead * (lead / ahead.norm());
         }
         let from = self.angles;
-        let goal = ToolGoal { hand_from_tool, world_from_tool: wanted, free: Some(free) };
+        let goal = ToolGoal { hand_from_tool, world_from_tool: wanted, free };
         let (angles, _) = at_once(self.find(is_careful, &goal, &from, 1))?;
         // Where its turn was left free, it has another one.
         wanted.rotation = (self.place(&angles) * hand_from_tool).rotation;

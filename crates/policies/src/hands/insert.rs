@@ -10,7 +10,7 @@ use fiatlux_room::fixture;
 use fiatlux_skills::grip::{Angles, FINGERS, Finger, Grip};
 use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_wbc::{BodyCommand, CONTROL_DT};
-use nalgebra::{Isometry3, Translation3, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::apart::Apart;
@@ -192,7 +192,7 @@ impl Insert {
         let from = arm.world_from_hand();
         let mut moves: Vec<_> = self.params.open.back.iter().copied().map(Vector3::from).collect();
         // Out as it came in, too, where the arm struck nothing.
-        let out = from.inverse_transform_vector(&(OUT * plug.axis));
+        let out = from.inverse_transform_vector(&plug.axis.scale(OUT));
         moves.extend([Vector3::zeros()].iter().chain(&moves.clone()).map(|aside| out + 0.5 * aside));
         let arm = arm.clone();
         self.search = Some(Search::new(move |work| {
@@ -231,6 +231,12 @@ impl Insert {
     }
 }
 
+/// The side of the hand on which it holds something, in its frame: of both robots' hands.
+const PALM: Vector3<f64> = Vector3::new(-1.0, 0.0, 0.0);
+/// Turn about the axis of a socket at a wall from a palm straight below the bulb, rad. Of 40 training rooms in which a hand with the palm
+/// up to the arm's choice had lost the bulb, 40 succeed at 0.7, 38 at 1.57 and -1.57, 35 at -0.7; the arm hardly gets to 0.
+const PALM_TURN: f64 = 0.7;
+
 /// Ways from before the mouth to the seat.
 struct WaysIn {
     seen: Seen,
@@ -239,8 +245,20 @@ struct WaysIn {
     before: f64,
 }
 
+impl WaysIn {
+    /// Turn of the plug about the axis of a socket at a wall: the palm is below the bulb and beside it. From above, the hand loses it in
+    /// one room of four, as it is pushed in.
+    fn turn_at_wall(&self) -> Option<UnitQuaternion<f64>> {
+        let mut up = self.seen.socket.rotation.inverse() * Vector3::z();
+        let mut palm = self.hand_from_plug.rotation.inverse() * PALM;
+        (up.z, palm.z) = (0.0, 0.0);
+        let turn = libm::atan2(palm.x * up.y - palm.y * up.x, palm.dot(&up)) + PALM_TURN;
+        (up.norm() > 0.5).then(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn))
+    }
+}
+
 impl Judge for WaysIn {
-    /// The turn about the socket's axis is the arm's choice.
+    /// The turn about the axis of a socket at the ceiling is the arm's choice.
     async fn judge(
         &self,
         arm: &mut Arm,
@@ -254,11 +272,11 @@ impl Judge for WaysIn {
         if stance.score() <= least {
             return Ok(None);
         }
-        let free = Some(seen.socket.rotation * Vector3::z());
+        let turn = self.turn_at_wall();
         let goal = |gap: f64| ToolGoal {
             hand_from_tool: *hand_from_plug,
-            world_from_tool: seen.socket * Translation3::new(0.0, 0.0, CAP + gap),
-            free,
+            world_from_tool: seen.socket * Translation3::new(0.0, 0.0, CAP + gap) * turn.unwrap_or_default(),
+            free: turn.is_none().then(|| seen.socket.rotation * Vector3::z_axis()),
         };
         arm.assume(command, from);
         let (mut angles, _) = arm.find(true, &goal(STOP), from, tries).await?;
@@ -318,7 +336,7 @@ impl Insert {
             true,
             &plug.change(self.gap, &Vector3::zeros(), align.gain),
             self.hand_from_plug,
-            plug.axis,
+            Some(plug.axis),
             align.lead,
         )?;
         let is_there = plug.aside.norm() < align.aside && plug.turn.angle() < align.tilt;
@@ -356,7 +374,7 @@ impl Insert {
             self.gap = (self.gap - insert.speed * CONTROL_DT).max(insert.press);
         }
         let aside = self.search(seen, plug);
-        arm.nudge(true, &plug.change(self.gap, &aside, align.gain), self.hand_from_plug, plug.axis, insert.lead)?;
+        arm.nudge(true, &plug.change(self.gap, &aside, align.gain), self.hand_from_plug, Some(plug.axis), insert.lead)?;
         Ok(if self.has_held(seen.seated[1], seen, insert.seated) {
             arm.rest_where_it_is();
             Some(Phase::Relax)
@@ -387,7 +405,7 @@ impl Expert for Insert {
                     true,
                     &plug.change(self.gap, &Vector3::zeros(), align.gain),
                     self.hand_from_plug,
-                    plug.axis,
+                    Some(plug.axis),
                     align.lead,
                 )?;
                 (plug.gap > self.gap - 0.01 || elapsed > align.back_time).then(|| {

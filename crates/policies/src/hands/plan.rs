@@ -99,10 +99,10 @@ impl Arm {
     ) -> Result<(ArmAngles, f64), PolicyError> {
         let Site { body, body_from_site } = self.hand;
         let tool = Site { body, body_from_site: body_from_site * goal.hand_from_tool };
-        let mut wanted = Goal::pose(tool, goal.world_from_tool);
-        if let Some(free) = goal.free {
-            wanted.rotation = [0, 1, 2].map(|axis| TURN_M * (1.0 - free[axis].abs()).max(0.0));
-        }
+        let wanted = match goal.free {
+            Some(axis) => Goal::pose_about(tool, goal.world_from_tool, axis),
+            None => Goal::pose(tool, goal.world_from_tool),
+        };
         self.set(from);
         let inverse = if is_careful { &mut self.careful } else { &mut self.inverse };
         inverse.options.tries = tries;

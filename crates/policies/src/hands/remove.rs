@@ -205,7 +205,7 @@ impl Remove {
         };
         if self.has_arrived {
             let off = goal * arm.sensed_hand().inverse();
-            arm.nudge(true, &share_of(&off, grasp.gain), Isometry3::identity(), Vector3::zeros(), grasp.lead)?;
+            arm.nudge(true, &share_of(&off, grasp.gain), Isometry3::identity(), None, grasp.lead)?;
         } else {
             self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
         }
@@ -256,7 +256,7 @@ impl Expert for Remove {
             Phase::Take => self.take(seen, arm)?.then_some(Phase::PreGrasp),
             Phase::PreGrasp | Phase::Approach => self.approach(&params, seen, arm)?,
             Phase::Close => {
-                arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, close.lead)?;
+                arm.nudge(true, &Isometry3::identity(), hand_from_glass, Some(plug.axis), close.lead)?;
                 for (index, (finger, force)) in self.fingers.iter_mut().zip(seen.touch.fingers).enumerate() {
                     let delay = if index == 0 { close.thumb_delay } else { close.finger_delay };
                     finger.share += if elapsed > delay { closing } else { 0.0 };
@@ -273,8 +273,8 @@ impl Expert for Remove {
                 })
             }
             Phase::Pull => {
-                let step = Translation3::from(plug.axis * (pull.speed * CONTROL_DT));
-                arm.nudge(true, &Isometry3::from(step), hand_from_glass, plug.axis, pull.lead)?;
+                let step = Translation3::from(plug.axis.scale(pull.speed * CONTROL_DT));
+                arm.nudge(true, &Isometry3::from(step), hand_from_glass, Some(plug.axis), pull.lead)?;
                 let pulled = pull.speed * elapsed;
                 if plug.gap > pull.out {
                     Some(Phase::Hold)
@@ -284,7 +284,7 @@ impl Expert for Remove {
                 }
             }
             Phase::Hold => {
-                arm.nudge(true, &Isometry3::identity(), hand_from_glass, plug.axis, pull.lead)?;
+                arm.nudge(true, &Isometry3::identity(), hand_from_glass, Some(plug.axis), pull.lead)?;
                 if elapsed > pull.hold
                     && let Some(carrying) = self.carrying.take()
                 {

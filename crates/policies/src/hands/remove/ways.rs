@@ -82,7 +82,7 @@ impl Ways {
             Translation3::from(grasp.hand_from_glass),
             UnitQuaternion::from_euler_angles(about_x, about_y, 0.0),
         );
-        let axis = seen.socket.rotation * Vector3::z();
+        let axis = seen.socket.rotation * Vector3::z_axis();
         let around = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool: glass(seen), free: Some(axis) };
         arm.assume(command, from);
         let (angles, _) = arm.find(true, &around, from, tries).await?;
@@ -112,7 +112,7 @@ impl Ways {
             if stance.score() <= least {
                 return Ok(None);
             }
-            let world_from_tool = Translation3::from(axis * (out * step as f64 / steps)) * glass(seen);
+            let world_from_tool = Translation3::from(axis.scale(out * step as f64 / steps)) * glass(seen);
             let goal = ToolGoal { hand_from_tool: hand_from_glass, world_from_tool, free: Some(axis) };
             now = stance.go_on(arm, &goal, &now).await?;
         }
