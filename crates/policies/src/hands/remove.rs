@@ -142,6 +142,8 @@ pub(super) struct Remove {
     /// Number of grips that would not bear the bulb, and of times that the hand did not get beside the glass.
     loose: u32,
     missed: u32,
+    /// It takes another stance once the hand is back.
+    gives_up: bool,
 }
 
 impl Remove {
@@ -169,6 +171,7 @@ impl Remove {
             grip: Grip::new(&info.joints, &params.close.open, &params.close.grip),
             loose: 0,
             missed: 0,
+            gives_up: false,
             params,
         })
     }
@@ -220,6 +223,7 @@ impl Remove {
             Some(Phase::Take)
         } else if strays {
             // The robot sways, or the hand has caught on something: it would sweep the bulb out, or the robot falls.
+            self.gives_up = self.misses_often();
             Some(Phase::Retreat)
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
@@ -313,7 +317,7 @@ impl Expert for Remove {
                 let left = arm.move_to(true, &self.beside(seen), grasp.speed)?;
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
                     self.fingers = Default::default();
-                    self.taking.again();
+                    if std::mem::take(&mut self.gives_up) { self.taking.another() } else { self.taking.again() }
                     Phase::Take
                 })
             }

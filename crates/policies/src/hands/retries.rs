@@ -107,9 +107,9 @@ impl Retries {
         if self.refused.iter().any(|refused| lean.is_near(refused, command)) { NO_WAY } else { 0.0 }
     }
 
-    /// Until the arm's reach is looked at after the robot began to lean, s; longer with each failure.
-    pub fn wait(&self, lean: &Lean) -> f64 {
-        let doublings = self.failures.saturating_sub(1).min(MAX_DOUBLINGS);
+    /// Until the arm's reach is looked at after the robot began to lean, s; longer with each failure, but where a stance is given up for it.
+    pub fn wait(&self, lean: &Lean, manner: Manner) -> f64 {
+        let doublings = self.failures.saturating_sub(1).min(if manner.gives_up { 0 } else { MAX_DOUBLINGS });
         lean.settle * f64::from(1 << doublings)
     }
 
