@@ -33,6 +33,7 @@ use self::grab::Grab;
 use self::insert::Insert;
 use self::place::Place;
 use self::remove::Remove;
+use self::room::Walls;
 use self::shape::Surroundings;
 use self::side::Side;
 pub(crate) use self::side::hand_link;
@@ -149,8 +150,9 @@ impl Policy for Hands {
         let side = if task == "S06" { holding(first, &bodies) } else { Side::Right };
         let seen = seen(first, &bodies, side, false)?;
         let arm = |rest, surroundings| Arm::new(side, info, &body.targets, rest, surroundings);
-        let (own, targets) = (info.clone(), body.targets.clone());
-        let later: MakesArm = Box::new(move |around| Arm::new(side, &own, &targets, REST, around));
+        let walls = if is_up { Walls::of(info, &seen) } else { Walls::default() };
+        let (own, targets, around_it) = (info.clone(), body.targets.clone(), walls.clone());
+        let later: MakesArm = Box::new(move |around| Arm::new(side, &own, &targets, REST, around_it.and(around)));
         let mut skill: Box<dyn Expert> = match task {
             "S03" => Box::new(Remove::new(self.parameters.as_deref(), info, later)?),
             "S06" => Box::new(Place::new(self.parameters.as_deref(), side, info)?),
@@ -159,10 +161,10 @@ impl Policy for Hands {
             _ => return Err(refused()),
         };
         let surroundings = match task {
-            "S03" => room::with_bulb_in_socket(&seen),
+            "S03" => walls.and(room::with_bulb_in_socket(&seen)),
             "S11" => {
                 let hand = room::world_from_hand(info, first, &seen)?;
-                room::with_bulb_in_hand(&seen, hand.inv_mul(&seen.fresh_bulb))
+                walls.and(room::with_bulb_in_hand(&seen, hand.inv_mul(&seen.fresh_bulb)))
             }
             _ => Surroundings::default(),
         };

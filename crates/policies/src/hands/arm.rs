@@ -71,6 +71,8 @@ pub(super) struct Arm {
     /// Keeps the arm clear of what surrounds it, too.
     pub careful: InverseKinematics,
     pub hand: Site,
+    /// There is no room for a left arm that is held out.
+    pub left_is_drawn_in: bool,
     root: BodyId,
     soles: Vec<Site>,
     /// `qpos` entry of each of the session's joints that the model has.
@@ -124,7 +126,7 @@ impl Arm {
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;
         let LinkIds { body, body_from_link } = placed.links[link];
         let surrounded = !surroundings.in_world.is_empty();
-        let group = placed.next_cull_group;
+        let (group, left_is_drawn_in) = (placed.next_cull_group, surroundings.left_arm_is_drawn_in);
         let in_world = surroundings.in_world.into_iter().map(|(shape, pose)| shape.on(BodyId::WORLD, &pose, group));
         let in_hand =
             surroundings.in_hand.into_iter().map(|(shape, pose)| shape.on(body, &(body_from_link * pose), group + 1));
@@ -173,6 +175,7 @@ impl Arm {
             inverse,
             careful,
             hand: ids.site(&site),
+            left_is_drawn_in,
             qpos: ids.joints.iter().map(|joint| joint.qpos).collect(),
             q0: info.joints.iter().map(|joint| joint.q0).collect(),
             limits: robot.joints().iter().map(|joint| [joint.lower, joint.upper]).collect(),

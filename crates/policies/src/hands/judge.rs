@@ -29,6 +29,8 @@ pub(super) struct Stance {
     pub gap: f64,
     /// Farthest that the hand stays from where it is wanted, m.
     pub error: f64,
+    /// Largest turn of a joint on the way there with a bulb in the hand, rad: on a long way it slips.
+    pub carried: f64,
 }
 
 /// Judges how well the arm does its work in a stance.
@@ -63,13 +65,13 @@ impl Judge for Standing {
 }
 
 impl Stance {
-    /// Preference among stances: being there counts most, then room to the limits and to what is around, then a small lean.
+    /// Preference among stances: being there counts most, then room to the limits and to what is around, then a small lean and a short way.
     pub fn score(&self) -> f64 {
         let lean: f64 = self.command.torso.iter().map(|angle| angle.abs()).sum();
         let short = (self.error - 1e-3).max(0.0);
         self.room.min(MAX_ROOM) + GAP_WORTH[0] * self.gap.min(MAX_GAP) + GAP_WORTH[1] * self.gap.min(0.0)
             - 50.0 * short
-            - 0.1 * lean
+            - 0.1 * (lean + self.carried)
     }
 
     /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.
@@ -81,6 +83,7 @@ impl Stance {
             room: f64::INFINITY,
             gap: f64::INFINITY,
             error: 0.0,
+            carried: 0.0,
         }
     }
 

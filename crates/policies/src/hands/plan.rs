@@ -30,8 +30,9 @@ const NEAR: f64 = 0.3;
 /// Most steps of the search for a way, and tries to shorten it.
 const STEPS: usize = 4000;
 const SHORTCUTS: usize = 120;
-/// Left arm beside the guard rail and at rest, rad, and how fast it gets there, rad/s.
+/// Left arm beside the guard rail, where there is no room for that, and at rest, rad, and how fast it gets there, rad/s.
 const LEFT_AWAY: ArmAngles = [0.0, 0.9, 0.0, 0.6, 0.0, 0.0, 0.0];
+const LEFT_IN: ArmAngles = [0.6, 0.25, 0.0, 0.9, 0.0, 0.0, 0.0];
 const LEFT_DOWN: ArmAngles = [0.3, 0.3, 0.0, 1.3, 0.0, 0.0, 0.0];
 const LEFT_RATE: f64 = 0.7;
 /// Postures that are tried as a haven, and how far beyond the way between two others, rad.
@@ -51,7 +52,7 @@ impl Arm {
     /// these angles. It holds until the next [`Arm::sense`].
     pub fn assume(&mut self, command: &BodyCommand, angles: &ArmAngles) {
         self.set(angles);
-        for (joint, angle) in (MOVED..).zip(LEFT_AWAY) {
+        for (joint, angle) in (MOVED..).zip(self.left_away()) {
             self.state.qpos[self.qpos[joint]] = angle;
         }
         let pelvis = self.pelvis();
@@ -80,9 +81,13 @@ impl Arm {
         self.set_pelvis(&Isometry3::from_parts(place.into(), rotation));
     }
 
+    fn left_away(&self) -> ArmAngles {
+        if self.left_is_drawn_in { LEFT_IN } else { LEFT_AWAY }
+    }
+
     /// Brings the left arm's targets a step nearer to where it is clear of the guard rail while the robot leans, or down again.
-    pub fn put_left_arm(targets: &mut [f64], is_away: bool) {
-        let goal = if is_away { LEFT_AWAY } else { LEFT_DOWN };
+    pub fn put_left_arm(&self, targets: &mut [f64], is_away: bool) {
+        let goal = if is_away { self.left_away() } else { LEFT_DOWN };
         for (target, wanted) in targets[MOVED..].iter_mut().zip(goal) {
             *target = towards(*target, wanted, LEFT_RATE);
         }

@@ -317,14 +317,18 @@ impl Expert for Remove {
                 let left = arm.move_to(true, &self.beside(seen), grasp.speed)?;
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
                     self.fingers = Default::default();
-                    if std::mem::take(&mut self.gives_up) { self.taking.another() } else { self.taking.again() }
+                    if std::mem::take(&mut self.gives_up) {
+                        self.taking.another()
+                    } else {
+                        self.taking.again()
+                    }
                     Phase::Take
                 })
             }
         };
         self.fingers.iter_mut().for_each(|finger| finger.share = finger.share.clamp(0.0, 1.0));
         arm.write(targets);
-        Arm::put_left_arm(targets, true);
+        arm.put_left_arm(targets, true);
         arm.write_fingers(&self.grip, &self.fingers, targets);
         if self.phases.enter(next, seen.time) {
             self.has_arrived = false;

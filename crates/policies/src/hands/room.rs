@@ -5,7 +5,8 @@ use fiatlux_client::PolicyError;
 use fiatlux_proto::v3::{Observation, SessionInfo};
 use fiatlux_robot::Robot;
 use fiatlux_room::{bulb, fixture, ladder};
-use nalgebra::{Isometry3, Vector3};
+use fiatlux_skills::path::Map;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::shape::{BULB_NAME, SOCKET_NAME, Shape, Surroundings};
 use super::side::hand_link;
@@ -15,6 +16,13 @@ use super::skill::{CAP, Seen};
 const ROD_LENGTH: f64 = 1.9;
 /// Half extents of a wall, m.
 const WALL: [f64; 3] = [3.0, 3.0, 0.05];
+/// Heights between which walls are in the way of arms, m; reach of an arm from the pelvis; distance of a socket from the wall that it is at; and
+/// where the left arm is held out, from the pelvis, with the room that it needs there.
+const HEIGHTS: [f64; 2] = [1.2, 2.6];
+const REACH: f64 = 0.9;
+const ON_WALL: f64 = 0.1;
+const TO_THE_LEFT: f64 = 0.35;
+const LEFT_ARM: f64 = 0.3;
 
 /// A bulb in its own frame.
 pub(super) fn bulb_shapes() -> Vec<Shape> {
@@ -64,6 +72,55 @@ fn platform(seen: &Seen) -> Surroundings {
     around.in_world.extend(guard_rail().into_iter().map(at(seen.ladder)));
     around.in_world.extend(fixture_shapes(hangs).into_iter().map(at(seen.socket)));
     around
+}
+
+/// Walls and pillars that the arms of a robot on the platform may reach, but for the one of the fixture.
+#[derive(Clone, Default)]
+pub(super) struct Walls {
+    shapes: Vec<(Shape, Isometry3<f64>)>,
+    are_at_the_left: bool,
+}
+
+impl Walls {
+    pub fn of(info: &SessionInfo, seen: &Seen) -> Self {
+        let at = |pose: &Isometry3<f64>| [pose.translation.x, pose.translation.y];
+        let left = seen.pelvis.translation.vector + seen.pelvis.rotation * (Vector3::y() * TO_THE_LEFT);
+        let (mut shapes, mut are_at_the_left) = (Vec::new(), false);
+        for print in info.footprints.iter().filter(|print| print.bottom < HEIGHTS[1] && print.top > HEIGHTS[0]) {
+            let corners: Vec<_> = print.outline.as_chunks::<2>().0.to_vec();
+            let outline = Map::new(std::iter::once((print.name.clone(), corners.clone())), 0.0);
+            if print.name == "fixture"
+                || outline.clearance(at(&seen.socket)) < ON_WALL
+                || outline.clearance(at(&seen.pelvis)) > REACH
+            {
+                continue;
+            }
+            are_at_the_left |= outline.clearance([left.x, left.y]) < LEFT_ARM;
+            shapes.extend(block(&print.name, &corners, [print.bottom, print.top]));
+        }
+        Self { shapes, are_at_the_left }
+    }
+
+    /// Surroundings with these walls.
+    pub fn and(&self, mut around: Surroundings) -> Surroundings {
+        around.in_world.extend(self.shapes.iter().cloned());
+        around.left_arm_is_drawn_in = self.are_at_the_left;
+        around
+    }
+}
+
+/// A block around the corners of an outline, its sides along the first of its edges, between two heights.
+fn block(name: &str, corners: &[[f64; 2]], [bottom, top]: [f64; 2]) -> Option<(Shape, Isometry3<f64>)> {
+    let [first, second, ..] = corners else { return None };
+    let turn = libm::atan2(second[1] - first[1], second[0] - first[0]);
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
+    let [mut low, mut high] = [Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)];
+    for corner in corners.iter().flat_map(|[x, y]| [bottom, top].map(|z| Vector3::new(*x, *y, z))) {
+        let corner = rotation.inverse() * corner;
+        (low, high) = (low.inf(&corner), high.sup(&corner));
+    }
+    let middle = rotation * ((low + high) / 2.0);
+    Some((Shape::cuboid(name, Vector3::zeros(), (high - low) / 2.0), Isometry3::from_parts(middle.into(), rotation)))
 }
 
 fn at(pose: Isometry3<f64>) -> impl Fn(Shape) -> (Shape, Isometry3<f64>) {

@@ -8,6 +8,7 @@ pub(super) const BULB_NAME: &str = "bulb_";
 pub(super) const SOCKET_NAME: &str = "socket_";
 
 /// A shape, what carries it not yet decided.
+#[derive(Clone)]
 pub(super) struct Shape {
     name: String,
     pose: Isometry3<f64>,
@@ -55,4 +56,6 @@ impl Shape {
 pub(super) struct Surroundings {
     pub in_world: Vec<(Shape, Isometry3<f64>)>,
     pub in_hand: Vec<(Shape, Isometry3<f64>)>,
+    /// There is no room for a left arm that is held out.
+    pub left_arm_is_drawn_in: bool,
 }

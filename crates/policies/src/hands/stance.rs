@@ -321,7 +321,8 @@ impl Taking {
             Stage::Lean if self.bent < 1.0 => {
                 self.bent = if self.lean.bend > 0.0 { (self.bent + CONTROL_DT / self.lean.bend).min(1.0) } else { 1.0 };
             }
-            Stage::Lean if seen.time - self.leans_since < self.lean.bend + self.retries.wait(&self.lean, self.manner) => {}
+            Stage::Lean
+                if seen.time - self.leans_since < self.lean.bend + self.retries.wait(&self.lean, self.manner) => {}
             Stage::Lean => self.ask(Question::Way, arm, judge()),
             Stage::Reach if self.manner.touched == Touched::GoesBack && seen.is_touched() => self.goes_back(),
             Stage::Reach if self.manner.touched == Touched::LooksAgain && seen.is_touched() => {
