@@ -13,7 +13,7 @@ pub enum Part {
     CenterOfMass,
 }
 
-/// Where a part is wanted. A weight of 0 leaves an axis free.
+/// Where a part is wanted. A weight of 0 leaves an axis free, one of rotation as long as its turn is small.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Goal {
     /// The part that is brought there.
@@ -22,10 +22,9 @@ pub struct Goal {
     pub world_from_part: Isometry3<f64>,
     /// Weight of the position error along each of the world's axes.
     pub position: [f64; 3],
-    /// Weight of the rotation error about each of the world's axes, m/rad: at 0.3, 0.1 rad count as 3 cm. If one alone is 0, it is as if
-    /// that axis were [`Self::free`].
+    /// Weight of the rotation error about each of the world's axes, m/rad: at 0.3, 0.1 rad count as 3 cm.
     pub rotation: [f64; 3],
-    /// Axis of the world about which the part may have any turn.
+    /// Axis of the world about which the part may have any turn, however large.
     pub free: Option<Unit<Vector3<f64>>>,
 }
 
@@ -58,25 +57,11 @@ impl Goal {
         Self { part: Part::CenterOfMass, world_from_part, position: [1.0, 1.0, 0.0], rotation: [0.0; 3], free: None }
     }
 
-    /// The axis about which any turn will do, if there is one alone.
-    fn free_axis(&self) -> Option<Unit<Vector3<f64>>> {
-        self.free.or_else(|| {
-            let is_free = self.rotation.map(|weight| weight == 0.0);
-            let axis = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
-            match is_free {
-                [true, false, false] => Some(axis[0]),
-                [false, true, false] => Some(axis[1]),
-                [false, false, true] => Some(axis[2]),
-                _ => None,
-            }
-        })
-    }
-
     /// Turn that brings the part to the nearest of the rotations that will do, as an axis of the world times an angle, rad. It has none
     /// about a free axis, whose turn would else go into the other two where it is large.
     pub(super) fn turn_from(&self, rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
         let turn = self.world_from_part.rotation * rotation.inverse();
-        let Some(axis) = self.free_axis() else { return turn.scaled_axis() };
+        let Some(axis) = self.free else { return turn.scaled_axis() };
         let half = libm::atan2(-turn.imag().dot(&axis), turn.w);
         let back = Quaternion::from_parts(libm::cos(half), axis.into_inner() * libm::sin(half));
         (UnitQuaternion::new_unchecked(back) * turn).scaled_axis()

@@ -141,6 +141,7 @@ impl InverseKinematics {
             check_finite("a goal", pose.rotation.coords.as_slice())?;
             check_finite("a goal's weight", &goal.position)?;
             check_finite("a goal's weight", &goal.rotation)?;
+            check_finite("a goal's axis", goal.free.as_ref().map_or(&[], |axis| axis.as_slice()))?;
         }
         self.mechanics.update(model, state);
         self.find_touched(model, goals);

@@ -2,7 +2,7 @@
 
 use fiatlux_dynamics::BodyId;
 use fiatlux_kinematics::{Goal, InverseKinematics, KinematicsError, Mechanics, Outcome};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
 use crate::{Alone, Draws};
 
@@ -52,6 +52,33 @@ fn palms_reach_what_random_angles_reach() {
             println!("{side} palm, waist {waist}: {share}");
             assert!(share >= 0.995, "{side} palm, waist {waist}: {share}");
         }
+    }
+}
+
+/// However far a goal is turned about an axis about which any turn will do, the palm gets there.
+#[test]
+fn a_free_axis_is_free_at_any_turn() {
+    let alone = Alone::new("g1_inspire");
+    let names = arm("right");
+    let joints = alone.joints(&names.iter().map(String::as_str).collect::<Vec<_>>());
+    let palm = alone.site("right_palm");
+    let mut inverse = InverseKinematics::new(&alone.model, alone.ids.root, &joints, false).unwrap();
+    let (mut mechanics, mut draws) = (Mechanics::new(&alone.model), Draws(37));
+    for index in 0..120 {
+        let mut drawn = alone.standing();
+        alone.draw(&joints, &mut draws, &mut drawn);
+        mechanics.update(&alone.model, &drawn);
+        let mut target = mechanics.world_from_site(&palm);
+        let axis = [Vector3::z_axis(), Vector3::x_axis(), Unit::new_normalize(Vector3::new(0.6, -0.3, 0.5))][index % 3];
+        let turn = f64::from(u32::try_from(index).unwrap() % 8) * std::f64::consts::FRAC_PI_4;
+        target.rotation = UnitQuaternion::from_axis_angle(&axis, turn) * target.rotation;
+        let mut state = alone.standing();
+        let found = inverse.solve(&alone.model, &mut state, &[Goal::pose_about(palm, target, axis)]).unwrap();
+        mechanics.update(&alone.model, &state);
+        let pose = mechanics.world_from_site(&palm);
+        let miss = (pose.translation.vector - target.translation.vector).norm();
+        let lean = (pose.rotation.inverse() * axis).angle(&(target.rotation.inverse() * axis));
+        assert!(miss < 1e-3 && lean < 0.01, "{index}: off by {miss} m and {lean} rad, {found:?}");
     }
 }
 

@@ -126,7 +126,7 @@ impl Arm {
         let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;
         let LinkIds { body, body_from_link } = placed.links[link];
         let surrounded = !surroundings.in_world.is_empty();
-        let (group, left_is_drawn_in) = (placed.next_cull_group, surroundings.left_arm_is_drawn_in);
+        let (group, left_is_drawn_in) = (placed.next_cull_group, surroundings.left_is_drawn_in);
         let in_world = surroundings.in_world.into_iter().map(|(shape, pose)| shape.on(BodyId::WORLD, &pose, group));
         let in_hand =
             surroundings.in_hand.into_iter().map(|(shape, pose)| shape.on(body, &(body_from_link * pose), group + 1));

@@ -29,7 +29,7 @@ pub(super) struct Stance {
     pub gap: f64,
     /// Farthest that the hand stays from where it is wanted, m.
     pub error: f64,
-    /// Largest turn of a joint on the way there with a bulb in the hand, rad: on a long way it slips.
+    /// Largest turn of a joint from where it is to the work with a bulb in the hand, rad: on a long way it slips.
     pub carried: f64,
 }
 

@@ -30,7 +30,7 @@ use ways::{Grasp, Ways, glass};
 /// Distance at which the hand has arrived, m.
 const ARRIVED: f64 = 0.002;
 
-/// So often the hand does not get beside the glass before another stance is looked for.
+/// So often the hand does not get beside the glass or around it before another stance is looked for.
 const MAX_MISSED: u32 = 3;
 
 /// Distances of the glass from its place in the hand up to which the hand is around it, and up to which it is so near that it must not be
@@ -106,7 +106,7 @@ enum Phase {
     Take,
     /// Waits until the hand is felt to be there. Where it does not get there, it goes back, and the third time another stance is looked for.
     PreGrasp,
-    /// Moves it around the glass. Ends where it is felt to be there; else it goes back.
+    /// Moves it around the glass. Ends where it is felt to be there; else it goes back, and the third time another stance is looked for.
     Approach,
     /// Closes the thumb and the fingers, by time. A finger that feels the bulb presses no harder than it must. A grip that would not bear
     /// the bulb is opened again.
@@ -139,7 +139,7 @@ pub(super) struct Remove {
     has_arrived: bool,
     fingers: [Finger; FINGERS.len()],
     grip: Grip,
-    /// Number of grips that would not bear the bulb, and of times that the hand did not get beside the glass.
+    /// Number of grips that would not bear the bulb, and of times that the hand did not get beside the glass or around it.
     loose: u32,
     missed: u32,
     /// It takes another stance once the hand is back.
@@ -213,7 +213,7 @@ impl Remove {
             self.has_arrived = arm.move_to(true, &goal, grasp.speed)? < ARRIVED;
         }
         let off = arm.distance_to(&goal);
-        let strays = is_near && (self.has_arrived && off > grasp.stray || arm.lag() > grasp.stray);
+        let strays = is_near && self.has_arrived && off > grasp.stray;
         Ok(if !is_near && seen.is_touched() {
             if self.misses_often() {
                 self.taking.another();
@@ -228,7 +228,8 @@ impl Remove {
         } else if is_near && self.has_arrived && seen.touch.palm > TOUCHED {
             // The glass is at the palm.
             Some(Phase::Close)
-        } else if self.has_arrived && off < grasp.error {
+        } else if self.has_arrived && off < grasp.error && (is_near || arm.lag() < grasp.stray / 2.0) {
+            // Not before it has caught up: else it would be a way behind as it sets out.
             Some(next)
         } else if elapsed > grasp.patience {
             let gives_up = !is_near && self.misses_often();

@@ -23,6 +23,9 @@ const REACH: f64 = 0.9;
 const ON_WALL: f64 = 0.1;
 const TO_THE_LEFT: f64 = 0.35;
 const LEFT_ARM: f64 = 0.3;
+/// Least half extent of a wall, and largest coordinate of a corner, m.
+const MIN_M: f64 = 1e-3;
+const MAX_M: f64 = 100.0;
 
 /// A bulb in its own frame.
 pub(super) fn bulb_shapes() -> Vec<Shape> {
@@ -67,10 +70,9 @@ pub(super) fn fixture_shapes(hangs: bool) -> Vec<Shape> {
 
 /// Surroundings of a robot on the platform, without a bulb.
 fn platform(seen: &Seen) -> Surroundings {
-    let hangs = (seen.socket.rotation * Vector3::z()).z.abs() > 0.5;
     let mut around = Surroundings::default();
     around.in_world.extend(guard_rail().into_iter().map(at(seen.ladder)));
-    around.in_world.extend(fixture_shapes(hangs).into_iter().map(at(seen.socket)));
+    around.in_world.extend(fixture_shapes(seen.hangs()).into_iter().map(at(seen.socket)));
     around
 }
 
@@ -85,42 +87,40 @@ impl Walls {
     pub fn of(info: &SessionInfo, seen: &Seen) -> Self {
         let at = |pose: &Isometry3<f64>| [pose.translation.x, pose.translation.y];
         let left = seen.pelvis.translation.vector + seen.pelvis.rotation * (Vector3::y() * TO_THE_LEFT);
-        let (mut shapes, mut are_at_the_left) = (Vec::new(), false);
-        for print in info.footprints.iter().filter(|print| print.bottom < HEIGHTS[1] && print.top > HEIGHTS[0]) {
-            let corners: Vec<_> = print.outline.as_chunks::<2>().0.to_vec();
-            let outline = Map::new(std::iter::once((print.name.clone(), corners.clone())), 0.0);
-            if print.name == "fixture"
-                || outline.clearance(at(&seen.socket)) < ON_WALL
-                || outline.clearance(at(&seen.pelvis)) > REACH
-            {
-                continue;
+        let mut walls = Self::default();
+        for (index, (name, corners)) in
+            Map::outlines(info, HEIGHTS).enumerate().filter(|(_, (name, _))| name != "fixture")
+        {
+            let Some(block) = block(&format!("room_{index}"), &corners) else { continue };
+            let outline = Map::new(std::iter::once((name, corners)), 0.0);
+            if outline.clearance(at(&seen.socket)) > ON_WALL && outline.clearance(at(&seen.pelvis)) < REACH {
+                walls.are_at_the_left |= outline.clearance([left.x, left.y]) < LEFT_ARM;
+                walls.shapes.push(block);
             }
-            are_at_the_left |= outline.clearance([left.x, left.y]) < LEFT_ARM;
-            shapes.extend(block(&print.name, &corners, [print.bottom, print.top]));
         }
-        Self { shapes, are_at_the_left }
+        walls
     }
 
     /// Surroundings with these walls.
     pub fn and(&self, mut around: Surroundings) -> Surroundings {
         around.in_world.extend(self.shapes.iter().cloned());
-        around.left_arm_is_drawn_in = self.are_at_the_left;
+        around.left_is_drawn_in = self.are_at_the_left;
         around
     }
 }
 
-/// A block around the corners of an outline, its sides along the first of its edges, between two heights.
-fn block(name: &str, corners: &[[f64; 2]], [bottom, top]: [f64; 2]) -> Option<(Shape, Isometry3<f64>)> {
+/// A block around the corners of an outline, its sides along the first of its edges. `None` for one that no room has.
+fn block(name: &str, corners: &[[f64; 2]]) -> Option<(Shape, Isometry3<f64>)> {
     let [first, second, ..] = corners else { return None };
     let turn = libm::atan2(second[1] - first[1], second[0] - first[0]);
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
     let [mut low, mut high] = [Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)];
-    for corner in corners.iter().flat_map(|[x, y]| [bottom, top].map(|z| Vector3::new(*x, *y, z))) {
-        let corner = rotation.inverse() * corner;
+    for corner in corners.iter().flat_map(|[x, y]| HEIGHTS.map(|z| rotation.inverse() * Vector3::new(*x, *y, z))) {
         (low, high) = (low.inf(&corner), high.sup(&corner));
     }
-    let middle = rotation * ((low + high) / 2.0);
-    Some((Shape::cuboid(name, Vector3::zeros(), (high - low) / 2.0), Isometry3::from_parts(middle.into(), rotation)))
+    let (half, middle) = ((high - low) / 2.0, rotation * ((low + high) / 2.0));
+    let is_block = corners.as_flattened().iter().all(|number| number.abs() < MAX_M) && half.min() > MIN_M;
+    is_block.then(|| (Shape::cuboid(name, Vector3::zeros(), half), Isometry3::from_parts(middle.into(), rotation)))
 }
 
 fn at(pose: Isometry3<f64>) -> impl Fn(Shape) -> (Shape, Isometry3<f64>) {
@@ -154,4 +154,29 @@ pub(super) fn world_from_hand(
         info.joints.iter().zip(turned).map(|(joint, turned)| joint.q0 + f64::from(*turned)).collect();
     let links = robot.forward_kinematics(&angles, &seen.pelvis).map_err(PolicyError::of("hands"))?;
     Ok(hand_link(&robot).map_or(seen.pelvis, |link| links[link]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_is_around_a_turned_wall_and_around_nothing_else() {
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.4);
+        let corners = [[-1.0, -0.1], [1.0, -0.1], [1.0, 0.1], [-1.0, 0.1]];
+        let placed = corners.map(|[x, y]| turned * Vector3::new(x, y, 0.0) + Vector3::new(3.0, 2.0, 0.0));
+        let (_, pose) = block("wall", &placed.map(|corner| [corner.x, corner.y])).expect("a wall");
+        let [low, high] = HEIGHTS;
+        assert!((pose.translation.vector - Vector3::new(3.0, 2.0, (low + high) / 2.0)).norm() < 1e-9);
+        assert!(pose.rotation.angle_to(&turned) < 1e-9);
+        let outlines: [&[[f64; 2]]; 6] = [
+            &[],
+            &[[0.0, 0.0]],
+            &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]],
+            &[[0.0, f64::NAN], [1.0, 0.0], [1.0, 1.0]],
+            &[[0.0, 0.0], [f64::INFINITY, 0.0], [1.0, 1.0]],
+            &[[0.0, 0.0], [1e300, 0.0], [1.0, 1.0]],
+        ];
+        assert!(outlines.iter().all(|outline| block("wall", outline).is_none()));
+    }
 }

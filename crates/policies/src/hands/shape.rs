@@ -57,5 +57,5 @@ pub(super) struct Surroundings {
     pub in_world: Vec<(Shape, Isometry3<f64>)>,
     pub in_hand: Vec<(Shape, Isometry3<f64>)>,
     /// There is no room for a left arm that is held out.
-    pub left_arm_is_drawn_in: bool,
+    pub left_is_drawn_in: bool,
 }

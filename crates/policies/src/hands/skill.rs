@@ -5,7 +5,7 @@ use fiatlux_room::bulb;
 use fiatlux_skills::grip::Touch;
 use fiatlux_skills::phases::Skill;
 use fiatlux_wbc::{ARMS, BodyCommand};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::arm::Arm;
 
@@ -41,6 +41,11 @@ pub(super) struct Seen {
 pub(super) const TOUCHED: f64 = 1.0;
 
 impl Seen {
+    /// The socket hangs from the ceiling; else it is at a wall.
+    pub fn hangs(&self) -> bool {
+        (self.socket.rotation * Vector3::z()).z.abs() > 0.5
+    }
+
     /// The bulb touches that hand somewhere.
     pub fn is_touched(&self) -> bool {
         self.touch.largest() > TOUCHED
