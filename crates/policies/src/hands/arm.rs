@@ -121,12 +121,10 @@ impl Arm {
         let link = hand_of(&robot, side).ok_or_else(|| {
             unfit(format!("the robot has no {HAND} and no grasp of its own; use {}", Robot::NAMES[0]))
         })?;
-        let failed = PolicyError::of("hands");
         let mut builder = ModelBuilder::new();
-        let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(&failed)?;
+        let placed = robot.add_to(&mut builder, &BuildOptions::new(&robot)).map_err(PolicyError::of("hands"))?;
         let LinkIds { body, body_from_link } = placed.links[link];
-        let surrounded = !surroundings.in_world.is_empty();
-        let (group, left_is_drawn_in) = (placed.next_cull_group, surroundings.left_is_drawn_in);
+        let (group, surrounded) = (placed.next_cull_group, !surroundings.in_world.is_empty());
         let in_world = surroundings.in_world.into_iter().map(|(shape, pose)| shape.on(BodyId::WORLD, &pose, group));
         let in_hand =
             surroundings.in_hand.into_iter().map(|(shape, pose)| shape.on(body, &(body_from_link * pose), group + 1));
@@ -175,7 +173,7 @@ impl Arm {
             inverse,
             careful,
             hand: ids.site(&site),
-            left_is_drawn_in,
+            left_is_drawn_in: surroundings.left_is_drawn_in,
             qpos: ids.joints.iter().map(|joint| joint.qpos).collect(),
             q0: info.joints.iter().map(|joint| joint.q0).collect(),
             limits: robot.joints().iter().map(|joint| [joint.lower, joint.upper]).collect(),
