@@ -319,9 +319,9 @@ impl Expert for Remove {
                 (left < ARRIVED || elapsed > grasp.patience).then(|| {
                     self.fingers = Default::default();
                     if std::mem::take(&mut self.gives_up) {
-                        self.taking.another()
+                        self.taking.another();
                     } else {
-                        self.taking.again()
+                        self.taking.again();
                     }
                     Phase::Take
                 })
