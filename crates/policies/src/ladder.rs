@@ -98,7 +98,7 @@ const MAX_OFF_M: f64 = 0.07;
 /// Roll and yaw of a shoulder, outwards, and angle of an elbow, rad, all other angles of an arm being zero: hanging beside the
 /// body, and with the forearms pressed against the front rails from inside, so that the ladder turns and swings with the robot.
 const HANGING: [f64; 3] = [0.12, 0.0, 1.2];
-const HOLDING: [f64; 3] = [0.1, 0.7, 0.2];
+const HOLDING: [f64; 3] = [0.1, 0.7, 0.1];
 /// Rate of the arms' angles, rad/s.
 const ARM_RATE: f64 = 1.0;
 

@@ -32,7 +32,7 @@ const STEPS: usize = 4000;
 const SHORTCUTS: usize = 120;
 /// Left arm beside the guard rail, where there is no room for that, and at rest, rad, and how fast it gets there, rad/s.
 const LEFT_AWAY: ArmAngles = [0.0, 0.9, 0.0, 0.6, 0.0, 0.0, 0.0];
-const LEFT_IN: ArmAngles = [0.6, 0.25, 0.0, 0.9, 0.0, 0.0, 0.0];
+const LEFT_IN: ArmAngles = [0.9, 0.25, 0.0, 1.3, 0.0, 0.0, 0.0];
 const LEFT_DOWN: ArmAngles = [0.3, 0.3, 0.0, 1.3, 0.0, 0.0, 0.0];
 const LEFT_RATE: f64 = 0.7;
 /// Postures that are tried as a haven, and how far beyond the way between two others, rad.
