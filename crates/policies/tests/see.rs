@@ -70,7 +70,7 @@ fn it_climbs_with_what_it_senses_itself() {
     let is_slow = std::env::var_os("FIATLUX_SLOW_TESTS").is_some();
     let all = [Task::S02, Task::S03, Task::S04, Task::S10, Task::S11, Task::S12];
     for task in if is_slow { &all[..] } else { &[Task::S12] } {
-        assert_eq!(Game::new(*task, 1100).play(&mut see), Cause::Success, "{task:?}");
+        assert_eq!(Game::new(*task, 1102).play(&mut see), Cause::Success, "{task:?}");
     }
 }
 
