@@ -98,7 +98,10 @@ const MAX_OFF_M: f64 = 0.07;
 /// Roll and yaw of a shoulder, outwards, and angle of an elbow, rad, all other angles of an arm being zero: hanging beside the
 /// body, and with the forearms pressed against the front rails from inside, so that the ladder turns and swings with the robot.
 const HANGING: [f64; 3] = [0.12, 0.0, 1.2];
-const HOLDING: [f64; 3] = [0.1, 0.7, 0.1];
+const HOLDING: [f64; 3] = [0.1, 0.7, -0.3];
+/// The same with the larger hands of Dex3, which would press on the steps and lean the ladder over.
+const HOLDING_DEX3: [f64; 3] = [0.1, 0.7, 0.1];
+const DEX3: &str = "g1_dex3";
 /// Rate of the arms' angles, rad/s.
 const ARM_RATE: f64 = 1.0;
 
@@ -166,6 +169,8 @@ pub struct Ladder {
 struct Episode {
     body: WholeBody,
     arms: [f64; ARMS],
+    /// Where they press against the front rails.
+    holding: [f64; 3],
     /// The arms are where they are wanted.
     is_ready: bool,
     /// Obstacles that never move, for the robot alone and for the ladder.
@@ -263,6 +268,7 @@ impl Policy for Ladder {
         let mut episode = Episode {
             body,
             arms,
+            holding: if info.robot == DEX3 { HOLDING_DEX3 } else { HOLDING },
             is_ready: false,
             maps,
             socket,
@@ -301,7 +307,7 @@ impl Policy for Ladder {
             Phase::Crouch => episode.held > 0,
             Phase::Lift | Phase::Carry | Phase::Calm | Phase::Lower | Phase::Done => true,
         };
-        episode.is_ready = episode.move_arms(if holds { HOLDING } else { HANGING });
+        episode.is_ready = episode.move_arms(if holds { episode.holding } else { HANGING });
         episode.body.step(observation, &episode.command)
     }
 
