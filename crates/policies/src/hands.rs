@@ -8,7 +8,7 @@ mod grab;
 mod insert;
 mod judge;
 mod lean;
-mod parameters;
+pub(crate) mod parameters;
 mod place;
 mod plan;
 mod remove;

@@ -17,12 +17,14 @@ use fiatlux_skills::path::{Map, Point, distance, planar, rectangle, turn, wrappe
 use fiatlux_skills::phases::{Phases, Skill};
 use fiatlux_skills::{GAIN, Slew, towards};
 use fiatlux_wbc::{ARMS, BODY, BodyCommand, CONTROL_DT, MOVED, Network};
+use serde::Deserialize;
 
 use self::posture::{PLATFORM_Z, Posture, Postures, UPRIGHT};
 use self::site::{choose_site, outside};
 use crate::body;
 use crate::climb::relative_height;
 use crate::entry::Entry;
+use crate::hands::parameters::of_robot;
 use crate::whole_body::WholeBody;
 
 /// As a program makes it.
@@ -95,13 +97,17 @@ const PLACED: (f64, f64) = (0.05, 0.1);
 const WAITS_M: f64 = 0.5;
 /// Distance at which it goes back there instead of putting the ladder down, m.
 const MAX_OFF_M: f64 = 0.07;
-/// Roll and yaw of a shoulder, outwards, and angle of an elbow, rad, all other angles of an arm being zero: hanging beside the
-/// body, and with the forearms pressed against the front rails from inside, so that the ladder turns and swings with the robot.
-const HANGING: [f64; 3] = [0.12, 0.0, 1.2];
-const HOLDING: [f64; 3] = [0.1, 0.7, -0.3];
-/// The same with the larger hands of Dex3, which would press on the steps and lean the ladder over.
-const HOLDING_DEX3: [f64; 3] = [0.1, 0.7, 0.1];
-const DEX3: &str = "g1_dex3";
+/// Angles of both arms, as `hands/ladder.toml` has them.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Forearms {
+    roll: f64,
+    yaw: f64,
+    elbow: f64,
+}
+
+/// Roll and yaw of a shoulder, outwards, and angle of an elbow, rad, all other angles of an arm being zero: hanging beside the body.
+const HANGING: Forearms = Forearms { roll: 0.12, yaw: 0.0, elbow: 1.2 };
 /// Rate of the arms' angles, rad/s.
 const ARM_RATE: f64 = 1.0;
 
@@ -170,7 +176,7 @@ struct Episode {
     body: WholeBody,
     arms: [f64; ARMS],
     /// Where they press against the front rails.
-    holding: [f64; 3],
+    holding: Forearms,
     /// The arms are where they are wanted.
     is_ready: bool,
     /// Obstacles that never move, for the robot alone and for the ladder.
@@ -268,7 +274,7 @@ impl Policy for Ladder {
         let mut episode = Episode {
             body,
             arms,
-            holding: if info.robot == DEX3 { HOLDING_DEX3 } else { HOLDING },
+            holding: of_robot("ladder", &info.robot)?,
             is_ready: false,
             maps,
             socket,
@@ -548,7 +554,7 @@ impl Episode {
     }
 
     /// Moves both arms on; true once they are there.
-    fn move_arms(&mut self, [roll, yaw, elbow]: [f64; 3]) -> bool {
+    fn move_arms(&mut self, Forearms { roll, yaw, elbow }: Forearms) -> bool {
         let mut wanted = [0.0; ARMS];
         let (left, right) = wanted.split_at_mut(ARMS / 2);
         left[1..4].copy_from_slice(&[roll, yaw, elbow]);

@@ -84,6 +84,16 @@ fn known() -> String {
     PARAMETERS.map(|(name, _)| name).join(", ")
 }
 
+/// Parameters that each robot has: those of the skill's file for a robot, else those of the skill.
+///
+/// # Errors
+/// They cannot be read.
+pub(crate) fn of_robot<P: DeserializeOwned>(skill: &'static str, robot: &str) -> Result<P, PolicyError> {
+    let text = text_of(&format!("{skill}.{robot}")).or_else(|| text_of(skill)).unwrap_or_default();
+    let table = layered(None, text).map_err(PolicyError::of(skill))?;
+    table.try_into().map_err(PolicyError::of(skill))
+}
+
 fn text_of(name: &str) -> Option<&'static str> {
     PARAMETERS.into_iter().find(|(known, _)| *known == name).map(|(_, text)| text)
 }
