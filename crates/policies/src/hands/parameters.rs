@@ -201,7 +201,7 @@ mod tests {
             assert!(!of_hand.is_empty() && repeated.is_empty(), "{name} repeats {repeated:?}");
             number += 1;
         }
-        assert_eq!(number, 9);
+        assert_eq!(number, 10);
     }
 
     #[test]
