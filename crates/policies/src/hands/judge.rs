@@ -71,7 +71,8 @@ impl Stance {
         let short = (self.error - 1e-3).max(0.0);
         self.room.min(MAX_ROOM) + GAP_WORTH[0] * self.gap.min(MAX_GAP) + GAP_WORTH[1] * self.gap.min(0.0)
             - 50.0 * short
-            - 0.1 * (lean + self.carried)
+            - 0.1 * lean
+            - 0.2 * self.carried
     }
 
     /// A stance of a command in which nothing is known yet to stand in the arm's way: no judgement of it can score more.
