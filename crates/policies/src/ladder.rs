@@ -24,7 +24,7 @@ use self::site::{choose_site, outside};
 use crate::body;
 use crate::climb::relative_height;
 use crate::entry::Entry;
-use crate::hands::parameters::of_robot;
+use crate::hands::of_robot;
 use crate::whole_body::WholeBody;
 
 /// As a program makes it.
@@ -274,7 +274,7 @@ impl Policy for Ladder {
         let mut episode = Episode {
             body,
             arms,
-            holding: of_robot("ladder", &info.robot)?,
+            holding: of_robot("ladder", info)?,
             is_ready: false,
             maps,
             socket,

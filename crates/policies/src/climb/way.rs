@@ -8,6 +8,8 @@ use fiatlux_skills::path::{Map, wrapped};
 use fiatlux_skills::{GAIN, Slew, heading};
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use crate::hands::AT_THE_PLATFORM;
+
 /// Distance before the plan's first posture at which the robot stops, m.
 const BEFORE: f64 = 0.10;
 /// Distance from there and turn at which it has arrived, m and rad.
@@ -43,8 +45,6 @@ const TO_A_SIDE: f64 = 0.25;
 /// Room there from which on either side will do, and which a hand with a bulb needs, m.
 const DESCENDS_WITHIN: f64 = 0.45;
 const HAND_NEEDS: f64 = 0.3;
-/// Heights between which things are in the way of a hand on the platform, m.
-const AT_THE_PLATFORM: [f64; 2] = [1.2, 2.6];
 /// Distance ahead of itself at which it aims as it pushes, m, which gives its speed; and control steps after which it gives up.
 const PUSHES_AHEAD: f64 = 0.4;
 const PUSHES_LONGEST: u32 = 1000;

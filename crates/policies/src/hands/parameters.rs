@@ -50,7 +50,7 @@ pub(super) fn parameters<P: DeserializeOwned>(
     grips: impl Fn(&mut P) -> Vec<&mut Angles>,
 ) -> Result<P, PolicyError> {
     let joints = &info.joints;
-    let robot = Robot::of_session(&info.robot, joints.iter().map(|joint| joint.name.as_str())).ok();
+    let robot = robot_of(info);
     let own = robot.as_ref().and_then(|robot| {
         let of_robot = if robot.name() == Robot::NAMES[0] { String::new() } else { format!(".{}", robot.name()) };
         let of_side = if side == Side::Left { ".left" } else { "" };
@@ -84,12 +84,18 @@ fn known() -> String {
     PARAMETERS.map(|(name, _)| name).join(", ")
 }
 
-/// Parameters that each robot has: those of the skill's file for a robot, else those of the skill.
+/// The robot of a session, also of one that does not name it.
+fn robot_of(info: &SessionInfo) -> Option<Robot> {
+    Robot::of_session(&info.robot, info.joints.iter().map(|joint| joint.name.as_str())).ok()
+}
+
+/// Parameters that each robot has: those of the skill's file for the session's robot, else those of the skill.
 ///
 /// # Errors
 /// They cannot be read.
-pub(crate) fn of_robot<P: DeserializeOwned>(skill: &'static str, robot: &str) -> Result<P, PolicyError> {
-    let text = text_of(&format!("{skill}.{robot}")).or_else(|| text_of(skill)).unwrap_or_default();
+pub(crate) fn of_robot<P: DeserializeOwned>(skill: &'static str, info: &SessionInfo) -> Result<P, PolicyError> {
+    let own = robot_of(info).and_then(|robot| text_of(&format!("{skill}.{}", robot.name())));
+    let text = own.or_else(|| text_of(skill)).unwrap_or_default();
     let table = layered(None, text).map_err(PolicyError::of(skill))?;
     table.try_into().map_err(PolicyError::of(skill))
 }

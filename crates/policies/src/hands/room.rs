@@ -16,9 +16,10 @@ use super::skill::{CAP, Seen};
 const ROD_LENGTH: f64 = 1.9;
 /// Half extents of a wall, m.
 const WALL: [f64; 3] = [3.0, 3.0, 0.05];
-/// Heights between which walls are in the way of arms, m; reach of an arm from the pelvis; distance of a socket from the wall that it is at; and
-/// where the left arm is held out, from the pelvis, with the room that it needs there.
-const HEIGHTS: [f64; 2] = [1.2, 2.6];
+/// Heights between which things are in the way of the arms of a robot on the platform, m.
+pub(crate) const AT_THE_PLATFORM: [f64; 2] = [1.2, 2.6];
+/// Reach of an arm from the pelvis, m; distance of a socket from the wall that it is at; and where the left arm is held out, from the pelvis,
+/// with the room that it needs there.
 const REACH: f64 = 0.9;
 const ON_WALL: f64 = 0.1;
 const TO_THE_LEFT: f64 = 0.35;
@@ -89,7 +90,7 @@ impl Walls {
         let left = seen.pelvis.translation.vector + seen.pelvis.rotation * (Vector3::y() * TO_THE_LEFT);
         let mut walls = Self::default();
         for (index, (name, corners)) in
-            Map::outlines(info, HEIGHTS).enumerate().filter(|(_, (name, _))| name != "fixture")
+            Map::outlines(info, AT_THE_PLATFORM).enumerate().filter(|(_, (name, _))| name != "fixture")
         {
             let Some(block) = block(&format!("room_{index}"), &corners) else { continue };
             let outline = Map::new(std::iter::once((name, corners)), 0.0);
@@ -115,7 +116,9 @@ fn block(name: &str, corners: &[[f64; 2]]) -> Option<(Shape, Isometry3<f64>)> {
     let turn = libm::atan2(second[1] - first[1], second[0] - first[0]);
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
     let [mut low, mut high] = [Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)];
-    for corner in corners.iter().flat_map(|[x, y]| HEIGHTS.map(|z| rotation.inverse() * Vector3::new(*x, *y, z))) {
+    for corner in
+        corners.iter().flat_map(|[x, y]| AT_THE_PLATFORM.map(|z| rotation.inverse() * Vector3::new(*x, *y, z)))
+    {
         (low, high) = (low.inf(&corner), high.sup(&corner));
     }
     let (half, middle) = ((high - low) / 2.0, rotation * ((low + high) / 2.0));
@@ -166,7 +169,7 @@ mod tests {
         let corners = [[-1.0, -0.1], [1.0, -0.1], [1.0, 0.1], [-1.0, 0.1]];
         let placed = corners.map(|[x, y]| turned * Vector3::new(x, y, 0.0) + Vector3::new(3.0, 2.0, 0.0));
         let (_, pose) = block("wall", &placed.map(|corner| [corner.x, corner.y])).expect("a wall");
-        let [low, high] = HEIGHTS;
+        let [low, high] = AT_THE_PLATFORM;
         assert!((pose.translation.vector - Vector3::new(3.0, 2.0, (low + high) / 2.0)).norm() < 1e-9);
         assert!(pose.rotation.angle_to(&turned) < 1e-9);
         let outlines: [&[[f64; 2]]; 6] = [
